@@ -20,6 +20,8 @@ _Meta = msgspec.Meta
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
 
+_SETTLED_NS = 500_000_000  # a motion that a command of ours sets going has begun by then; assumed
+
 WireLog = Callable[[int, Literal["write", "read"], Sequence[int]], None]
 
 
@@ -95,6 +97,11 @@ class Exchange:
     says that the hand is active. Power may be lost after that status: therefore the register of
     rACT is left as it is where the hand has shown that it holds what is wanted. A hand that has
     just lost power has 0 there, and what comes after it moves nothing.
+
+    That register has rICF too, which no status shows: without it all fingers obey finger A's
+    target and force. So a status that shows what was not written here, as another client has
+    written it, is answered by the whole image; and so is a finger that begins to move though it was
+    told nothing, for no status shows a force either.
     """
 
     def __init__(
@@ -112,13 +119,17 @@ class Exchange:
         self._written: Registers | None = None
         self._written_ns: int | None = None
         self._read_ns = -self._refresh_ns
-        self._request: tuple[int, ...] | None = None  # echo to expect from what was written
-        self._echo: tuple[int, ...] = ()
+        self._told: CommandRegisters | None = None  # what was written last, while it is wanted
+        self._shown: tuple[int, ...] = (-1,) * 4  # by the status: rGTO and targets
+        self._ours: set[tuple[int, ...]] = set()  # what may be shown until that is taken up
+        self._foreign: tuple[int, ...] | None = None  # what was shown instead
+        self._stood: tuple[bool, ...] = ()  # each finger
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
         self._untold = False  # it has never spoken of what was written last
         self._raw: Registers | None = None  # of the status, once one was understood
         self._status = StatusRegisters()
+        self.changed = ""  # by another client, as this exchange was the first to show
         self.lost = False
         self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
 
@@ -137,7 +148,8 @@ class Exchange:
         self._wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
-            self._written = self._request = self._head = None
+            self._written = self._told = self._head = self._foreign = None
+            self._ours.clear()
 
     def again(self) -> None:
         """What is wanted is written again, whole, whatever was written before."""
@@ -171,14 +183,19 @@ class Exchange:
         return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
 
     def pump(self, now_ns: int) -> StatusRegisters | None:
-        """At most one write, then a read. None when the reply was no status.
+        """At most one write, then a read, or where that shows that another client has written, the
+        write after it. None when the reply was no status.
 
         While the link is lost nothing is written: what the device has now is not known.
         """
+        self.changed = ""
         try:
             if not self.lost and self._due(now_ns) and self._admits(now_ns):
                 self._write(now_ns)
             status = self._read(now_ns)
+            again = status is not None and self._prove(status, now_ns)
+            if again and not self.lost and self._due(now_ns):
+                self._write(now_ns)
         except LinkLost:
             self.link_losses += not self.lost
             self.lost, self._proven, self._head = True, False, None
@@ -186,7 +203,6 @@ class Exchange:
         if status is not None:
             self.reconnects += self.lost
             self.lost = False
-            self._prove(status, now_ns)
         return status
 
     def _due(self, now_ns: int) -> bool:
@@ -201,7 +217,9 @@ class Exchange:
         if self._wanted in (RESET, ACTIVATE):
             return True
         if now_ns - self._read_ns >= self._refresh_ns:
-            self._read(now_ns)
+            status = self._read(now_ns)
+            if status is not None:
+                self._prove(status, now_ns)
         return self._status.active
 
     def _write(self, now_ns: int) -> None:
@@ -214,9 +232,10 @@ class Exchange:
         kept = int(image[0] == self._head and not self._whole)
         self._transport.write(self._link.command_register + kept, image[kept:], now_ns)
         self.writes += 1
-        self._request = _echo_of(wanted)
+        self._ours |= {self._shown, self._asked()}
+        self._told = wanted
         # An echo proves take-up only if it has to change, and the one before had been seen.
-        self._edge = self._proven and self._request is not None and self._echo != self._request
+        self._edge = self._proven and wanted.go_to and self._shown[1:] != self._asked()[1:]
         self._proven, self._untold = False, True
         self._written, self._written_ns = image, now_ns
 
@@ -236,21 +255,61 @@ class Exchange:
         self._read_ns = now_ns
         return self._status
 
-    def _prove(self, status: StatusRegisters, now_ns: int) -> None:
-        """Echo gating: until then position and detection may be those of the motion before."""
-        self._echo = (status.a.echo, status.b.echo, status.c.echo)
+    def _prove(self, status: StatusRegisters, now_ns: int) -> bool:
+        """Echo gating: until then position and detection may be those of the motion before. Returns
+        whether another client has written, so that all is to be written again."""
+        stood, self._stood = self._stood, tuple(finger.detection != 0 for finger in status.fingers)
+        was_proven = self._proven  # false where something was told since
+        self._shown = (int(status.go_to), *(finger.echo for finger in status.fingers))
+        asked = self._asked()
         proof = self._proven or self._edge or self._refreshed_twice(now_ns)
-        request = self._request
-        self._proven = proof and (request is None or (status.go_to and request == self._echo))
+        self._proven = proof and asked == self._shown
         self._untold = self._untold and not self._proven
+        if self._proven:
+            self._ours.clear()
+            self._foreign = None
+        if self._is_foreign(asked, status, now_ns):
+            if self._foreign is None:
+                self.changed = _difference(self._shown, asked)
+            self._foreign = self._shown
+            self.again()
+            return True
+        begun = any(stood and not stands for stood, stands in zip(stood, self._stood, strict=False))
+        if begun and was_proven and self._proven and self._told is not None and self._told.go_to:
+            if now_ns - self.told_ns > _SETTLED_NS:
+                self.changed = "a finger moves that was told nothing"
+            self.again()
+            return True
         if not status.active:
             self._head = None
         elif self._proven and self._written is not None:
             self._head = self._written[0]
+        return False
+
+    def _is_foreign(self, asked: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
+        """Whether nobody here asked for what the status shows. What it showed before the last write
+        it may go on showing: that is silence. A mixture of what was asked lately gets two refreshes
+        to pass, and what was written over already gets two as well."""
+        told, shown = self._told, self._shown
+        if shown == asked or told is None or told in (RESET, ACTIVATE):
+            return False
+        if not status.ready or status.mode != told.mode:  # no target is obeyed, or another's
+            return False
+        if self._refreshed_twice(now_ns):
+            return shown == self._foreign or shown not in self._ours
+        return any(value not in own for value, *own in zip(shown, asked, *self._ours, strict=True))
+
+    def _asked(self) -> tuple[int, ...]:
+        """What the status is to show: targets too, of fingers that are commanded one by one, as all
+        are here, where they are to be obeyed."""
+        told = self._told
+        if told is None:
+            return self._shown
+        if not told.go_to:
+            return 0, *self._shown[1:]
+        return 1, told.a.position, told.b.position, told.c.position
 
 
-def _echo_of(command: CommandRegisters) -> tuple[int, ...] | None:
-    """Of fingers that are commanded one by one, as all are here."""
-    if not command.go_to:
-        return None
-    return command.a.position, command.b.position, command.c.position
+def _difference(shown: tuple[int, ...], asked: tuple[int, ...]) -> str:
+    fields = (("rGTO", shown[0], asked[0]), ("targets", shown[1:], asked[1:]))
+    return " and ".join(f"{name} {it}, expected {own}" for name, it, own in fields if it != own)

@@ -32,6 +32,8 @@ from drivers.robotiq.protocol import (
 _ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
 _OTHER_MODE = "the gripper says that it is in mode {}, and was taken over in mode {}"
+_CHANGED = "another client changed the gripper's registers, or they are misreported: {}"
+_END_IT = "end every other program that commands the gripper"
 _WHO_ELSE = "does anybody else command it? Switch it off and on, activate it"
 
 
@@ -130,13 +132,15 @@ class PumpedHand:
         """One exchange: at most one write, one read, one change of state.
 
         Raises ``LinkLost`` when the device does not answer, ``DeviceFault`` once for each fault
-        that stops motion and for an activation that does not end.
+        that stops motion, for an activation that does not end and for registers that another client
+        changed: what was wanted last is written again then.
         """
         self._now_ns = now_ns
         was_lost = self._exchange.lost
         status = self._exchange.pump(now_ns)
         if status is None:
             return
+        overwritten = self._exchange.changed
         changed, self._status = status is not self._status, status
         if self._step is not Step.NONE or self._exchange.wanted is None:  # not ours to say yet
             self._mode = status.mode
@@ -154,6 +158,8 @@ class PumpedHand:
         self._raise_fault(status, now_ns)
         if unasked:
             raise DeviceFault(_ACTIVATES, "keep clear: the fingers may have moved; activate it")
+        if overwritten:
+            raise DeviceFault(_CHANGED.format(overwritten), _END_IT)
 
     def _was_reset(self, status: StatusRegisters) -> bool:
         """The device lost what it had taken up, as after a power cycle, written yet or not."""

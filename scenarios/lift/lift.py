@@ -116,10 +116,11 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
+    peak_n: float | None
     if trial.final is not None:  # from first contact to the last, setting down included
         peak_n = max(trial.final.peak_n)
     else:
-        peak_n = max(trace.peak_measured_n)
+        peak_n = None if trial.fault else max(trace.peak_measured_n)  # which a fault may belie
         bound_n += guard.measured_margin_n
     facts = LiftFacts(
         end=end,

@@ -87,10 +87,10 @@ class LiftFacts(msgspec.Struct, frozen=True):
 
 def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
     """The first rule that applies, worst first."""
-    if facts.fault:
-        return LiftOutcome.FAULT
     if facts.peak_force_n is not None and facts.peak_force_n > facts.force_bound_n:
         return LiftOutcome.OVER_FORCE
+    if facts.fault:
+        return LiftOutcome.FAULT
     if facts.registered_s is not None and false_start(facts, settings):
         return LiftOutcome.FALSE_START
     failed = _not_held(facts, settings)

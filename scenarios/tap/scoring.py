@@ -72,10 +72,10 @@ class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
     """The first rule that applies, worst first."""
-    if facts.fault:
-        return TapOutcome.FAULT
     if facts.own_peak_n is not None and facts.own_peak_n > facts.force_bound_n:
         return TapOutcome.OVER_FORCE
+    if facts.fault:
+        return TapOutcome.FAULT
     motion = facts.motion
     if motion is None:
         return TapOutcome.NEVER_NOMINAL

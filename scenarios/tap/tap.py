@@ -133,7 +133,7 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
 
 def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
     """What the verdict is drawn from."""
-    before = trial.sequence.before
+    before = trial.sequence.before or trial.final  # where nothing struck it, all is the hand's own
     return TapFacts(
         motion=trial.sequence.motion,
         alarms=trial.sequence.alarms,
@@ -160,7 +160,7 @@ def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) 
         direction=direction_of(config.tap, seed),
         success=outcome is TapOutcome.REGISTERED if judged else None,
         outcome=outcome.value,
-        moved=None if outcome in UNSTRUCK else outcome not in UNMOVED,
+        moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
         displacement_m=motion.displacement_m if motion else None,
         down_m=motion.down_m if motion else None,
         across_m=motion.across_m if motion else None,

@@ -35,7 +35,6 @@ from scenarios.world.cell import Truth
 WORLD = "world"  # beside the devices: the process that emulates them
 STALE, DOUBTED = "stale", "doubted"  # kinds of a failure
 DOUBT = re.compile(r"[a-z]+(_[a-z]+)+: ")  # as in grasp/doubt.py
-FAULT = "fault"  # the outcome of every scenario that ended in a safe state
 KEEP_UP = (
     "this computer stood still: end what else it does, then start the run again (docs/real-time.md)"
 )
@@ -204,9 +203,9 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             self.controller.home if log and log[0].phase in (Phase.HOME, Phase.APPROACH) else None
         )
 
-    def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
+    def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
-        if outcome not in (FAULT, INTERRUPTED, INTERNAL_ERROR):
+        if not (self.fault or self.interrupted):
             return None
         if self.bug is not None:
             return Failure("internal", self.bug.line, REPORT, self.end(config))

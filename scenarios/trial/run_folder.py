@@ -228,7 +228,7 @@ class Record:
         result, failure = None, None
         try:
             result = judge()
-            failure = trial.failure(self._config, result.outcome)
+            failure = trial.failure(self._config)
             result = self._written(result)
         except CouldNotRecord as error:
             if result is not None:

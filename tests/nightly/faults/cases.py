@@ -1,17 +1,18 @@
 """Which faults there are, and a seeded sample of when they strike.
 
 Faults: every field of every device's state in every way that it can be wrong, every command, every
-link, the loop and the detector. A case strikes one of them, or a pair, at a moment of a stretch of
-the plain lift, for good or for 0.3 s.
+link, another client of the hand, the loop and the detector. A case strikes one of them, or a pair,
+at a moment of a stretch of the plain lift, for good or for 0.3 s.
 """
 
 import random
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import cycle, product
 
 import msgspec
 
 from grasp.phases import Phase
+from tests.nightly.faults.registers import COMMAND_FIELDS, IMAGES
 from tests.nightly.faults.registers import FIELDS as HAND_FIELDS
 
 STATE = ("frozen", "late", "missing", "not a number", "out of range", "jump")
@@ -33,6 +34,9 @@ SUBTLE = (
     ("arm", "moving", "flickers"),
     *(("fingertips", what, "drifts") for what in PADS),
 )
+# what another client makes of a flag of the hand's command; the other value changes nothing
+TURNED = {"rACT": "cleared", "rMOD": "set", "rGTO": "cleared", "rATR": "set", "rICF": "cleared",
+          "rICS": "set"}  # fmt: skip
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 1 s": 1.0,
                  "stands still 3 s": 3.0}  # fmt: skip
@@ -60,7 +64,7 @@ class Fault(msgspec.Struct, frozen=True):
     """One thing that goes wrong."""
 
     device: str  # gripper, arm, fingertips, loop, detector
-    part: str  # state, command, link, whole
+    part: str  # state, command, link, registers, whole
     what: str  # field with a vector's axis, or command; empty of a whole
     kind: str
 
@@ -130,7 +134,16 @@ def faults() -> list[Fault]:
     found += [Fault(device, "link", "link", kind) for device, kind in product(fields, LINK)]
     found += [Fault("loop", "whole", "", kind) for kind in STANDSTILLS_S]
     found += [Fault("detector", "whole", "", kind) for kind in DETECTOR]
-    return found + [Fault(device, "state", what, kind) for device, what, kind in SUBTLE]
+    found += [Fault(device, "state", what, kind) for device, what, kind in SUBTLE]
+    return found + written_by_another()
+
+
+def written_by_another() -> list[Fault]:
+    """Another client of the hand writes one command register, or all of them."""
+    made = [(name, what) for name in COMMAND_FIELDS
+            for what in ((TURNED[name],) if name in TURNED else ("cleared", "set"))]  # fmt: skip
+    made += [("all fingers", what) for what in IMAGES]
+    return [Fault("gripper", "registers", name, f"{what} by another client") for name, what in made]
 
 
 def sample(
@@ -142,16 +155,15 @@ def sample(
     struck = [s for s in stretches if s.phase not in NOT_STRUCK]
     single = faults()
     chance.shuffle(single)
-    found = []
+    in_turn, found = cycle(single), []
     for number in range(count):
-        alone = _drawn(single[number % len(single)], chance)
         turn = number % 9
         if turn == 2:
             case = _commanded(struck, chance)
         elif turn == 5:
             case = _in_safe_state(struck, chance)
         else:
-            case = _alone(alone, chance.choice(struck), chance)
+            case = _alone(_drawn(next(in_turn), chance), chance.choice(struck), chance)
         if turn == 8:
             then = _drawn(chance.choice(faults() + commands()), chance)
             case = msgspec.structs.replace(

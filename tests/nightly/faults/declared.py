@@ -69,4 +69,20 @@ DECLARED = (
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
     ),
+    Declared(
+        "the hand opens and obeys nobody until it has",
+        r"gripper (rATR|rMOD) set by another client", ANY,
+        frozenset({"dropped", "hand", "misleading"}), r"automatic release|mode change|in mode",
+        lasting=False,
+    ),
+    Declared(
+        "no status shows force or speed; targets beside them are written over at the next refresh",
+        r"gripper (r(FR|SP)[ABC] set|all fingers closed) by another client", ANY,
+        frozenset({"force"}), r"^over_force;", lasting=False,
+    ),
+    Declared(
+        "another client goes on: until the next refresh its commands act, and that adds up",
+        r"gripper .* by another client", ANY,
+        frozenset({"force", "unstopped", "hand", "dropped"}), r"another client",
+    ),
 )  # fmt: skip

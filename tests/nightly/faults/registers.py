@@ -40,6 +40,17 @@ FIELDS = {
     "gPRC": Field(4, 0, 8), "gPOC": Field(5, 8, 8), "gCUC": Field(5, 0, 8),
     "gPRS": Field(6, 8, 8), "gPOS": Field(6, 0, 8), "gCUS": Field(7, 8, 8),
 }  # fmt: skip
+# of a command, the other way
+COMMAND_FIELDS = {
+    "rACT": Field(0, 8, 1), "rMOD": Field(0, 9, 2), "rGTO": Field(0, 11, 1),
+    "rATR": Field(0, 12, 1), "rICF": Field(0, 2, 1), "rICS": Field(0, 3, 1),
+    "rPRA": Field(1, 0, 8), "rSPA": Field(2, 8, 8), "rFRA": Field(2, 0, 8),
+    "rPRB": Field(3, 8, 8), "rSPB": Field(3, 0, 8), "rFRB": Field(4, 8, 8),
+    "rPRC": Field(4, 0, 8), "rSPC": Field(5, 8, 8), "rFRC": Field(5, 0, 8),
+    "rPRS": Field(6, 8, 8), "rSPS": Field(6, 0, 8), "rFRS": Field(7, 8, 8),
+}  # fmt: skip
+# all fingers at once (rICF 0): opened, or closed with all its force
+IMAGES = {"opened": (0x0900, 0, 0, 0, 0, 0, 0, 0), "closed": (0x0900, 0xFF, 0xFFFF, 0, 0, 0, 0, 0)}
 _OFF = 5  # counts
 _LEAP = 90  # counts, or as many steps of 10 mA
 _BESIDE = 2  # counts: a finger that holds may rest so far from what it is told, or be read late

@@ -111,6 +111,7 @@ class Attack:
                 self._second = None
                 self._strike(fault, recovers, now_ns)
         self.pads.tick(now_ns)
+        self.hand.tick(now_ns)
 
     def told(self) -> list[str]:
         """Commands to hand and arm since the last call."""
@@ -354,7 +355,7 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, seed, trial, None).outcome
-    failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
+    failure, said = trial.failure(config), trial.end(config) or End("", "", "")
     arm_s, hand_s = _delays(trial, seen) if attack.struck_ns else (None, None)
     (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
     safe_ns = seen.safe_ns

@@ -4,6 +4,7 @@
 """
 
 import os
+import re
 
 import msgspec
 import pytest
@@ -13,6 +14,7 @@ from tests.nightly.faults.cases import SCENES, Case, Fault, commands, faults, sa
 from tests.nightly.faults.run import Ended, run, run_scene, schedule
 from tests.nightly.faults.verdict import fell, problems
 from tests.nightly.faults.wires import ArmWire
+from tests.nightly.last_line import MOST_N
 
 RUNS, SEED = int(os.environ.get("RUNS", "40")), int(os.environ.get("SEED", "1"))
 CUT = Fault("gripper", "link", "link", "cut")
@@ -124,8 +126,27 @@ def test_only_what_is_declared_and_told_is_excused(cut: Ended) -> None:
     assert fell(changed(slid, case=changed(slid.case, recovers=True)))  # type: ignore[arg-type]
 
 
+OPENED, FORCED = (
+    Fault("gripper", "registers", "all fingers", f"{what} by another client")
+    for what in ("opened", "closed")
+)
+
+
+@pytest.mark.parametrize(("fault", "most_n"), [(OPENED, 10.3), (FORCED, 11.5)], ids=str)
+def test_what_another_client_writes_once_is_written_over_and_told(
+    fault: Fault, most_n: float
+) -> None:
+    struck = [Case(t, "can", 0, fault, Phase.COMPENSATE, 1, t, True) for t in range(0, 55, 6)]
+    for found in run_scene(struck):
+        assert found.peak_n < most_n and fell(found) == {}
+        assert found.outcome == ("over_force" if found.peak_n > MOST_N else "fault")
+        assert re.search(r"another client changed .*targets \(.*\), expected", found.message)
+
+
 # these failed once
 MENDED = [
+    Case(0, "can", 0, OPENED, Phase.COMPENSATE, 1, 4, recovers=True),
+    Case(0, "can", 0, OPENED, Phase.HOLD, 1, 33, recovers=True),
     Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.GRASP),
     Case(0, "ball", 1, FROZEN, Phase.RETREAT),
     Case(

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.robotiq.model.registers import AxisStatus, HandStatus, encode
+from drivers.robotiq.model.registers import AxisStatus, HandStatus, decode, encode
 from drivers.takktile.board import Transfer
 from drivers.takktile.model.codec import bulk_frame
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel, ArmModelSettings
 from tests.nightly.faults.cases import ARM_FIELDS, Fault
-from tests.nightly.faults.registers import FIELDS, verb
+from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb
 from tests.nightly.faults.struck import Struck
 from tests.nightly.faults.wires import ArmWire, HandWire, PadWire
 
@@ -63,6 +63,19 @@ def test_fields_of_hand_and_arm_are_those_of_their_models() -> None:
     for i, axis in enumerate("ABCS"):
         values = [said[f"g{what}{axis}"] for what in ("PR", "PO", "CU", "DT")]
         assert values == [10 * i + 1, 10 * i + 2, 10 * i + 3, i]
+    for name, field in COMMAND_FIELDS.items():
+        told = decode(field.set((0,) * 8, field.most))
+        said = {
+            "rACT": told.activate, "rMOD": told.mode, "rGTO": told.go_to,
+            "rATR": told.auto_release, "rICF": told.individual_fingers,
+            "rICS": told.individual_scissor,
+        }  # fmt: skip
+        for axis, request in zip("ABCS", (*told.fingers, told.scissor), strict=True):
+            said |= {f"rPR{axis}": request.position, f"rSP{axis}": request.speed,
+                     f"rFR{axis}": request.force}  # fmt: skip
+        assert {at for at, value in said.items() if value} == {name} and said[name] == field.most
+    opened, closed = (decode(image) for image in IMAGES.values())
+    assert opened.fingers[0].position == 0 and closed.fingers[0].force == 255
     assert set(ARM_FIELDS) == set(ArmSample.__struct_fields__) - {"silent_s"}
 
 

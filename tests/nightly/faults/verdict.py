@@ -90,7 +90,8 @@ def loosened(end: Ended) -> str:
 
 def missed(end: Ended) -> str:
     """A lift fails and no fault is told: its outcome is all that the user has."""
-    if end.outcome in SUCCESSES or end.outcome == "fault" or dropped(end):
+    told = end.outcome in SUCCESSES | {LiftOutcome.FAULT, LiftOutcome.OVER_FORCE}
+    if told or dropped(end):
         return ""
     return f"{end.outcome}, lifted by {end.lifted_m * 1e3:.0f} mm"
 

@@ -19,8 +19,8 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
-from tests.nightly.faults.cases import AXES, TAXELS
-from tests.nightly.faults.registers import FIELDS, verb, wrong
+from tests.nightly.faults.cases import AXES, TAXELS, Fault
+from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb, wrong
 from tests.nightly.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
 
 Codes = NDArray[np.int16]
@@ -73,6 +73,7 @@ class HandWire(Wire):
         self._kept: dict[int, int] = {}
         self._here: tuple[int, ...] = (0, 0, 0)  # positions that were told last, counts
         self._due: list[tuple[int, int, tuple[int, ...]]] = []  # when, first register, words
+        self._image: tuple[int, ...] = (0,) * 8  # that the hand was told
 
     def around(self, transport: RegisterTransport) -> RegisterTransport:
         self._inner = transport
@@ -81,6 +82,7 @@ class HandWire(Wire):
     def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
         self._reach(now_ns)
         words = tuple(registers)
+        self._image = (*self._image[:first], *words, *self._image[first + len(words) :])
         kind = self.taken(verb(first, words, self._here), now_ns)
         if self.slow(now_ns) or kind in ("late", "repeated"):
             self._due.append((now_ns + BEHIND_NS, first, words))
@@ -100,6 +102,22 @@ class HandWire(Wire):
         if first == 0 and len(words) == 8:
             self._here = tuple(FIELDS[name].of(words) for name in ("gPOA", "gPOB", "gPOC"))
         return words
+
+    def tick(self, now_ns: int) -> None:
+        """Another client writes, once or again and again, past the link."""
+        for s in self.struck:
+            again = not s.times or (not s.recovers and now_ns >= s.took_ns + BEHIND_NS)
+            if s.fault.part == "registers" and again:
+                s.times, s.took_ns = s.times + 1, now_ns
+                self._inner.write(*self._written(s.fault), now_ns)
+
+    def _written(self, fault: Fault) -> tuple[int, tuple[int, ...]]:
+        what = fault.kind.partition(" ")[0]
+        if fault.what not in COMMAND_FIELDS:
+            return 0, IMAGES[what]
+        field = COMMAND_FIELDS[fault.what]
+        words = field.set(self._image, 0 if what == "cleared" else field.most)
+        return field.word, words[field.word : field.word + 1]
 
     def flush(self, now_ns: int) -> None:
         """Commands that were held back arrive once they are due."""

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import Refused
+from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Detection
 from drivers.robotiq.model import registers as model
 from drivers.robotiq.protocol import (
@@ -158,9 +158,9 @@ def moves_as_told(rig) -> bool:
     made = rig()
     try:
         made.driver.move_to((255, 80, 100), 0.09, 14.0)
-    except Refused:
+        made.step(300)
+    except (Refused, DeviceFault):  # of targets that nobody wrote
         return False
-    made.step(300)
     told = [(f.requested_counts, f.position_counts, f.detection) for f in made.state.fingers]
     there = Detection.AT_TARGET
     return made.state.fresh and told == [(255, 240, there), (80, 80, there), (100, 100, there)]

@@ -271,7 +271,7 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
     cell = fault.cell(staged.rig)
     now_ns = staged.rig.clock.now_ns
     assert cell.arm.velocity(now_ns) == (0.0, 0.0, 0.0)
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None and failure.end is not None
     unknown = failure.end.where.endswith("at a height that the arm does not tell")
     assert unknown == (name == "arm_position_nan")

@@ -131,7 +131,7 @@ def _ended(
     result = lift.judge(settings, pair.seed, trial, None)
     before, phase = seen[0] if seen else (at_end, Phase.IDLE)
     return Ended(
-        trial, result.outcome, trial.end(settings), trial.failure(settings, result.outcome),
+        trial, result.outcome, trial.end(settings), trial.failure(settings),
         before, phase, at_end, arm_mps, cell.truth(), _speed(cell.arm.velocity(end_ns)),
         float(np.abs(cell.gripper.velocity_mps).max()), len(seen),
     )  # fmt: skip

@@ -62,6 +62,7 @@ def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped(
         (facts(TapeMark(0.0, False), cap_reached=True), LiftOutcome.DROPPED),
         (facts(TapeMark(0.01, True), cap_reached=True), LiftOutcome.CAP_REACHED),
         (facts(TapeMark(0.01, True), fault="x"), LiftOutcome.FAULT),
+        (facts(TapeMark(0.01, True), fault="x", peak_force_n=11.1), LiftOutcome.OVER_FORCE),
         (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),
         (facts(TapeMark(0.0, True), registered_s=None), LiftOutcome.NEVER_SLIPPED),
     ],

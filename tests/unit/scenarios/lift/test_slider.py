@@ -57,7 +57,7 @@ def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(
     assert trial.final is not None
     if phase is Phase.LIFT:
         assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None and "speed slider" in failure.message
     assert failure.end is not None and failure.end.arm == "the arm stands"
 

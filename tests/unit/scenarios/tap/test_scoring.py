@@ -104,6 +104,8 @@ def test_status_that_never_was_nominal_left_nothing_to_strike() -> None:
 def test_fault_and_own_excess_force_come_first() -> None:
     assert verdict(facts((10.03, 10.1), fault="x"), WINDOWS) is TapOutcome.FAULT
     assert verdict(facts((10.03, 10.1), own_peak_n=11.1), WINDOWS) is TapOutcome.OVER_FORCE
+    both = facts((10.03, 10.1), fault="x", own_peak_n=11.1)
+    assert verdict(both, WINDOWS) is TapOutcome.OVER_FORCE
 
 
 def test_watch_that_ends_too_early_cannot_tell_that_it_stays_nominal() -> None:

@@ -79,7 +79,7 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
     assert end.arm == "the arm stands"
     assert end.hand.startswith("the hand is closed")
     assert "N measured at finger" in end.hand
-    failure = trial.failure(staged.config, "interrupted")
+    failure = trial.failure(staged.config)
     assert failure is not None
     assert failure.message == "stopped by hand in phase lift"
     assert re.fullmatch(r"in phase lift, [1-9]\d* mm above the grasp", end.where), end.where
@@ -132,7 +132,7 @@ def test_hand_whose_travel_is_bounded_is_not_said_to_have_reached_the_force() ->
 
 def test_every_device_that_is_gone_is_named() -> None:
     trial, staged, end = ended(Phase.LIFT, cut_everything)
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None
     for word in ("gripper: no answer", "link to the arm lost", "the tactile board"):
         assert word in failure.message
@@ -146,7 +146,7 @@ def test_every_device_that_is_gone_is_named() -> None:
 
 def test_remedy_is_each_devices_own_and_the_cells_where_all_are_gone() -> None:
     trial, staged, _ = ended(Phase.HOLD, cut_everything)
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None and failure.remedy == CELL
     arm, hand = LinkLost("arm lost", "look at the arm"), LinkLost("hand lost", "look at the hand")
     assert remedy_of(None, {"arm": arm, "gripper": hand}, 0.1) == (
@@ -161,7 +161,7 @@ def test_remedy_of_a_device_that_is_gone_stands_before_that_of_a_computer_that_s
         rig.clock.sleep_until_ns(rig.clock.now_ns + 600_000_000)  # as for an exchange under way
 
     trial, staged, _ = ended(Phase.HOLD, let_it_wait)
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None and STOOD_STILL in failure.message
     assert failure.remedy == f"check cable, power and address; {KEEP_UP}"
 
@@ -264,7 +264,7 @@ def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_it
 def test_run_that_its_deadline_ended_is_told_where_that_is_set() -> None:
     staged = Staged(*QUICK, "loop.deadline_s=2")
     trial = staged.run(lambda _: False, interrupt)
-    failure = trial.failure(staged.config, "fault")
+    failure = trial.failure(staged.config)
     assert failure is not None
     assert "did not end in time" in failure.message
     assert "loop.deadline_s" in failure.remedy

@@ -104,7 +104,7 @@ def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
         assert truth.normal_n[0] > 8.0
     elif phase in AIRBORNE_PHASES:
         assert truth.touched
-    failure = trial.failure(lift.config, result.outcome)
+    failure = trial.failure(lift.config)
     assert failure is not None and failure.kind == "internal"
     assert failure.message.startswith("internal_error: ZeroDivisionError: planted (File ")
     assert failure.end == result.end

@@ -219,7 +219,7 @@ def test_nobody_there() -> None:
     assert "address" in lost.value.remedy
 
 
-def test_two_clients(joined, connect) -> None:
+def test_what_another_client_writes_is_told_and_written_over(joined, connect) -> None:
     served, client = joined()
     other = connect(served)
     other.pump_until(lambda: other.state is not None)
@@ -228,7 +228,9 @@ def test_two_clients(joined, connect) -> None:
     other.pump_until(lambda: other.state.positions == (60, 60, 60))
     other.driver.move_to((40, 40, 40), FAST, 10.0)
     other.settle()
-    client.pump_until(lambda: client.state.positions == (40, 40, 40))
+    with pytest.raises(DeviceFault, match=r"targets \(40, 40, 40\), expected \(60, 60, 60\)"):
+        client.pump()
+    client.pump_until(lambda: client.state.positions == (60, 60, 60))
 
 
 def test_the_hand_moves_on_while_nobody_asks(joined) -> None:
