@@ -1,6 +1,4 @@
-"""The doubts: how soon each fault is there. How often one is raised where nothing is wrong is
-counted by scripts/false_faults.py.
-"""
+"""How soon each plausibility check reports its fault."""
 
 import itertools
 

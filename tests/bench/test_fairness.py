@@ -21,6 +21,7 @@ from itertools import chain
 from multiprocessing.connection import Connection
 
 import pytest
+from tests.wire.fuzz.polite import STATE_PORTS, Line, expect, packet
 
 from drivers.ur.emulator.robot import DASHBOARD_PORT
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
@@ -28,7 +29,6 @@ from drivers.ur.emulator.settings import PROFILES
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.cell_process import cell_process
 from scenarios.testing.plugin import EmulatedArm
-from tests.wire.fuzz.polite import STATE_PORTS, Line, expect, packet
 
 CLIENTS = 30  # of the 32 places of a port
 NAMES = 1000  # of a recipe: the most that is taken

@@ -1,7 +1,6 @@
 """Forty lifts of each object with `energy` at a threshold at which it hears a slip at once.
 
-So the loop is told, not a detector: the table of the README is of the default detector, and
-`scripts/last_draw.py` makes it.
+This measures the loop, not a detector.
 """
 
 from collections.abc import Sequence

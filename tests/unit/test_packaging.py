@@ -89,7 +89,7 @@ def test_sdist_holds_tests_scripts_and_lock_files(built: Path) -> None:
     with tarfile.open(path) as sdist:
         names = {name.split("/", 1)[1] for name in sdist.getnames()}
     assert {"Makefile", "LICENSE", "README.md", "requirements/base.txt"} <= names
-    assert {"tests/unit/test_packaging.py", "scripts/figures.py", "CONTRIBUTING.md"} <= names
+    assert {"tests/unit/test_packaging.py", "scripts/same_messages.py", "CONTRIBUTING.md"} <= names
 
 
 def test_importing_grasp_imports_nothing() -> None:

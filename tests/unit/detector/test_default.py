@@ -30,8 +30,7 @@ ONE_EVENT_PER_MIN = 0.3868  # of a hand's rest in these
 DEFAULT = load_config("can", "simulated")
 # What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
 # by the rule of docs/default-detector.md ("Which one is the default, and why") that new ones are no
-# worse (`scripts/default_choice.py`), make anew the figures that rest on them (`figures.py` there),
-# and write the new values here. A test that fails for any other reason has found a mistake.
+# worse, and write the new values here. A test that fails for any other reason has found a mistake.
 RULES = {
     "tcn": RuleSettings(
         kind="consecutive", fusion="mean", consecutive=2, threshold=0.7471, release=8

@@ -192,13 +192,10 @@ def test_json_that_is_no_text_is_refused_by_whoever_reads_it(
     (tmp_path / "scores.json").write_bytes(b'{"format":"\xdf"}')
     (tmp_path / "a.heads.json").write_bytes(b'{"network":"\xdf"}')
     shutil.copy(WEIGHTS / "tcn.onnx", tmp_path / "a.onnx")
-    (tmp_path / "run").mkdir()  # where the observer's recordings lie
-    for folder in (tmp_path, tmp_path / "run"):
-        (folder / "dataset.json").write_bytes(b'{"digest":"\xdf"}')
+    (tmp_path / "dataset.json").write_bytes(b'{"digest":"\xdf"}')
     for words in (
         ["report", str(tmp_path / "scores.json")],
         ["detector", "card", str(tmp_path / "a.onnx")],
-        ["detector", "robustness", "energy", "--data", str(tmp_path)],
         ["dataset", "build", "observer", "--share", "0.01", "--out", str(tmp_path)],
     ):
         assert main(words) == 2, words

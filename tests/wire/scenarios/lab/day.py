@@ -1,6 +1,6 @@
 """A laboratory's first day, played at terminals from an empty folder against `grasp emulate`.
 
-`scripts/first_day.py` writes it into docs/first-day.md; a test plays it again and compares.
+docs/first-day.md shows one play; a test plays it again and compares.
 """
 
 import json
