@@ -15,31 +15,21 @@ def changes(kind, amount, recording=HAND):
     return perturbed(recording, kind, amount).counts.astype(float) - recording.counts
 
 
-@pytest.mark.parametrize("kind", PERTURBATIONS)
-def test_a_perturbed_recording_keeps_times_labels_and_acts_and_can_be_written(kind, tmp_path):
-    changed = perturbed(HAND, kind, 1.5)
-    write(tmp_path / "changed.npz", changed)
-    again = read(tmp_path / "changed.npz")
-    assert (again.counts == changed.counts).all()
-    assert (changed.t_s == HAND.t_s).all() and (changed.slip == HAND.slip).all()
-    assert changed.metadata == HAND.metadata
+def test_a_perturbed_recording_keeps_times_labels_and_acts_and_can_be_written(tmp_path):
+    for kind in PERTURBATIONS:
+        changed = perturbed(HAND, kind, 1.5)
+        write(tmp_path / "changed.npz", changed)
+        again = read(tmp_path / "changed.npz")
+        assert (again.counts == changed.counts).all(), kind
+        assert (changed.t_s == HAND.t_s).all() and (changed.slip == HAND.slip).all(), kind
+        assert changed.metadata == HAND.metadata, kind
 
 
-@pytest.mark.parametrize("kind", PERTURBATIONS)
-def test_equal_seeds_give_equal_recordings_and_the_original_stays_as_it_was(kind):
-    before = HAND.counts.copy()
-    one, other = (perturbed(HAND, kind, 1.5, seed=3).counts for _ in range(2))
-    assert (one == other).all() and (HAND.counts == before).all()
-
-
-@pytest.mark.parametrize(
-    ("kind", "amount"),
-    [("gain", 1.0), ("noise", 1.0), ("lost", 0.0), ("temperature", 0.0), ("drift", 0.0),
-     ("dead", 0.0), ("stuck", 0.0), ("swapped", 0.0), ("rate", 100.0)],
-)  # fmt: skip
-def test_where_nothing_is_wrong_nothing_changes(kind, amount):
-    changed = perturbed(HAND, kind, amount)
-    assert (changed.counts == HAND.counts[: len(changed.t_s)]).all()
+def test_equal_seeds_give_equal_recordings_and_the_original_stays_as_it_was():
+    for kind in PERTURBATIONS:
+        before = HAND.counts.copy()
+        one, other = (perturbed(HAND, kind, 1.5, seed=3).counts for _ in range(2))
+        assert (one == other).all() and (HAND.counts == before).all(), kind
 
 
 def test_gain_scales_counts_and_leaves_a_taxel_at_its_rail():
@@ -47,10 +37,6 @@ def test_gain_scales_counts_and_leaves_a_taxel_at_its_rail():
     one = msgspec.structs.replace(toy(1, "test"), counts=counts)
     assert perturbed(one, "gain", 2.0).counts.tolist() == [[[-200, 100, RAIL_COUNTS, -480, 0, 6]]]
     assert perturbed(one, "gain", 0.5).counts[0, 0, :3].tolist() == [-50, 25, -150]
-
-
-def test_doubled_noise_adds_what_doubles_its_rms():
-    assert changes("noise", 2.0).std() == pytest.approx(0.65 * np.sqrt(3), rel=0.05)
 
 
 def test_a_lost_sample_repeats_the_one_before_at_every_finger():
@@ -72,11 +58,11 @@ def test_drift_takes_each_taxel_its_own_way():
     assert {-9.0, 9.0} == set(moved[-1].ravel())
 
 
-@pytest.mark.parametrize("kind", ["dead", "stuck", "swapped"])
-def test_one_finger_alone_has_the_broken_taxel_and_it_is_the_one_pressed_most(kind):
-    touched = np.argwhere(changes(kind, 1.0).any(axis=0))
-    assert set(touched[:, 0]) == {0}
-    assert HAND.counts[:, 0].mean(axis=0).argmin() in touched[:, 1]
+def test_one_finger_alone_has_the_broken_taxel_and_it_is_the_one_pressed_most():
+    for kind in ["dead", "stuck", "swapped"]:
+        touched = np.argwhere(changes(kind, 1.0).any(axis=0))
+        assert set(touched[:, 0]) == {0}, kind
+        assert HAND.counts[:, 0].mean(axis=0).argmin() in touched[:, 1], kind
 
 
 def test_a_dead_taxel_reads_rest_and_a_stuck_one_never_changes():
@@ -85,11 +71,11 @@ def test_a_dead_taxel_reads_rest_and_a_stuck_one_never_changes():
     assert np.ptp(perturbed(HAND, "stuck", 1.0).counts[:, 0, worst]) == 0
 
 
-@pytest.mark.parametrize("hertz", [90.0, 110.0])
-def test_at_another_rate_blows_and_slips_come_when_they_came(hertz):
-    slow = at_rate(HAND, hertz)
-    assert len(slow.t_s) == pytest.approx(len(HAND.t_s) * hertz / 100, abs=2)
-    was = [HAND.t_s[b.struck] for b in blows_of(HAND)]
-    assert [slow.t_s[b.struck] for b in blows_of(slow)] == pytest.approx(was, abs=0.012)
-    assert slow.slip_true.mean() == pytest.approx(HAND.slip_true.mean(), abs=0.002)
-    assert np.abs(slow.counts[500] - HAND.counts[round(500 * 100 / hertz)]).max() < 30
+def test_at_another_rate_blows_and_slips_come_when_they_came():
+    for hertz in [90.0, 110.0]:
+        slow = at_rate(HAND, hertz)
+        assert len(slow.t_s) == pytest.approx(len(HAND.t_s) * hertz / 100, abs=2), hertz
+        was = [HAND.t_s[b.struck] for b in blows_of(HAND)]
+        assert [slow.t_s[b.struck] for b in blows_of(slow)] == pytest.approx(was, abs=0.012), hertz
+        assert slow.slip_true.mean() == pytest.approx(HAND.slip_true.mean(), abs=0.002), hertz
+        assert np.abs(slow.counts[500] - HAND.counts[round(500 * 100 / hertz)]).max() < 30, hertz
