@@ -5,15 +5,8 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.robotiq.link.timing import Durations, TimedTransport
+from drivers.robotiq.link.timing import TimedTransport
 from tests.unit.drivers.robotiq.link_cell import BEGIN_NS, MS, Cell
-
-
-def test_the_latest_4096_durations_are_kept_oldest_first() -> None:
-    durations = Durations()
-    for ns in range(4100):
-        durations.add(ns)
-    assert durations.latest_ns == tuple(range(4, 4100))
 
 
 class Line:

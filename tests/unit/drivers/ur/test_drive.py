@@ -48,15 +48,6 @@ def test_a_drive_that_is_not_renewed_is_stopped(driver: ArmDriver, model: ArmMod
     assert driver.state.spin_radps == 0.0
 
 
-def test_a_stop_ends_a_drive_for_good(driver: ArmDriver, model: ArmModel) -> None:
-    driver.drive((0.02, 0.0, 0.0), 0.0, 1.0)
-    driver.pump(50 * MS)
-    driver.stop(1.0)
-    for t in range(60, 500, 10):
-        driver.pump(t * MS)
-    assert model.velocity(500 * MS) == (0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("velocity", "spin", "acceleration", "key"),
     [

@@ -6,7 +6,6 @@ import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, Refused, Stale
-from drivers.interfaces import ArmState
 from drivers.ur.driver import ArmDriver, ArmSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
@@ -52,14 +51,6 @@ def driver(wire: Wire) -> ArmDriver:
 def pump_until(driver: ArmDriver, start_ms: int, end_ms: int) -> None:
     for t in range(start_ms, end_ms, 10):
         driver.pump(t * MS)
-
-
-def test_a_move_is_sent_as_asked_and_ends_at_its_target(wire, driver):
-    driver.move_to((X, Y, Z + 0.1), 0.1, 0.5)
-    assert wire.sent == [("move", (X, Y, Z + 0.1), 0.1, 0.5, 0)]
-    pump_until(driver, 10, 1500)
-    assert driver.state.position_m == (X, Y, Z + 0.1)
-    assert not driver.state.moving
 
 
 def test_the_arm_counts_as_moving_from_the_command_on(wire, driver):
@@ -142,11 +133,6 @@ def test_a_stop_is_no_harder_than_the_arm_may_brake(wire, most, asked, sent):
     assert wire.sent == [("stop", sent, 0)]
 
 
-def test_a_stop_may_precede_the_first_sample(wire):
-    ArmDriver(wire, ArmSettings()).stop(0.7)
-    assert wire.sent == [("stop", 0.7, 0)]
-
-
 def test_payload_is_limited(wire, driver):
     taken = (0.0, 2.8, 10.0)
     for mass in taken:
@@ -184,16 +170,6 @@ def test_a_worker_that_was_not_run_is_not_told_as_a_controller_that_stands_still
     assert ("processor" in caught.value.remedy) is (silent_s > 0.025)
 
 
-def test_a_state_is_dated_by_the_controllers_own_clock_too(wire, driver):
-    driver.pump(21 * MS)
-    assert (driver.state.t_ns, driver.state.sampled_ns) == (21 * MS, 16 * MS)
-
-
-def test_a_slow_host_alone_makes_nothing_stale(driver):
-    driver.pump(5_000 * MS)
-    assert driver.state.t_ns == 5_000 * MS
-
-
 def test_a_protective_stop_is_a_fault_once_an_onset_and_stays_in_the_state(wire, driver):
     driver.move_to((X, Y, Z + 0.4), 0.1, 0.5)
     pump_until(driver, 10, 300)
@@ -228,8 +204,3 @@ def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
         "payload_kg": 2.6, "max_payload_kg": 10.0, "stale_after_s": 0.05,
         "arrived_within_m": 0.0005, "arrived_below_mps": 0.001,
     }  # fmt: skip
-
-
-def test_an_arm_that_says_nothing_of_its_turn_is_turned_as_at_its_start() -> None:
-    state = ArmState(0, 0, START, (0.0, 0.0, 0.0), moving=False)
-    assert (state.angle_rad, state.spin_radps) == (0.0, 0.0)
