@@ -37,15 +37,6 @@ def test_creep_slower_than_the_bound_is_rest_and_slip_is_not() -> None:
     np.testing.assert_allclose(fast[20:], 3.0 * t[20:], atol=0.2)
 
 
-def test_two_strokes_there_and_back_without_a_rest_between_are_one_motion() -> None:
-    there = np.linspace(0.0, 5.0, 26)
-    back = there[::-1]
-    paused = along(np.zeros(20), there, np.full(STILL + 1, 5.0), back)
-    assert paused[-1] > 4.8
-    at_once = along(np.zeros(20), there, back)
-    assert at_once[-1] < 0.1
-
-
 def test_a_turn_counts_by_the_lever_of_the_papers_label() -> None:
     n = 100
     places = np.zeros((n, 3))

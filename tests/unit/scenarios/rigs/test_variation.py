@@ -62,15 +62,6 @@ def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.M
     assert felt[0.1] - felt[0.0] == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
 
 
-def test_gripped_higher_means_that_less_of_the_body_is_above_the_pads() -> None:
-    c = config()
-    for trial in drawn(VariationSettings(), 5):
-        body = trial.body
-        assert body.grip_height_m + body.body_above_grip_m == pytest.approx(
-            c.object.grip_height_m + c.object.body_above_grip_m
-        )
-
-
 def test_zero_spreads_leave_the_object_as_it_is() -> None:
     off = VariationSettings(
         friction_cv=0, mass_cv=0, start_height_m=0, finger_scatter_m=0, force_stop_fraction=0,

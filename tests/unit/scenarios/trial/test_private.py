@@ -7,13 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.acquire import acquire
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.press import motion
-from scenarios.campaign.spec import combinations
-from scenarios.campaign.store import CampaignStore
 from scenarios.lift import lift
-from tests.unit.scenarios.campaign.test_campaign import TWO_OBJECTS
 from tests.unit.scenarios.conftest import config
 
 
@@ -34,23 +28,6 @@ def test_run_folder_is_private(tmp_path: Path) -> None:
     lift.run(config("controller.lift_height_m=0.05"), 0, tmp_path / "runs")
     assert len(list((tmp_path / "runs").rglob("*"))) == 3
     assert open_to_others(tmp_path / "runs") == []
-
-
-@pytest.mark.usefixtures("umask")
-def test_acquisition_is_private(tmp_path: Path) -> None:
-    settings = load_acquire_config("planar", "simulated", None, [])
-    course = motion("0", 0.05, 1.0)
-    acquire.run(settings, course, 0, 1.0, tmp_path / "new" / "runs", False, lambda _: None)
-    assert len(list((tmp_path / "new").rglob("*.npz"))) == 1
-    assert open_to_others(tmp_path / "new") == []
-
-
-@pytest.mark.usefixtures("umask")
-def test_campaign_file_is_private(tmp_path: Path) -> None:
-    path = tmp_path / "campaigns" / "c.sqlite"
-    with CampaignStore.create(path, TWO_OBJECTS, combinations(TWO_OBJECTS)):
-        assert open_to_others(path.parent) == []
-        assert len(list(path.parent.iterdir())) > 1
 
 
 def test_folder_that_was_there_stays_as_it_is(tmp_path: Path) -> None:

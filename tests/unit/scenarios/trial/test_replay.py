@@ -53,10 +53,6 @@ def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
     assert any("slip registered" in what for _, what in replay.events)
 
 
-def test_folder_and_file_are_both_accepted(recorded: Path) -> None:
-    assert replay_run(recorded).steps == replay_run(recorded.parent).steps
-
-
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A lift that closes by position too, so that the anchor matters; its detector has a memory."""
@@ -99,14 +95,13 @@ INSIDE = {
 }
 
 
-@pytest.mark.parametrize("what", INSIDE)
-def test_one_thing_changed_inside_the_step_is_seen_by_the_check(
-    what: str, bounded: Path, monkeypatch: pytest.MonkeyPatch
+def test_one_thing_changed_inside_the_step_is_noticed_by_the_check(
+    bounded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert replay_run(bounded).differences == []
-    name, changed = INSIDE[what]
-    monkeypatch.setattr(name, changed)
-    assert replay_run(bounded).differences
+    for what, (name, changed) in INSIDE.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(name, changed)
+            assert replay_run(bounded).differences, what
 
 
 def test_tampered_probability_is_found(recorded: Path, tmp_path: Path) -> None:
@@ -150,12 +145,6 @@ def copy_with_settings(source: Path, out: Path, config: str) -> Path:
     return out
 
 
-def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
-    out = copy_with_settings(recorded, tmp_path / "x.mcap", '{"rig": "simulated", "novel": 1}')
-    with pytest.raises(BadFile, match="do not fit this version"):
-        replay_run(out)
-
-
 def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
     recorded: Path, tmp_path: Path
 ) -> None:
@@ -165,16 +154,6 @@ def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
     out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
     with pytest.raises(BadFile, match="detector: is called energy now"):
         replay_run(out)
-
-
-def test_sections_of_other_scenarios_do_not_matter_to_a_replay(
-    recorded: Path, tmp_path: Path
-) -> None:
-    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    assert '"tap"' not in settings
-    more = settings.replace('"scoring":{', '"juggling":{"balls":3},"scoring":{"novel":1,')
-    assert more != settings
-    assert replay_run(copy_with_settings(recorded, tmp_path / "x.mcap", more)).steps > 0
 
 
 def fingertip_strokes() -> Recording:

@@ -115,35 +115,6 @@ def test_device_that_goes_while_an_object_is_put_in_place_is_told_with_arm_and_h
     assert second.failure.end == OPEN
 
 
-class Leaves(Person):
-    """Presses Ctrl-C before the second object is in place."""
-
-    def poll(self) -> str:
-        if len(self.heard) == 2:
-            raise KeyboardInterrupt
-        return ""
-
-
-def test_series_that_is_stopped_between_two_trials_tells_arm_and_hand(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    @contextmanager
-    def opened(*_: object) -> Iterator[GraspRig]:
-        with open_rig(config(), 0, paced=False) as rig:
-            yield rig
-
-    def attempt(*_: object) -> Any:
-        return lifted, (0.5, 0.1, 0.3)
-
-    monkeypatch.setattr(series, "open_rig", opened)
-    wired = msgspec.structs.replace(config(), rig="hardware")
-    _, stopped = series.run_series(wired, (0, 1, 2), Bench(operator=Leaves()), attempt)
-    assert stopped.result is None and stopped.failure is not None
-    assert stopped.failure == Failure(
-        "interrupted", "stopped by hand before trial 2 of 3", "", OPEN
-    )
-
-
 def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,15 +140,6 @@ def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
     assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
     assert lifted.result is not None
     assert homes == [None, lifted.result.home_m, lifted.result.home_m]
-
-
-def test_object_that_is_in_place_already_is_asked_for_again_alone(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heard, _ = told(lifted, [None, None], monkeypatch, placed=True)
-    assert heard == ["Trial 2 of 2"]
-    heard, _ = told(lifted, [STALE, None, None], monkeypatch, placed=True)
-    assert heard[0].startswith("Trial 1 of 2 again")
 
 
 def test_the_same_trial_is_not_asked_for_without_end(

@@ -58,12 +58,11 @@ def test_runs_that_cannot_be_kept_open_no_rig(run: Callable[[Path], Any], nowher
     assert "--runs" in refused.value.remedy
 
 
-@pytest.mark.parametrize("rig", ["simulated", "emulated"])
 @pytest.mark.parametrize(
-    "words",
-    [("run", "lift"), ("run", "tap"), ("run", "lift", "--trials", "2"), ("run", "acquire")],
-    ids=" ".join,
-)
+    ("words", "rig"),
+    [(("run", "lift"), "emulated"), (("run", "tap", "--trials", "2"), "simulated"),
+     (("run", "acquire"), "simulated")],
+)  # fmt: skip
 def test_folder_of_runs_that_cannot_be_made_is_told_before_anything_opens(
     words: tuple[str, ...], rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

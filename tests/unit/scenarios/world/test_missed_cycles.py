@@ -81,7 +81,7 @@ def world() -> World:
     ["stopl(0.5)", "stopl(5.0)", "speedl([0, 0, -0.1, 0, 0, 0], a=0.5, t=5)",
      "movel(p[0.5, 0.2, 0.3, 3.141592653589793, 0, 0], a=0.5, v=0.1)"],
 )  # fmt: skip
-@pytest.mark.parametrize("missed", [1, 5, 12])
+@pytest.mark.parametrize("missed", [12])
 def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     world: World, missed: int, then: str
 ) -> None:
@@ -101,7 +101,7 @@ def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     [f"movel({TURNED}, a=0.5, v=0.1)", "movej(get_inverse_kin(" + TURNED + "), a=0.5, v=0.1)",
      "speedl([0, 0, 0.1, 0.1, 0, 0], a=0.5, t=9)"],
 )  # fmt: skip
-@pytest.mark.parametrize("missed", [1, 5, 12])
+@pytest.mark.parametrize("missed", [12])
 def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_there(
     world: World, missed: int, body: str
 ) -> None:

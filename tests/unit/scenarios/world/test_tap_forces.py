@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import Floats, initial_state, parameters
 from scenarios.world.contact_settings import ContactSettings
 from tests.unit.scenarios.world.test_contact import body, fresh_pads, travel
@@ -90,28 +89,6 @@ def test_friction_of_a_finger_stays_within_its_circle() -> None:
         assert math.hypot(across_n, up_n) < limit * 1.0001
 
 
-def test_equal_blows_move_it_less_far_across_than_down() -> None:
-    p, state, pads = held()
-    down = struck((p, state, pads), laws.TOP, 0.25)[laws.SLIP] - state[laws.SLIP]
-    across = struck((p, state, pads), laws.SIDE, 0.25)[laws.ACROSS]
-    assert across < down  # gravity helps the one and not the other
-
-
-def test_side_slide_does_not_depend_on_the_step() -> None:
-    p, state, pads = held()
-    coarse = struck((p, state, pads), laws.SIDE, 0.25, 5e-4)[laws.ACROSS]
-    fine = struck((p, state, pads), laws.SIDE, 0.25, 5e-6)[laws.ACROSS]
-    assert coarse == pytest.approx(fine, rel=0.015)
-
-
-def test_first_and_last_instant_of_motion_are_noted_after_a_blow_only() -> None:
-    p, state, pads = held()
-    assert state[laws.MOVED_FROM_S] == laws.NOT_YET
-    s = struck((p, state, pads), laws.SIDE, 0.25)
-    assert AT_S < s[laws.MOVED_FROM_S] < AT_S + 0.01
-    assert 0.01 < s[laws.MOVED_UNTIL_S] - s[laws.MOVED_FROM_S] < 0.1
-
-
 def test_object_struck_beyond_its_own_half_width_is_out_of_the_hand() -> None:
     p, state, pads = held()
     s = struck((p, state, pads), laws.SIDE, 1.5)
@@ -141,8 +118,3 @@ def test_no_step_loses_any_of_a_blow_s_impulse(step_s: float, duration_s: float)
     for k in range(5):
         laws.advance(p, state, pads, k * 0.01, 0.01, 0.05, 0.0, 0.0, 0.0, open_hand, open_hand)
     assert state[laws.ACROSS_SPEED] * 0.65 == pytest.approx(0.25, rel=1e-9)
-
-
-def test_hand_that_follows_through_in_no_time_is_refused() -> None:
-    with pytest.raises(ValueError, match="follow_s > 0"):
-        Blow(impulse_n_s=0.1, duration_s=0.008, follow_n_s=0.1)
