@@ -51,7 +51,7 @@ def copied(parts: Parts) -> Parts:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(copy._deepcopy_dispatch, np.ndarray, _array)  # type: ignore[attr-defined]
         made: Parts = copy.deepcopy(parts, memo)
-    parts[1]._on_tick = on_tick
+    parts[1]._on_tick, made[1]._on_tick = on_tick, lambda tick: None
     if network:
         again = made[1]._step._detector
         again._bindings = [again._bind(0), again._bind(1)]

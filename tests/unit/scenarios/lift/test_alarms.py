@@ -81,7 +81,7 @@ STEPS = "controller.answer=stop_and_step"
     ("words", "detector"),
     [(("controller.hold_by_clock=true",), "energy"), ((STEPS,), "energy"), ((), None)],
 )  # fmt: skip
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(script=SCRIPT)
 def test_every_phase_ends_in_its_time_whatever_the_detector_says(
     words: tuple[str, ...], detector: str | None, script: list[tuple[int, Said]]

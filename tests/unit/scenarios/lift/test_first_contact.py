@@ -29,7 +29,7 @@ def lifted(name: str, wider_m: float, *assignments: str, seed: int = 0) -> LiftR
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_no_finger_passes_the_limit_on_an_object_of_another_width_than_expected(name: str) -> None:
-    for wider_mm in (0.0, 2.0, 5.0, 8.0):
+    for wider_mm in (0.0, 5.0, 8.0):
         result = lifted(name, wider_mm * 1e-3)
         assert result.peak_force_n is not None  # also when the run ends in a fault
         assert max(result.peak_force_n.values()) <= BOUND_N, wider_mm

@@ -230,17 +230,11 @@ def test_bytes_keep_any_limit_sampled_densely() -> None:
         step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
         loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
         loop.tick()
-        for asked_n in (
-            limit_n - 0.2,
-            limit_n - 1e-9,
-            limit_n,
-            limit_n + 1e-9,
-            limit_n + 0.2,
-            200.0,
-        ):
+        at = 100
+        for beyond_n in (-0.2, -1e-9, 0.0, 1e-9, 0.2, 150.0):
+            asked_n = limit_n + beyond_n
             wire.images.clear()
-            # another place, so that no command has nothing to write
-            at = round(100 + asked_n)
+            at += 10  # so that there is something to write
             loop.submit(CloseFast(max(asked_n, 10.0), (True, True, True), (at, at, at), 0.11))
             loop.tick()
             assert wire.images, (limit_n, asked_n)

