@@ -155,25 +155,6 @@ def test_a_finger_that_touches_nothing_is_stopped_by_the_workspace() -> None:
             made.run(100)
 
 
-@pytest.mark.parametrize("after_s", [0.75])
-def test_samples_are_kept_from_a_while_after_touch(after_s: float) -> None:
-    seen: list[Sample] = []
-    made, _ = session("0", f"session.kept_after_s={after_s}", samples=20, on_tick=seen.append)
-    touched = next(sample for sample in seen if sample.phase is not PressPhase.APPROACH)
-    assert (made.ticks[0].t_ns - touched.t_ns) * 1e-9 == pytest.approx(after_s, abs=0.03)
-
-
-def test_a_rest_under_load_hides_that_load_from_the_counts() -> None:
-    """The force is held all the same, and a pad that is unloaded reads above its rest."""
-    air, _ = session(samples=300)
-    loaded, r = session("0", "control.residual_n=5.0", samples=300)
-    hidden = [abs(m.frame.counts[0].astype(int).sum()) for m in (*loaded.ticks, *air.ticks)]
-    assert np.mean(hidden[:300]) < 0.5 * np.mean(hidden[300:])
-    true = np.array([tick.truth.normal_n for tick in loaded.ticks if tick.truth])
-    assert true.mean() == pytest.approx(5.0, rel=0.4)
-    assert r.counts.max() > 20
-
-
 def test_hardware_needs_a_calibration_of_its_own() -> None:
     hardware = load_acquire_config("planar", "hardware")
     with pytest.raises(ConfigError, match="counts_per_newton"):

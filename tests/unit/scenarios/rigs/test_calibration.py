@@ -50,34 +50,6 @@ def test_a_file_of_ones_own_is_chosen_by_path_and_reaches_the_guard(tmp_path: Pa
         make_guard(resolved("guard.force_limit_n=9.6"))
 
 
-def test_settings_of_equal_names_but_other_figures_have_other_hashes(tmp_path: Path) -> None:
-    file = tmp_path / "paper.toml"
-    file.write_text(LAB)
-    choice = f"gripper.calibration={file}"
-    before = resolved(choice).digest()
-    file.write_text(LAB.replace("9.5", "9.4"))
-    assert resolved(choice).digest() != before
-
-
-@pytest.mark.parametrize(
-    ("line", "key", "allowed"),
-    [
-        ("least_force_n = 0.1", "calibration.least_force_n", ">= 1 and <= 30"),
-        ("leest_force_n = 9.5", "calibration.leest_force_n", "least_force_n"),
-        ("least_force_n = 20.0", "calibration", "goes together"),
-    ],
-)
-def test_an_error_names_the_file_the_key_and_what_is_allowed(
-    tmp_path: Path, line: str, key: str, allowed: str
-) -> None:
-    file = tmp_path / "hand3.toml"
-    file.write_text(LAB.replace("least_force_n = 9.5", line).replace("58.0", "20.0"))
-    with pytest.raises(ConfigError) as caught:
-        resolved(f"gripper.calibration={file}")
-    assert (caught.value.file, caught.value.key) == (str(file), key)
-    assert allowed in caught.value.allowed
-
-
 def test_hardware_has_no_calibration_unless_somebody_chooses() -> None:
     config = resolved(rig="hardware")
     assert config.calibration is None
@@ -159,13 +131,6 @@ def test_under_a_third_of_the_manual_s_is_refused_on_real_devices_without_presse
         with pytest.raises(ConfigError, match="less than a third of the manual's 60 N"):
             opened(lab)
     make_guard(resolved(choice, *limits))  # a simulated hand is what it is said to be
-
-
-def test_presses_that_were_counted_with_a_reason_are_believed(tmp_path: Path) -> None:
-    choice = f"gripper.calibration={file_of(stated(**EDITED, **EVIDENCE), tmp_path)}"
-    lab = resolved(choice, rig="hardware")
-    assert calibration(lab).reason == "a hand with weak springs"
-    assert "force byte 255" in weak_claim(calibration(lab))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from drivers.robotiq.emulator.faults import WireFaults
 from drivers.ur.emulator.controller import Controller, RuntimeState
 from drivers.ur.emulator.settings import PROFILES
-from scenarios.rigs.cell_faults import KNOWN, MOST_WAITING, CellFaults
+from scenarios.rigs.cell_faults import KNOWN, CellFaults
 
 
 class Gripper:
@@ -48,14 +48,6 @@ def test_fault_that_is_none_is_refused_with_what_it_takes(
     faults = CellFaults(Mock(), arm("cb3"), Gripper())  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=error):
         faults.order(request_, 0)
-
-
-def test_fault_of_the_gripper_is_taken_back_by_code_0() -> None:
-    gripper = Gripper()
-    CellFaults(Mock(), arm("cb3"), gripper).order(  # type: ignore[arg-type]
-        {"name": "gripper_fault", "code": 0}, 0
-    )
-    gripper.hand.model.inject_fault.assert_called_once_with(0)
 
 
 def test_local_control_ends_the_program_of_an_e_series_and_cb3_has_none() -> None:
@@ -102,14 +94,3 @@ def test_faults_strike_in_the_order_of_their_times() -> None:
         struck.append([call[0] for call in board.mock_calls])
         board.reset_mock()
     assert struck == [["replug"], ["unplug"], [], ["replug", "time_out"]]
-
-
-def test_no_more_faults_are_ordered_than_may_wait() -> None:
-    faults = CellFaults(Mock(), Mock(), None)
-    for _ in range(MOST_WAITING):
-        faults.order({"name": "unplug", "after_s": 1.0}, 0)
-    with pytest.raises(ValueError, match="1000 faults are waiting"):
-        faults.order({"name": "unplug", "after_s": 1.0}, 0)
-    faults.order({"name": "unplug"}, 0)  # at once
-    faults.strike(1_000_000_000)
-    faults.order({"name": "unplug", "after_s": 1.0}, 0)

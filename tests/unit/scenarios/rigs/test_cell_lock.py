@@ -91,15 +91,6 @@ def test_same_process_drives_a_device_once(device: str) -> None:
         pass
 
 
-def test_what_was_taken_before_the_one_that_is_refused_is_let_go(device: str) -> None:
-    arm = device.replace("gripper", "arm")
-    with another(arm):
-        with pytest.raises(Refused, match="arm"), driving(device, arm):
-            pass
-        with driving(device):
-            pass
-
-
 def test_processes_that_contend_never_drive_at_once(device: str, tmp_path: Path) -> None:
     words = [sys.executable, "-c", CONTEND, device, str(tmp_path / "inside")]
     many = [subprocess.Popen(words, env=ENVIRONMENT) for _ in range(4)]

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 import grasp
@@ -22,7 +21,7 @@ from scenarios.campaign.worker import run_trial
 from scenarios.lift import lift
 from scenarios.rigs import hardware as hardware_room
 from scenarios.rigs import opening
-from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
+from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap import tap
 from scenarios.trial.series import Bench
 from tests.calibrations import PRESSED
@@ -141,10 +140,6 @@ def test_only_verbs_made_for_a_lab_can_be_confirmed() -> None:
     assert confirmed == LAB_VERBS
 
 
-def test_every_verb_with_settings_of_one_s_own_is_tried_here() -> None:
-    assert set(with_own_settings()) == set(LINES)
-
-
 @pytest.mark.parametrize("layer", ["--config", "GRASP_CONFIG", "--set"])
 def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
     layer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
@@ -177,18 +172,6 @@ def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
 
 def campaign(**fields: Any) -> CampaignSpec:
     return CampaignSpec(name="c", objects=("can",), detectors=("energy",), **fields)
-
-
-def test_campaign_does_not_follow_the_environment_to_real_devices(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, devices: list[str]
-) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text('rig = "hardware"\n' + LAB)
-    monkeypatch.setenv("GRASP_CONFIG", str(file))
-    (tmp_path / "c.toml").write_text('name = "c"\nobjects = ["can"]\nrepetitions = 1\n')
-    out = tmp_path / "c.sqlite"
-    assert main(["campaign", "run", str(tmp_path / "c.toml"), "--out", str(out)]) == 2
-    assert devices == []
 
 
 @pytest.mark.parametrize("scenario", ["lift", "tap"])
@@ -286,15 +269,6 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
         assert devices == [], words
 
 
-def test_a_rig_file_with_a_lab_s_addresses_that_is_like_a_simulated_one_reaches_nobody(
-    tmp_path: Path, devices: list[str]
-) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text('rig = "simulated"\n' + LAB)
-    assert grasp.lift(rig=str(file), detector="energy").result.rig == "simulated"
-    assert devices == []
-
-
 # Library calls
 
 
@@ -328,16 +302,6 @@ def test_acquisition_without_a_permit_opens_no_real_device(
 @pytest.mark.parametrize("pretended", [True, "yes", object()])
 def test_what_is_no_permit_does_not_pass_for_one(pretended: Any, devices: list[str]) -> None:
     with pytest.raises(UsageError), opening.open_rig(hardware_lift(), 0, False, pretended):
-        pass
-    assert devices == []
-
-
-def test_rig_that_nobody_knows_is_not_taken_for_hardware(devices: list[str]) -> None:
-    config = msgspec.structs.replace(hardware_lift(), rig="zzz")
-    with (
-        pytest.raises(ConfigError, match="unknown"),
-        opening.open_rig(config, 0, False, MotionPermit("x")),
-    ):
         pass
     assert devices == []
 
@@ -381,20 +345,7 @@ def test_hardware_has_no_default_address_and_no_default_calibration(
     assert devices == []
 
 
-def test_acquisition_needs_no_gripper() -> None:
-    words = [word for word in LAB_WORDS if word.startswith(("usb", "ur"))]
-    check_devices(load_acquire_config("planar", "hardware", None, words))
-
-
 # The way out
-
-
-def test_command_that_opens_the_hand_names_rig_file_and_the_settings_that_matter() -> None:
-    words = ("modbus.host=10.0.0.7", "object.half_width_m=0.04", "gripper.link=tcp")
-    assert release_command("hardware", Path("my lab.toml"), words) == (
-        "grasp release --rig hardware --confirm-motion --config 'my lab.toml' "
-        "--set modbus.host=10.0.0.7 --set gripper.link=tcp"
-    )
 
 
 def test_simulated_rigs_need_no_permit_and_advise_nothing() -> None:

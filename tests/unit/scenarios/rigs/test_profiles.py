@@ -36,20 +36,6 @@ def test_a_profile_gives_the_detector_unless_one_is_named() -> None:
     assert load_config("can", "simulated", "psd").detector_name == "psd"
 
 
-def test_the_paper_s_profile_is_what_the_paper_says() -> None:
-    settings = paper()
-    assert named_layer("profiles", "paper").table["detector_name"] == "tcn-paper"
-    assert settings.profile == "paper"
-    assert (settings.loop.period_s, settings.loop.decision_delay_s) == (0.01, 0.021)
-    assert (settings.rule.consecutive, settings.guard.force_limit_n) == (2, 10.0)
-    assert settings.guard.cap_mode == "each_motor"
-    assert settings.variation.command_latency_s == 0.1
-
-
-def test_settings_of_one_s_own_win_over_a_profile() -> None:
-    assert paper("rule.consecutive=3").rule.consecutive == 3
-
-
 def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess() -> None:
     result = lift.run(paper(), 0, None).result
     assert result is not None and result.peak_force_n is not None

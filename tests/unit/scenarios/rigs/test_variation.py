@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -62,23 +61,6 @@ def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.M
     assert felt[0.1] - felt[0.0] == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
 
 
-def test_zero_spreads_leave_the_object_as_it_is() -> None:
-    off = VariationSettings(
-        friction_cv=0, mass_cv=0, start_height_m=0, finger_scatter_m=0, force_stop_fraction=0,
-        command_latency_s=0, aside_m=0,
-    )  # fmt: skip
-    c = config()
-    trial = drawn(off, 1)[0]
-    assert trial.body == c.object
-    assert trial.finger_offset_m.tolist() == [0.0, 0.0, 0.0]
-    assert msgspec.structs.replace(trial.hand, tick_phase_s=c.hand.tick_phase_s) == c.hand
-
-
-def test_rest_counts_differ_from_trial_to_trial() -> None:
-    first, again, other = (make_cell(config(), seed).fingertips.rest.tolist() for seed in (0, 0, 1))
-    assert first == again != other
-
-
 def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
     with pytest.raises(ConfigError, match="mass_cv"):
         config("variation.mass_cv=0.5")
@@ -94,8 +76,3 @@ def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
 def test_object_that_the_open_hand_cannot_take_is_refused(told: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError, match="half_width_m"):
         config(*told)
-
-
-def test_object_that_slides_harder_than_it_begins_to_is_refused() -> None:
-    with pytest.raises(ConfigError, match="friction_kinetic"):
-        config("object.friction_kinetic=1.2")

@@ -19,7 +19,6 @@ from scenarios.tap.blows import direction_of
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import swing
 from scenarios.tap.result import TapResult
-from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
@@ -207,28 +206,9 @@ def test_blow_is_searched_at_the_force_that_the_hand_really_holds() -> None:
     assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.06)
 
 
-def test_level_that_the_second_tap_of_a_series_cannot_have_is_refused_before_the_first() -> None:
-    with pytest.raises(ConfigError, match="no blow from the side"):
-        tap.run_series(config("world.level=L0"), (0, 1), Bench())  # top, then side
-
-
-def test_paper_added_weights_for_the_lift_only() -> None:
-    assert tap_config(config()).object.added_mass_kg == 0.0
-
-
 def test_watch_too_short_to_judge_is_refused() -> None:
     with pytest.raises(ConfigError, match="too short to judge"):
         tap_config(config("tap.watch_s=1.2"))
-
-
-def test_series_is_its_taps_one_by_one() -> None:
-    series = [f.result for f in tap.run_series(config(), range(2), Bench())]
-    for seed, of_series in enumerate(series):
-        alone = result_of(seed=seed)
-        assert of_series is not None
-        assert (of_series.outcome, of_series.displacement_m, of_series.alarms) == (
-            alone.outcome, alone.displacement_m, alone.alarms,
-        )  # fmt: skip
 
 
 def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
@@ -285,13 +265,6 @@ def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
     assert r.detection_latency_ms is not None and 0 <= r.detection_latency_ms < 100
 
 
-def test_what_is_no_length_is_asked_again() -> None:
-    r, person = by_hand(["far", "-3", "nan", "0.4"])
-    assert r.displacement_m == pytest.approx(0.0004)
-    assert r.outcome == TapOutcome.UNMOVED_REGISTERED
-    assert [("no length" in text) for text in person.asked[2:]] == [True, True, True]
-
-
 def test_thumb_that_meets_nothing_when_closing_firmly_is_a_fault() -> None:
     def take_away(rig: Rig, tick: Tick) -> None:
         assert rig.cell is not None
@@ -318,19 +291,3 @@ def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_pa
     assert ended[0].failure.end is not None
     assert ended[0].failure.end.hand.startswith("the hand is closed to the limit")
     assert len(ended) == 1
-
-
-def test_slip_at_the_cap_is_answered_by_no_command_because_none_could_do_anything() -> None:
-    staged = Staged()
-    staged.config = msgspec.structs.replace(
-        staged.config, controller=msgspec.structs.replace(staged.config.controller, reactions=True)
-    )
-    trial = staged.run()
-    assert sent_while_watched(staged, trial) == []
-    assert "compensate" in [change.phase for change in trial.controller.machine.log]
-    held = [
-        t.gripper.positions
-        for t in staged.ticks
-        if t.decision.phase in (Phase.HOLD, Phase.COMPENSATE)
-    ]
-    assert len(set(held)) == 1

@@ -111,12 +111,6 @@ def test_a_scenario_s_settings_change_its_own_hash_alone(section: str) -> None:
     assert len(digests(section)) == 3
 
 
-def test_the_hash_covers_the_detector_that_is_asked_for_and_no_other() -> None:
-    psd = load_config("can", "simulated", "psd")
-    assert with_other(psd, "energy", "").digest() == psd.digest()
-    assert with_other(psd, "psd", "").digest() != psd.digest()
-
-
 def test_the_detector_s_hash_covers_weights_and_rule_and_nothing_else() -> None:
     def of(*words: str, object_name: str = "can", detector: str = "gru") -> str:
         return load_config(object_name, "simulated", detector, None, words).detector_hash()

@@ -7,26 +7,20 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from drivers.errors import LinkLost, Stale
-from grasp.doubt import STOOD_STILL
+from drivers.errors import LinkLost
 from grasp.phases import Phase
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import (
-    CELL,
     LOOK,
     End,
     between_trials,
     end_of,
-    happened,
-    remedy_of,
-    stood_still,
 )
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import (
     cut_gripper,
-    fault_gripper,
     freeze_gripper_status,
     interrupt,
     let_finger_b_leap,
@@ -124,27 +118,11 @@ def test_every_device_that_is_gone_is_named() -> None:
     assert end.hand.endswith("its force is not measured")
 
 
-def test_remedy_is_each_devices_own_and_the_cells_where_all_are_gone() -> None:
-    trial, staged, _ = ended(Phase.HOLD, cut_everything)
-    failure = trial.failure(staged.config, "fault")
-    assert failure is not None and failure.remedy == CELL
-    arm, hand = LinkLost("arm lost", "look at the arm"), LinkLost("hand lost", "look at the hand")
-    assert remedy_of(None, {"arm": arm, "gripper": hand}, 0.1) == (
-        "look at the arm; look at the hand"
-    )
-    assert remedy_of(None, {"arm": arm, "gripper": arm}, 0.1) == "look at the arm"
-
-
 def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
         trial, _, _ = ended(Phase.HOLD, act)
         told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
-
-
-def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
-    _, _, end = ended(Phase.HOLD, fault_gripper)
-    assert end.hand.startswith("the hand refuses every motion (")
 
 
 def test_hand_that_lost_its_activation_stands() -> None:
@@ -162,15 +140,6 @@ def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
     opened, _, _ = ended(Phase.RETREAT, interrupt)
     told = end_of(opened.trace.last, opened.trace.hand, {}, 0.1, "type this")
     assert told.advice == "start the run again"
-
-
-def test_computer_that_stood_still_is_named_before_the_devices_that_suffered() -> None:
-    """Its causes are what the controller heard of the loop and of its devices in one step."""
-    stale = Stale("the arm controller's clock stands still", "look at the teach pendant")
-    cause = f"stale: {stale.message}; {STOOD_STILL}: for 0.603 s nobody was in control"
-    said = happened(cause, None, {"arm": stale}, 0.1)
-    assert said == f"{STOOD_STILL}: for 0.603 s nobody was in control; {stale.message}"
-    assert stood_still(cause)
 
 
 def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_its_way_out() -> None:

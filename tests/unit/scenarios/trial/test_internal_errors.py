@@ -61,7 +61,9 @@ def staged(
 ) -> tuple[Staged, Any, SimulatedCell]:
     begin = plant(patch, *PLACES[place])
     lift = Staged(*QUICK)
-    trial = lift.run(in_phase(phase, 5), lambda rig: begin())
+    met = in_phase(phase, 5)
+    # a rig has the cell's truth as it was when it was opened: no kept one will do
+    trial = lift.run(lambda tick: met(tick), lambda rig: begin())
     patch.undo()
     cell = fault.cell(lift.rig)
     cell.advance(cell.truth().t_ns + 1_000_000_000)

@@ -15,7 +15,7 @@ from google.protobuf.json_format import ParseDict
 from mcap.reader import make_reader
 
 from grasp.clock import VIRTUAL_EPOCH_NS
-from grasp.messages import ARM, GRIPPER, PHASES, TACTILE, TRUTH
+from grasp.messages import ARM, GRIPPER, TACTILE, TRUTH
 from grasp.recording import RunRecording
 from scenarios.lift import lift
 from scenarios.trial.pictures import taxel_places
@@ -72,15 +72,6 @@ def test_foxglove_s_own_package_knows_every_field(recording: Path) -> None:
             if isinstance(read, Log | Grid):
                 assert read.timestamp.seconds * 10**9 + read.timestamp.nanos <= at_ns
     assert seen == THEIRS.keys()
-
-
-def test_the_log_has_the_phases_with_their_causes(recording: Path) -> None:
-    told = [told for _, _, told in messages(recording)["/log"]]
-    changes = RunRecording.open(recording, RUN_CHANNELS).of(PHASES)
-    lines = [line["message"] for line in told if line["name"] == "phase"]
-    assert lines == [f"{change.phase}: {change.cause}" for _, change in changes]
-    assert {line["level"] for line in told} == {2}
-    assert any(line["name"] == "slip" for line in told)
 
 
 def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:

@@ -8,10 +8,7 @@ import pytest
 
 from detector.network import StreamingNetwork
 from detector.recordings import Recording
-from drivers.errors import BadFile
 from grasp.commands import CloseFast
-from grasp.controller_settings import ControllerSettings
-from grasp.guard import THUMB_ALONE
 from grasp.messages import CONTROL, MOTION
 from grasp.recording import RunRecorder, RunRecording
 from grasp.step import HEARD
@@ -137,25 +134,6 @@ def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
     assert replay.steps > 100
 
 
-def copy_with_settings(source: Path, out: Path, config: str) -> Path:
-    recording = RunRecording.open(source, RUN_CHANNELS)
-    with RunRecorder(out, RUN_CHANNELS, {**recording.metadata, "config": config}) as writer:
-        for name, t_ns, message in recording:
-            writer.write(name, t_ns, message)
-    return out
-
-
-def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
-    recorded: Path, tmp_path: Path
-) -> None:
-    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    old = settings.replace('"energy":{', '"detector":{')
-    assert old != settings
-    out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
-    with pytest.raises(BadFile, match="detector: is called energy now"):
-        replay_run(out)
-
-
 def fingertip_strokes() -> Recording:
     """Four seconds at rest with two loud strokes of 0.6 s."""
     rng = np.random.default_rng(0)
@@ -175,12 +153,3 @@ def test_every_stroke_of_a_fingertip_recording_is_answered_once_by_closing() -> 
     closings = [t_s for t_s, command in sent if command.more]
     assert 1.2 < closings[0] < 1.4
     assert 2.6 < closings[1] < 2.8
-
-
-def test_guard_limits_what_a_fingertip_recording_would_have_sent() -> None:
-    replay = replay_tactile(config(), fingertip_strokes())
-    closings = [c.command for c in replay.commands if isinstance(c.command, CloseFast)]
-    assert closings
-    assert all(c.force_cap_n == 10.0 and c.closing == THUMB_ALONE for c in closings)
-    full_mps = ControllerSettings().closing_speed_mps
-    assert all((c.speed_mps < full_mps) is (c.limits_counts[0] > 200) for c in closings)

@@ -116,15 +116,6 @@ def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
     assert replay_run(folder).complete
 
 
-def test_fault_before_a_signal_stays_a_fault() -> None:
-    slow = ("controller.phase_timeout_s=2", "controller.relax_s=3")
-    finished, ticks = stopped_lift(None, Phase.FAULT, signal.SIGTERM, settings=(*QUICK, *slow))
-    assert "lasted longer" in str(finished.result)
-    assert Phase.STOPPED not in {t.decision.phase for t in ticks}
-    assert finished.result is not None
-    assert (finished.result.outcome, finished.result.success) == ("fault", False)
-
-
 def tap_config() -> TapConfig:
     return load_config("can", "simulated", "energy", None, QUICK).for_tap()
 

@@ -21,8 +21,9 @@ def no_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     def opened(*_: object, **__: object) -> None:
         raise AssertionError("a rig was opened")
 
-    for rig in ("simulated", "emulated", "hardware"):
-        monkeypatch.setattr(opening, rig, opened)
+    monkeypatch.setattr("scenarios.rigs.simulated.simulated", opened)
+    monkeypatch.setattr("scenarios.rigs.emulated.emulated", opened)
+    monkeypatch.setattr(opening, "hardware", opened)
 
 
 @pytest.fixture(params=["below a file", "where nobody may write", "on a full disk"])

@@ -160,20 +160,6 @@ def test_pad_keeps_the_widest_point_of_a_ball_until_its_edge_has_passed_it() -> 
     assert slope == pytest.approx(-0.02 / width)
 
 
-def test_closing_above_the_widest_point_pushes_the_object_down() -> None:
-    ball = body(
-        shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, grip_height_m=0.04,
-        friction_static=0.05, friction_kinetic=0.05,
-    )  # fmt: skip
-    p = parameters(ContactSettings(), ball)
-    state, pads = initial_state(), fresh_pads()
-    state[laws.HEIGHT] = 0.5
-    positions = travel(45, 45, 45)
-    laws.advance(p, state, pads, 0.0, 0.05, 1e-4, 0.0, 0.0, 0.0, positions, positions)
-    free_fall = 0.5 - 0.5 * laws.GRAVITY_MPS2 * 0.05**2
-    assert state[laws.HEIGHT] < free_fall
-
-
 def test_body_that_ends_below_the_pads_is_lost() -> None:
     short = body(body_above_grip_m=0.02)
     p = parameters(ContactSettings(), short)
@@ -181,25 +167,3 @@ def test_body_that_ends_below_the_pads_is_lost() -> None:
     positions = travel(55, 55, 55)
     laws.advance(p, state, pads, 0.0, 0.5, 5e-4, 0.05, 0.1, 0.1, positions, positions)
     assert state[laws.NORMAL : laws.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_rise_of_force_after_the_onset_is_timed() -> None:
-    p = parameters(ContactSettings(), body())
-    state = lift(p, 5e-4, travel(55, 55, 55))
-    assert 0.3 < state[laws.RISE_S] < 0.32
-
-
-def test_tap_within_the_friction_of_the_grip_moves_nothing_for_good_and_a_hard_one_does() -> None:
-    p = parameters(ContactSettings(relaxation_fraction=0.0), body(mass_kg=0.35))
-    slips = []
-    for impulse in (0.01, 0.25):
-        state, pads = initial_state(), fresh_pads()
-        state[laws.HEIGHT] = 0.3
-        grip = travel(59.2, 55, 55)
-        laws.advance(p, state, pads, 0.0, 0.3, 5e-4, 0.0, 0.0, 0.0, grip, grip)
-        before = state[laws.SLIP]
-        state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.3, 0.008, impulse
-        laws.advance(p, state, pads, 0.3, 0.5, 5e-4, 0.0, 0.0, 0.0, grip, grip)
-        slips.append(state[laws.SLIP] - before)
-    assert abs(slips[0]) < 1e-5
-    assert 0.002 < slips[1] < 0.05

@@ -56,20 +56,6 @@ def test_pressing_lowers_the_codes_from_rest() -> None:
     assert pressed.min() < -50
 
 
-def test_finger_on_one_taxel_is_felt_there_most_and_until_it_lets_go() -> None:
-    tips = make(SMOOTH, **QUIET)
-    tips.press(0, 2, 1.0, until_s=0.035)
-    pressed = move(tips, 0.01, 0.0)
-    assert pressed.argmin() == 2
-    assert pressed[2] == -round(fingertip.kernel(FingertipSettings().depth_mm).normal_peak)
-    assert (pressed[[1, 3]] < pressed[0]).all()  # its neighbours, more than the far end of the row
-    assert (move(tips, 0.03, 0.0) == pressed).all()
-    assert (move(tips, 0.04, 0.0) == 0).all()
-    tips.press(0, 5, 100.0, until_s=1.0)
-    move(tips, 0.05, 0.0)
-    assert tips.codes()[0][0, 5] == 0  # the end of the codes
-
-
 def test_shear_raises_one_side_and_lowers_the_other() -> None:
     tips = make(SMOOTH, **QUIET)
     before = move(tips, 0.01, 4.0)
@@ -127,14 +113,6 @@ def test_traction_of_a_sliding_patch_is_kinetic_friction_of_its_load() -> None:
     assert tips.friction_n[0, 0] == pytest.approx(SMOOTH.friction_kinetic * 4.0, rel=0.02)
 
 
-def test_turning_on_the_spot_is_reported_as_turning_not_as_slip() -> None:
-    tips = make(SMOOTH, **QUIET)
-    for k in range(100):
-        move(tips, 0.01 * (k + 1), 4.0, turn=0.01 * k)
-    assert tips.turn_radps[0] == pytest.approx(1.0, rel=0.05)
-    assert tips.slip_mps[0] < 5e-4
-
-
 def test_equal_seeds_give_equal_codes_and_other_seeds_do_not() -> None:
     first, again, other = (slide(make(seed=seed), 0.3, 300) for seed in (5, 5, 6))
     assert (first == again).all()
@@ -155,28 +133,6 @@ def test_noise_floor_of_an_untouched_taxel_is_that_of_the_clip_s_quietest() -> N
     tips = make()
     seen = np.array([move(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
     assert 0.6 < np.median(seen.std(axis=0)) < 0.85  # of the clip's .77
-
-
-def test_relaxation_levels_the_peaks_out_while_the_load_stays() -> None:
-    tips = make(**QUIET)
-    early = move(tips, 0.01, 3.0)  # at more a taxel is at the end of its range
-    peak_early = loads(tips).max()
-    for k in range(100):
-        move(tips, 0.02 + 0.01 * k, 3.0)
-    assert loads(tips).sum() == pytest.approx(3.0)
-    assert 0.8 * peak_early < loads(tips).max() < 0.99 * peak_early
-    assert move(tips, 2.0, 3.0).min() > early.min()
-
-
-def test_arm_shakes_the_pads_while_it_moves_and_rings_out_after() -> None:
-    tips = make(SMOOTH, **{**QUIET, "vibration_mm": 0.01, "relaxation_slow_share": 0.0})
-    moving = [move(tips, 0.01 * (k + 1), 4.0, arm_moves=True) for k in range(200)]
-    still = [move(tips, 2.01 + 0.01 * k, 4.0) for k in range(200)]
-    loud = np.abs(np.diff(moving, axis=0)).sum(axis=1)
-    after = np.abs(np.diff(still, axis=0)).sum(axis=1)
-    assert loud.mean() > 5
-    assert after[:5].mean() > 0
-    assert after[100:].max() <= 1
 
 
 def test_authors_driver_folds_codes_above_512() -> None:

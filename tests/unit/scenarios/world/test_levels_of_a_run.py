@@ -111,12 +111,6 @@ def test_blow_above_the_grip_turns_the_object_over_and_one_below_turns_it_back(
     assert over[laws.ACROSS] > 0.0 and over[laws.SLIP] > 0.0
 
 
-def test_slider_level_moves_across_and_turns_nothing() -> None:
-    s = struck(blow(), Level.SLIDER)
-    assert s[laws.ACROSS] > 1e-3
-    assert s[laws.TURN] == s[laws.TURN_RATE] == s[laws.SPIN] == 0.0
-
-
 @pytest.mark.parametrize("level", TURNING)
 def test_going_on_at_a_fuller_level_from_a_blow_on_is_as_having_been_there(level: Level) -> None:
     from_the_start, later = struck(blow(), level), struck(blow(), Level.SLIDER, level)

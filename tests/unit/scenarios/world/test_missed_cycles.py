@@ -7,7 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
+from drivers.ur.emulator.controller import Controller, SafetyMode
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.campaign.config import load_for_devices
@@ -114,12 +114,3 @@ def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_the
     assert world.controller.safety_mode is SafetyMode.NORMAL
     assert math.dist(world.seen[-1][1], at_m) > 0.005
     assert world.fastest_mps < 1.1 * FASTEST_MPS + 0.1  # a turn swings the flange
-
-
-def test_a_plan_that_missed_cycles_comes_to_its_end_none_the_less(world: World) -> None:
-    world.controller.load(f"def main():\n movel({TURNED}, a=0.5, v=0.1)\nend\n")
-    for _ in range(40):
-        world.run(8)
-        world.miss(5)
-    assert world.controller.runtime_state is RuntimeState.STOPPED
-    assert world.motion.position == pytest.approx((0.5, 0.1, 0.5), abs=1e-6)

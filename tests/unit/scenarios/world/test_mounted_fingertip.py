@@ -52,20 +52,6 @@ class Mounted:
         return out
 
 
-def test_a_mount_and_the_springs_in_touch_share_the_depth() -> None:
-    pad = Mounted()
-    load = pad.go()
-    assert load == pytest.approx(4.0 * (DEPTH_MM - pad.tips.approach_mm[0]), rel=1e-9)
-    assert load > 0.5
-
-
-def test_without_a_lever_the_load_does_not_follow_the_stroke() -> None:
-    pad = Mounted()
-    still = pad.go()
-    assert pad.slide(0.3) == pytest.approx(still, rel=0.03)
-    assert pad.slide(-0.3) == pytest.approx(still, rel=0.03)
-
-
 @pytest.mark.parametrize("lever", [0.8])
 def test_load_follows_the_stroke_as_that_of_a_drum_brakes_shoes(lever: float) -> None:
     """A mount that is soft beside the pad: N = N0 / (1 +- lever mu)."""
@@ -86,22 +72,6 @@ def test_a_swinging_mount_comes_to_rest_however_soft_it_is(npmm: float, hz: floa
         pad.go()
     assert pad.tips.slip_mps[0] < 1e-6
     assert abs(pad.tips.slid[0, :2]).max() < 10.0  # of 9 mm that the surface went
-
-
-def test_a_soft_mount_must_be_dragged_along_before_the_pad_slides() -> None:
-    def travel(stiffness_npmm: float) -> float:
-        """Until it slides after the stroke has been reversed, mm."""
-        pad = Mounted(mount_npmm=2.0, lateral_npmm=stiffness_npmm, lateral_damping=0.7)
-        pad.slide(0.1, 100)
-        for k in range(1, 200):
-            pad.go(-0.05)
-            if pad.tips.sliding_share[0] > 0.99:
-                return 0.05 * k
-        return math.inf
-
-    friction = MU * Mounted(mount_npmm=2.0).go()
-    more = travel(2.0) - travel(0.0)
-    assert more == pytest.approx(2 * friction / 2.0, rel=0.3)
 
 
 def test_a_mount_that_is_let_go_swings_at_its_own_frequency() -> None:

@@ -81,25 +81,12 @@ def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> 
     assert balance[1] < balance[0] - 0.1  # the tool went to +x: the apex lies towards -x
 
 
-def test_a_slope_loads_the_pad_that_climbs_it() -> None:
-    pressing = Pressing(PressSettings(gap_m=0.005, slope_x=0.02))
-    level = pressing.go()
-    assert pressing.go(x=0.005) - level == pytest.approx(STIFFNESS * 1e-4)
-
-
 def test_a_contact_off_the_axis_is_swept_along_an_arc_when_the_tool_turns() -> None:
     pressing = Pressing(PressSettings(gap_m=0.005, axis_x_m=0.01))
     pressing.go()
     for k in range(1, 11):
         pressing.go(angle=0.1 * k)
     assert np.hypot(*pressing.motion_mm) == pytest.approx(10.0, rel=0.01)  # an arc of 1 rad
-
-
-def test_the_surface_moves_against_the_tool_whose_y_is_the_bases_mirrored() -> None:
-    pressing = Pressing()
-    pressing.go()
-    pressing.go(x=0.002, y=0.001)
-    assert pressing.motion_mm == pytest.approx([-2.0, 1.0])
 
 
 def test_a_turned_pad_feels_the_motion_in_its_own_frame() -> None:

@@ -101,12 +101,6 @@ def test_at_any_step_fingers_only_push_and_no_energy_comes_from_nowhere(
         assert gained == pytest.approx((n[1] + n[2] - n[0]) * h, rel=1e-6, abs=1e-12)
 
 
-def test_finger_that_let_go_presses_again_where_the_object_comes_back_to_it() -> None:
-    forces = Struck(loss_s=1.5e-3, impulse_n_s=0.4).go(0.5, 1e-4)
-    assert (forces[:, 1] == 0.0).any()
-    assert forces[-1] == pytest.approx([GRIP_N, 0.5 * GRIP_N, 0.5 * GRIP_N], abs=1e-3)
-
-
 @pytest.mark.parametrize("push_n", [5.0, 40.0])
 def test_steady_push_ends_where_the_forces_balance(push_n: float) -> None:
     scene = Struck(loss_s=1.5e-3)
@@ -141,19 +135,3 @@ def test_every_level_carries_the_inertia_along_the_closing_axis() -> None:
     assert all(each == pytest.approx(peak[0], rel=1e-3) for each in peak)
     pulse_n = math.pi * 0.2 / (2 * 0.008)  # of the mallet, at most
     assert 12.0 < peak[0][0] < 0.8 * pulse_n
-
-
-def test_forces_neither_jump_when_the_blow_is_told_nor_when_the_object_rests_again() -> None:
-    (contact, grip), (untold, _) = held(Level.SLIDER), held(Level.SLIDER)
-    contact.strike(ALONG, 0.31)
-    for either in (contact, untold):
-        either.advance(0.3, 0.01, 0.0, 0.0, 0.0, grip, grip)
-    assert contact.normal_n == pytest.approx(untold.normal_n, abs=5e-3)  # pads that relax
-    assert contact.state[laws.INERT] == 1.0
-    last, t = contact.normal_n.copy(), 0.31
-    while contact.state[laws.INERT]:
-        last = contact.normal_n.copy()
-        contact.advance(t, 0.01, 0.0, 0.0, 0.0, grip, grip)
-        t += 0.01
-        assert t < 4.0
-    assert contact.normal_n == pytest.approx(last, abs=1e-3)

@@ -60,19 +60,6 @@ def test_side_blow_moves_the_object_across_and_lets_it_sink_by_friction_spent_si
     assert 0.05 * across < sunk < across
 
 
-def test_slide_across_ends_where_work_against_friction_has_used_up_the_blow() -> None:
-    # stiff pads, next to no weight: S = J^2 / (2 m mu_k sum(N)) - J T / (2 m) after a pulse of T
-    hard = {"shear_stiffness_npm": 1e6, "shear_damping_nspm": 200.0}
-    p, state, pads = held(mass_kg=0.02, **hard)
-    s = state
-    s[laws.TAP_DIRECTION] = laws.SIDE
-    s[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = AT_S, 1e-4, 0.03
-    laws.advance(p, s, pads, AT_S, 0.2, 1e-5, 0.0, 0.0, 0.0, GRIP, GRIP)
-    total_n = s[laws.NORMAL : laws.NORMAL + 3].sum()
-    expected = 0.03**2 / (2 * 0.02 * 0.7 * total_n) - 0.03 * 1e-4 / (2 * 0.02)
-    assert s[laws.ACROSS] == pytest.approx(expected, rel=0.01)
-
-
 def test_friction_of_a_finger_stays_within_its_circle() -> None:
     p, state, pads = held()
     s = state
@@ -93,18 +80,6 @@ def test_object_struck_beyond_its_own_half_width_is_out_of_the_hand() -> None:
     p, state, pads = held()
     s = struck((p, state, pads), laws.SIDE, 1.5)
     assert s[laws.NORMAL : laws.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_follow_through_adds_its_impulse_after_the_pulse() -> None:
-    p = parameters(ContactSettings(), body())
-    state, pads = initial_state(), fresh_pads()
-    state[laws.HEIGHT] = 1.0
-    state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.01, 0.008, 0.2
-    state[[laws.FOLLOW_S, laws.FOLLOW_N_S]] = 0.03, 0.05
-    open_hand = travel(10, 10, 10)
-    laws.advance(p, state, pads, 0.0, 0.06, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
-    expected = -laws.GRAVITY_MPS2 * 0.06 - 0.25 / 0.65
-    assert state[laws.SPEED] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3, 5e-3, 0.05])

@@ -6,7 +6,6 @@ import os
 from collections import Counter
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +14,7 @@ from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.build import Progress, build, window
+from scenarios.acquire.datasets.build import build, window
 from scenarios.acquire.datasets.describe import (
     PAPER_SLIP,
     PAPER_STATIC,
@@ -25,7 +24,6 @@ from scenarios.acquire.datasets.describe import (
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.plan import (
     DIRECTIONS,
-    SEEDS,
     DatasetConfig,
     Job,
     load_dataset_config,
@@ -130,17 +128,6 @@ def test_the_window_holds_exactly_so_many_samples_of_slip() -> None:
     assert window(slip, 4, 4) is None
 
 
-@pytest.mark.parametrize("pause_share", [4.0])
-def test_the_labels_shares_come_out_whatever_the_first_pauses(
-    few: list[Job], pause_share: float
-) -> None:
-    parameters = few[0].metadata.parameters | {"control.pause_share": pause_share}
-    metadata = msgspec.structs.replace(few[0].metadata, parameters=parameters)
-    job = msgspec.structs.replace(few[0], metadata=metadata, static=250, slip=200)
-    r = datasets.make(job)
-    assert (len(r.slip), int(r.slip.sum())) == (450, 200)
-
-
 def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     tmp_path: Path, few: list[Job]
 ) -> None:
@@ -167,38 +154,6 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -
         build(few, {}, tmp_path / "other", HERE, quiet)
 
 
-def test_another_seed_draws_other_recordings_of_the_same_distribution(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[list[Job]] = []
-
-    def told(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
-        asked.append(jobs)
-        return 0
-
-    monkeypatch.setattr(datasets, "build", told)
-    words = ["dataset", "build", str(PAPER), "--share", "0.02", "--out", str(tmp_path)]
-    assert main(words) == main([*words, "--seed", "77"]) == 0
-    of_file, anew = asked
-    assert [job.samples for job in anew] == [job.samples for job in of_file]
-    seeds = [{job.metadata.seed for job in jobs} for jobs in asked]
-    assert not seeds[0] & seeds[1]
-    assert {seed // SEEDS for seed in seeds[1]} == {77}
-
-
-def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def stopped(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
-        show(3, len(jobs))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(datasets, "build", stopped)
-    assert main(["dataset", "build", "paper", "--share", "0.001", "--out", str(tmp_path)]) == 130
-    err = capsys.readouterr().err
-    assert f"3 of 84 recordings are in {tmp_path} (run the same command again)" in err
-
-
 def test_the_command_line_describes_and_draws(
     tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -211,14 +166,6 @@ def test_the_command_line_describes_and_draws(
     assert "<svg" in picture.read_text()
     assert main(["dataset", "describe", folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recordings"] == 3
-
-
-def test_an_empty_folder_and_a_wrong_share_are_usage_errors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "describe", str(tmp_path)]) == 2
-    assert main(["dataset", "build", str(PAPER), "--out", str(tmp_path), "--share", "2"]) == 2
-    assert "share" in capsys.readouterr().err
 
 
 def test_a_full_disk_leaves_nothing_half_written_and_the_build_goes_on(

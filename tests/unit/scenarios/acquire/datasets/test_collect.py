@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import msgspec
 import pytest
 
-from detector.recordings import Metadata, read_dataset, write
+from detector.recordings import read_dataset, write
 from grasp.cli.main import main
 from scenarios.acquire.datasets.collect import shared_out
 from tests.unit.detector.toys import toy
@@ -66,40 +65,6 @@ def test_one_recording_by_two_names_is_refused(
     for again, how in told.items():
         assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
         assert how in capsys.readouterr().err
-
-
-def test_fingertips_of_two_layouts_are_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file, out = tmp_path / "else.csv", tmp_path / "own"
-    file.write_text(ROWS.replace(",slip", ",p6,slip").replace("0,0\n", "0,0,0\n"))
-    assert main(["dataset", "collect", *own, "--out", str(out)]) == 2
-    assert "fingertips of 6 and 7 taxels" in capsys.readouterr().err
-    assert not out.exists()
-
-
-def stroked(folder: Path, on: str, how_many: int) -> list[str]:
-    """Files of recordings of one motion on that surface."""
-    files = [folder / f"{on}-{number}.npz" for number in range(how_many)]
-    for seed, file in enumerate(files, sum(map(ord, on))):
-        made = toy(seed, "train")
-        assert made.metadata is not None
-        told: Metadata = msgspec.structs.replace(made.metadata, surface=on)
-        write(file, msgspec.structs.replace(made, metadata=told))
-    return list(map(str, files))
-
-
-def test_a_motion_on_a_surface_with_three_recordings_is_in_each_split(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = stroked(tmp_path, "planar", 4) + stroked(tmp_path, "sphere", 3)
-    out = tmp_path / "own"
-    assert main(["dataset", "collect", *files, "--out", str(out)]) == 0
-    told = capsys.readouterr()
-    assert "3 for train, 2 for validation, 2 for test" in told.out and not told.err
-    for split in ("train", "validation", "test"):
-        known = [recording.metadata for recording in read_dataset(out, split)]
-        assert {each.surface for each in known if each} == {"planar", "sphere"}
 
 
 def test_kinds_that_are_mixed_are_each_dealt_out_in_their_own_order() -> None:

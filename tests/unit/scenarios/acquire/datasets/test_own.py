@@ -75,18 +75,6 @@ def test_strokes_on_a_surface_and_with_a_layout_of_ones_own(own: Own, tmp_path: 
     assert {Path(file).name for file in last.metadata.files} == {"two-rows.toml"}
 
 
-def test_what_is_held_is_drawn_from_a_file_of_ones_own(own: Own, tmp_path: Path) -> None:
-    own("bodies", "straight", "pipe")
-    path = tmp_path / "set.toml"
-    path.write_text('name = "mine"\nseed = 9\n[[causes]]\ncause = "grasped_slip"\nshare = 1.0\n'
-                    'on = ["things/pipe.toml"]\nseconds = 3.0\nload = [0.9, 0.95]\n')  # fmt: skip
-    jobs = plan(load_dataset_config(path))
-    assert {job.metadata.object["name"] for job in jobs} == {"pipe"}
-    assert {job.path for job in jobs} == {f"grasped_slip/{k:03d}-pipe.npz" for k in range(3)}
-    (recording,) = [datasets.make(jobs[0])]
-    assert recording.slip.any()
-
-
 @pytest.mark.parametrize(
     ("percent", "told"),
     [

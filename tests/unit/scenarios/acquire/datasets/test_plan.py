@@ -98,11 +98,6 @@ def test_causes_have_their_shares_and_every_split(name: str, held_out: float) ->
         assert splits["validation"] == splits["test"] == least
 
 
-def test_a_small_set_has_every_cause_three_times() -> None:
-    counts = Counter(job.metadata.cause for job in jobs_of("confusers", 0.001))
-    assert set(counts.values()) == {3}
-
-
 def test_objects_of_the_experiments_cannot_be_trained_on(tmp_path: Path) -> None:
     text = (
         '[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 9\nload = [0.1, 1]'
