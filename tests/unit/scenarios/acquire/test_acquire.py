@@ -66,14 +66,6 @@ def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
     assert msgspec.json.decode(recording.metadata["config"])["surface"]["name"] == "planar"
 
 
-def test_equal_seeds_give_equal_folders(tmp_path: Path) -> None:
-    first, again = (acquired(tmp_path / name, seconds=1.0) for name in ("a", "b"))
-    both = zip(
-        (first.recording, *first.recordings), (again.recording, *again.recordings), strict=True
-    )
-    assert all(Path(str(a)).read_bytes() == Path(str(b)).read_bytes() for a, b in both)
-
-
 def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: Path) -> None:
     seen: list[Sample] = []
 

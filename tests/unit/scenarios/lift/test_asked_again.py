@@ -39,21 +39,6 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase) ->
         assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
 
 
-def test_arm_that_hears_no_stop_is_said_to_go_on() -> None:
-    staged = Staged()
-
-    def act(rig: Rig) -> None:
-        fault.lose_stops(rig, 10_000)
-        fault.silence_fingertips(rig)
-
-    trial = staged.run(in_phase(Phase.LOWER, 5), act)
-    end = trial.end(staged.config)
-    assert end is not None
-    moving = fault.cell(staged.rig).arm.moving(staged.rig.clock.now_ns)
-    assert end.further[0].startswith("arm_goes_on")
-    assert moving == ("is still moving" in end.arm)
-
-
 @pytest.mark.parametrize("end", [fault.silence_fingertips, fault.interrupt])
 def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fault.Act) -> None:
     """Whatever the arm does, it says that it stands."""

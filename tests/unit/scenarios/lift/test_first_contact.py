@@ -212,32 +212,6 @@ def test_way_down_takes_no_longer_than_a_phase_may_last(phase_s: float, refused:
         make_guard(slow)
 
 
-def test_settings_at_the_limits_of_the_arm_are_kept() -> None:
-    make_guard(
-        config(
-            "controller.lower_speed_mps=0.25", "controller.lift_speed_mps=0.25",
-            "controller.lift_acceleration_mps2=1.2", "controller.stop_deceleration_mps2=1.2",
-            "arm.max_stop_mps2=8",
-        )
-    )  # fmt: skip
-    make_guard(config("controller.answer=jump", "arm.max_stop_mps2=1"))  # it stops for no answer
-
-
-def test_with_closing_bounded_by_travel_the_object_is_still_held() -> None:
-    result = judged("guard.travel_bound=true")
-    assert result.success
-    assert result.settled_force_n is not None
-    assert result.settled_force_n["A"] > 5.0
-
-
-def test_force_is_reported_in_a_fault_too() -> None:
-    result = lifted("can", 0.006)
-    assert result.outcome == "fault"
-    assert result.peak_force_n is not None and result.peak_force_n["A"] > 5.0
-    assert msgspec.to_builtins(result)["peak_force_n"] is not None
-    assert result.peak_measured_n["A"] > 5.0
-
-
 def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused() -> None:
     with pytest.raises(ConfigError, match="wider than expected") as refused:
         make_guard(config("controller.grip_speed_mps=0.064"))

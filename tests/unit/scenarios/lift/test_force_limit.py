@@ -34,7 +34,6 @@ from tests.unit.scenarios.conftest import by_default, changed
 
 FORCE_BYTES = (5, 8, 11)
 LIMIT_N = 10.0
-TICK_NS = 10_000_000
 
 
 def paper_force_n(byte: int) -> float:

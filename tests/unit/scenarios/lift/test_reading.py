@@ -2,17 +2,15 @@
 
 from typing import Any
 
-import msgspec
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
-from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
+from scenarios.trial.person import HOLD_S, TapeMark, read_mark
 from scenarios.trial.series import Bench
-from tests.unit.scenarios.conftest import Staged, changed, config, in_phase
-from tests.unit.scenarios.lift.device_faults import interrupt
+from tests.unit.scenarios.conftest import changed, config
 from tests.unit.scenarios.safety_probes import lift_verdict
 
 
@@ -76,25 +74,6 @@ def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None
         typist = Typist()
         assert read_mark(typist, typed) is None, typed
         assert "is no length" in typist.questions[0], typed
-
-
-def test_question_that_stands_is_taken_back_before_what_happened_is_told() -> None:
-    staged = Staged()
-    staged.run(in_phase(Phase.HOLD, 90), interrupt)
-    held = next(t for t in staged.ticks if t.decision.phase is Phase.HOLD and not t.arm.moving)
-    for phase in SAFE_PHASES:
-        decision = msgspec.structs.replace(held.decision, phase=phase)
-        ended = msgspec.structs.replace(held, decision=decision)
-        typist = Typist("12", after=1)
-        asked = SlipReading(typist, 0.0)
-        assert not asked.take(held)
-        assert "How far" in typist.questions[0]
-        for _ in range(3):
-            assert not asked.take(ended)
-        assert [q.startswith("Never mind") for q in typist.questions] == [False, True]
-        unasked = Typist("12")
-        assert not SlipReading(unasked, 0.0).take(ended)
-        assert unasked.questions == []
 
 
 def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,13 +73,6 @@ def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
     assert thumb_n(result) <= BOUND_N
 
 
-@pytest.mark.parametrize("object_name", ["can", "foam"])
-def test_slip_is_no_more_than_with_one_closing(object_name: str) -> None:
-    two, one = (judged(*w, object_name=object_name) for w in ((), (CONSTANT,)))
-    assert two.slip_distance_m is not None and one.slip_distance_m is not None
-    assert two.slip_distance_m <= one.slip_distance_m + 1e-4
-
-
 @pytest.mark.parametrize(
     ("object_name", "hand"),
     [("can", ()), ("foam", ()), ("football", ("hand.current_clamp=false",))],

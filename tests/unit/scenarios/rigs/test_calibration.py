@@ -73,10 +73,6 @@ def stated(**figures: Any) -> GripperCalibration:
     )
 
 
-def step(config: RunConfig) -> int:
-    return step_counts(config, 2e-3)
-
-
 def file_of(known: GripperCalibration, folder: Path) -> Path:
     file = folder / "own.toml"
     lines = [f"{key} = {json.dumps(value)}" for key, value in msgspec.to_builtins(known).items()

@@ -5,7 +5,7 @@ from unittest.mock import Mock
 import pytest
 
 from drivers.robotiq.emulator.faults import WireFaults
-from drivers.ur.emulator.controller import Controller, RuntimeState
+from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.settings import PROFILES
 from scenarios.rigs.cell_faults import KNOWN, CellFaults
 
@@ -48,25 +48,6 @@ def test_fault_that_is_none_is_refused_with_what_it_takes(
     faults = CellFaults(Mock(), arm("cb3"), Gripper())  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=error):
         faults.order(request_, 0)
-
-
-def test_local_control_ends_the_program_of_an_e_series_and_cb3_has_none() -> None:
-    e_series = arm("e-series")
-    e_series.controller.load("while True:\n sync()\nend\n")
-    e_series.controller.step(0, {})
-    assert e_series.controller.runtime_state is RuntimeState.PLAYING
-    faults = CellFaults(Mock(), e_series, None)
-    faults.order({"name": "remote_control", "on": False}, 0)
-    faults.strike_arm()
-    assert not e_series.controller.remote_control
-    assert e_series.controller.runtime_state is RuntimeState.STOPPED
-    assert "local control" in e_series.controller.messages[-1]
-    faults.order({"name": "remote_control", "on": True}, 0)
-    faults.strike_arm()
-    assert e_series.controller.remote_control
-    cb3 = CellFaults(Mock(), arm("cb3"), None)
-    with pytest.raises(ValueError, match=r"CB3.* no remote and no local control"):
-        cb3.order({"name": "remote_control", "on": False}, 0)
 
 
 def test_fault_of_the_arm_has_struck_after_its_next_cycle_and_not_before() -> None:

@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterable
 from itertools import chain, cycle, repeat
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
@@ -13,7 +12,6 @@ import pytest
 
 from drivers.interfaces import TactileFrame
 from drivers.robotiq.protocol import AxisStatus, StatusRegisters
-from drivers.ur.link.look import ArmLook
 from scenarios.campaign.config import load_config
 from scenarios.rigs import device_checks, doctor
 from scenarios.rigs.cell_lock import devices_of, driving
@@ -86,69 +84,6 @@ def test_hand_that_a_run_would_refuse_stands_against_it(
     found = next(check for check in checks if check.name == "gripper")
     assert found.status == status, found
     assert remedy in found.remedy
-
-
-@pytest.mark.usefixtures("no_arm")
-@pytest.mark.parametrize(
-    ("mode", "at", "status", "told"),
-    [(1, 6, "warn", "open at (6, 0, 0) counts, in pinch mode"), (2, 6, "warn", "in wide mode"),
-     (3, 6, "fail", "in scissor mode, in which it is only opened"), (3, 90, "fail", "scissor mode"),
-     (2, 90, "fail", "not open")],
-)  # fmt: skip
-def test_mode_in_which_no_hand_closes_stands_against_a_run_and_any_other_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, at: int, status: str, told: str
-) -> None:
-    said = StatusRegisters(active=True, mode=mode, initialization=3, a=AxisStatus(position=at))
-    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
-    monkeypatch.setattr(device_checks, "doubts", lambda *looks: [])
-    found = only("gripper", tmp_path)
-    assert (found.status, found.kind) == (status, "refused" if status == "fail" else "")
-    assert told in found.detail
-    assert ("`grasp gripper activate`" in found.remedy) == (told != "not open")
-
-
-@pytest.mark.usefixtures("no_arm")
-@pytest.mark.parametrize(("changes", "doubted"), [
-    ({"fault": 0x3}, "unknown fault"), ({"a": AxisStatus(position=6, current=255)}, "mA"),
-])  # fmt: skip
-def test_gripper_that_says_what_none_can_say_stands_against_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], doubted: str
-) -> None:
-    said = StatusRegisters(**{"active": True, "initialization": 3, **changes})
-    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
-    found = only("gripper", tmp_path)
-    assert (found.status, found.remedy) == ("fail", device_checks.STRANGE), found
-    assert doubted in found.detail
-
-
-def only(name: str, folder: Path) -> doctor.Check:
-    """What is said of one device of a lab that has them all."""
-    lab = folder / "lab.toml"
-    lab.write_text("[gripper]\ncalibration='manual'" + ADDRESSES)
-    checks = doctor._devices(
-        "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
-    )
-    return next(check for check in checks if check.name == name)
-
-
-@pytest.mark.parametrize(("changes", "status", "doubted"), [
-    ({}, "ok", "stands, tool at x 500, y 100, z 300 mm"),
-    ({"joints_rad": (7.0, -1.5, 1.6, -1.6, -1.5, 0.0)}, "fail", "joint base at 401 degrees"),
-    ({"t_s": 1.0}, "fail", "the controller's clock stands still"),
-])  # fmt: skip
-def test_arm_that_says_what_none_can_say_stands_against_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], status: str,
-    doubted: str,
-) -> None:  # fmt: skip
-    before = ArmLook(1.0, (0.1, -1.5, 1.6, -1.6, -1.5, 0.0), (0.5, 0.1, 0.3, 0.0, 3.1, 0.0),
-                     (0.0,) * 6, 7, 1, 1, 1.0)  # fmt: skip
-    now = msgspec.structs.replace(before, **{"t_s": 1.08, **changes})
-    answering = SimpleNamespace(checks=[], version=(5, 11))
-    monkeypatch.setattr(device_checks, "preflight", lambda *asked: answering)
-    monkeypatch.setattr(device_checks.arm_look, "look", lambda *asked: (before, now))
-    found = only("arm pose", tmp_path)
-    assert found.status == status
-    assert doubted in found.detail
 
 
 class Tips:

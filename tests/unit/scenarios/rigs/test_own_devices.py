@@ -14,7 +14,6 @@ from grasp.cli.main import main
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs import opening, own_devices
-from scenarios.rigs.cell_lock import devices_of
 from scenarios.rigs.permission import MotionPermit, check_devices
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
@@ -153,11 +152,3 @@ def test_what_goes_wrong_as_it_is_opened_is_one_line(
         opening.open_rig(config, 0, False, MotionPermit("x")),
     ):
         pass
-
-
-def test_each_is_locked_by_its_name_and_settings() -> None:
-    a = devices_of(lab(*ALL, 'devices.gripper_settings={port="a"}'))
-    b = devices_of(lab(*ALL, 'devices.gripper_settings={port="b"}'))
-    assert a[0] != b[0]
-    assert "acme(port=a)" in a[0]
-    assert a[1] == b[1]

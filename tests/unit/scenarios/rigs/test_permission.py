@@ -11,13 +11,7 @@ import pytest
 import grasp
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import build_parser, main
-from scenarios.acquire.acquire import run as acquire
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.press import motion
-from scenarios.acquire.rig import open_acquire_rig
 from scenarios.campaign.config import load_config
-from scenarios.campaign.spec import CampaignSpec, Combination, trials
-from scenarios.campaign.worker import run_trial
 from scenarios.lift import lift
 from scenarios.rigs import hardware as hardware_room
 from scenarios.rigs import opening
@@ -27,7 +21,6 @@ from scenarios.trial.series import Bench
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
-ROOT = Path(__file__).parents[4]
 # addresses where nobody is; a test that came so far would fail for that reason, not move anything
 LAB = """
 [gripper]
@@ -170,23 +163,6 @@ def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
 # Campaigns
 
 
-def campaign(**fields: Any) -> CampaignSpec:
-    return CampaignSpec(name="c", objects=("can",), detectors=("energy",), **fields)
-
-
-@pytest.mark.parametrize("scenario", ["lift", "tap"])
-def test_trial_of_a_campaign_refuses_real_devices_though_its_settings_name_them(
-    scenario: str, devices: list[str]
-) -> None:
-    whole = hardware_lift()
-    config = whole.for_lift() if scenario == "lift" else whole.for_tap()
-    task = next(trials(campaign(repetitions=1), [Combination(scenario, {}, config)]))
-    row = run_trial(task).row
-    assert row.status == "error"
-    assert "may not open the rig hardware" in (row.error or "")
-    assert devices == []
-
-
 @pytest.mark.parametrize("said", ["config", "rig"])
 def test_campaign_takes_a_lab_s_file_to_no_real_device(
     said: str, tmp_path: Path, devices: list[str], capsys: pytest.CaptureFixture[str]
@@ -284,18 +260,6 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
 def test_library_call_without_a_permit_opens_no_real_device(call: Any, devices: list[str]) -> None:
     with pytest.raises(UsageError, match="may not open the rig hardware"):
         call(hardware_lift())
-    assert devices == []
-
-
-def test_acquisition_without_a_permit_opens_no_real_device(
-    tmp_path: Path, devices: list[str]
-) -> None:
-    words = [word for word in LAB_WORDS if word.startswith(("usb", "ur"))]
-    config = load_acquire_config("planar", "hardware", None, words)
-    with pytest.raises(UsageError, match="may not open"):
-        open_acquire_rig(config, 0, paced=False).__enter__()
-    with pytest.raises(UsageError, match="may not open"):
-        acquire(config, motion("0", 0.05, 1.0), 0, 1.0, tmp_path, False, lambda sample: None)
     assert devices == []
 
 

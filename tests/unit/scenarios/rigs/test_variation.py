@@ -7,9 +7,8 @@ import pytest
 
 from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
-from scenarios.rigs.world_of_seed import cell_settings, make_cell
+from scenarios.rigs.world_of_seed import make_cell
 from scenarios.world import laws
-from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
@@ -39,15 +38,6 @@ def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     force = [t.hand.least_force_n for t in trials]
     assert 10.0 * (1 - s.force_stop_fraction) <= min(force) < max(force) <= 10.0
     assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
-
-
-def test_blow_on_what_no_plan_was_made_for_is_followed_at_the_fullest_level() -> None:
-    made = cell_settings(config(), 0)[0]
-    assert (made.level, made.blow_level) == (Level.SLIDER, Level.BRUSH)
-    told = cell_settings(config("world.level=L3"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SPIN, None)
-    told = cell_settings(config("world.blow_level=L2"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SLIDER, Level.POINTS)
 
 
 def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:

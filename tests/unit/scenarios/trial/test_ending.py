@@ -24,9 +24,7 @@ from tests.unit.scenarios.lift.device_faults import (
     freeze_gripper_status,
     interrupt,
     let_finger_b_leap,
-    power_cycle_gripper,
     silence_fingertips,
-    take_object_away,
     trip_arm,
     zero_gripper_status,
 )
@@ -97,13 +95,6 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
     assert not end.open
 
 
-def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
-    _, _, end = ended(Phase.HOLD, take_object_away)
-    closed = r"the hand is closed as it was told, at \(\d+, \d+, \d+\) counts"
-    nothing = "and feels nothing: the object may still be in it"
-    assert re.fullmatch(f"{closed}, {nothing}", end.hand), end.hand
-
-
 def test_every_device_that_is_gone_is_named() -> None:
     trial, staged, end = ended(Phase.LIFT, cut_everything)
     failure = trial.failure(staged.config, "fault")
@@ -123,23 +114,6 @@ def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
         trial, _, _ = ended(Phase.HOLD, act)
         told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
-
-
-def test_hand_that_lost_its_activation_stands() -> None:
-    _, _, end = ended(Phase.HOLD, power_cycle_gripper)
-    assert end.hand.startswith(
-        "the hand is not activated and holds by itself: it is closed with the"
-    )
-
-
-def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
-    trial, _, end = ended(Phase.HOLD, interrupt)
-    assert end.advice == ""
-    told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "type this")
-    assert told.advice == "type this"
-    opened, _, _ = ended(Phase.RETREAT, interrupt)
-    told = end_of(opened.trace.last, opened.trace.hand, {}, 0.1, "type this")
-    assert told.advice == "start the run again"
 
 
 def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_its_way_out() -> None:

@@ -1,7 +1,6 @@
 """An exception of our own code ends a run as a fault does, wherever it is raised."""
 
 import json
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,9 @@ from grasp.commands import MoveArm
 from grasp.controller import GraspController
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
-from grasp.interruption import Interruption
 from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from grasp.recording import RunRecorder
-from scenarios.campaign.spec import Task
-from scenarios.campaign.worker import run_trial as run_task
 from scenarios.trial.replay import replay_run
 from scenarios.world.cell import SimulatedCell
 from tests.unit.scenarios.conftest import Staged, config, in_phase
@@ -63,7 +59,7 @@ def staged(
     lift = Staged(*QUICK)
     met = in_phase(phase, 5)
     # a rig has the cell's truth as it was when it was opened: no kept one will do
-    trial = lift.run(lambda tick: met(tick), lambda rig: begin())
+    trial = lift.run(met.__call__, lambda rig: begin())
     patch.undo()
     cell = fault.cell(lift.rig)
     cell.advance(cell.truth().t_ns + 1_000_000_000)
@@ -138,29 +134,6 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
 
 
-def bug_after(begin: Callable[[], None]) -> Callable[[Any], None]:
-    def act(rig: Any) -> None:
-        begin()
-        raise ZeroDivisionError(TEXT)
-
-    return act
-
-
-class Cut(Interruption):
-    def __init__(self, _: str) -> None:
-        super().__init__(signal.SIGINT)
-
-
-def test_what_hangs_while_the_safe_state_is_pursued_and_is_cut_leaves_a_result(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    begin = plant(monkeypatch, GraspController, "step", Cut)
-    lift = Staged(*QUICK)
-    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), bug_after(begin)))
-    assert result.bug is not None and result.bug.name == "ZeroDivisionError"
-    assert result.end is not None and result.end.arm == "the arm stands"
-
-
 def words(runs: Path, *more: str) -> list[str]:
     settings = [word for text in QUICK for word in ("--set", text)]
     return ["run", "lift", "--rig", "simulated", "--detector", "energy", "--runs", str(runs),
@@ -214,16 +187,3 @@ def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state
     (folder,) = tmp_path.iterdir()
     replay = replay_run(folder)
     assert replay.complete and not replay.differences
-
-
-def test_trial_of_a_campaign_that_our_own_code_ended_is_an_error_to_be_run_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    plant(monkeypatch, SimulatedCell, "truth")()
-    task = Task(
-        number=0, scenario="lift", repetition=0, seed=0, swept={}, config=config(*QUICK),
-        recordings="none",
-    )  # fmt: skip
-    row = run_task(task).row
-    assert row.status == "error"
-    assert row.error is not None and "ZeroDivisionError: planted" in row.error

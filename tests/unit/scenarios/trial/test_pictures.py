@@ -15,10 +15,9 @@ from google.protobuf.json_format import ParseDict
 from mcap.reader import make_reader
 
 from grasp.clock import VIRTUAL_EPOCH_NS
-from grasp.messages import ARM, GRIPPER, TACTILE, TRUTH
+from grasp.messages import ARM, GRIPPER, TRUTH
 from grasp.recording import RunRecording
 from scenarios.lift import lift
-from scenarios.trial.pictures import taxel_places
 from scenarios.trial.run_folder import OF_THE_MACHINE, RESULT, RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 
@@ -93,28 +92,6 @@ def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
     drawn, known = np.array(heights).T
     np.testing.assert_allclose(drawn - drawn[0], known - known[0], atol=2e-4)
     assert np.ptp(known) > 0.1
-
-
-def test_the_grid_has_every_taxel_where_it_is(recording: Path) -> None:
-    frames = dict(RunRecording.open(recording, RUN_CHANNELS).of(TACTILE))
-    pressed = 0
-    for _, at_ns, told in messages(recording)["/taxels"]:
-        counts = np.array(frames[at_ns - VIRTUAL_EPOCH_NS].counts).reshape(3, 6)
-        grid = ParseDict(as_protobuf_has_it(told), Grid())
-        cells = np.frombuffer(grid.data, "<i2").reshape(-1, grid.column_count)
-        assert grid.row_stride == 2 * grid.column_count
-        for finger in range(3):
-            for taxel, (column, row) in enumerate(taxel_places([], 6)):
-                assert cells[row, 4 * finger + column] == -counts[finger, taxel]
-        pressed = max(pressed, int(cells.max()))
-    assert pressed > 100
-
-
-def test_virtual_time_begins_at_a_stated_epoch_and_is_read_back_as_before(recording: Path) -> None:
-    own = RunRecording.open(recording, RUN_CHANNELS)
-    assert own.metadata["epoch"].startswith("virtual: 2000-01-01T00:00:00Z")
-    assert all(t_ns == state.t_ns for t_ns, state in own.of(ARM))
-    assert all(at > VIRTUAL_EPOCH_NS for of in messages(recording).values() for _, at, _ in of)
 
 
 def test_the_result_is_attached_and_equal_runs_are_equal_files(

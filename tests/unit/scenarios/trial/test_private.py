@@ -14,7 +14,7 @@ def test_run_folder_is_private_and_one_that_was_there_stays_as_it_is(tmp_path: P
     runs.chmod(0o755)
     before = os.umask(0o000)
     try:
-        lift.run(config("loop.deadline_s=0.5"), 0, runs)
+        lift.run(config("loop.deadline_s=1"), 0, runs)
     finally:
         os.umask(before)
     assert stat.S_IMODE(runs.stat().st_mode) == 0o755

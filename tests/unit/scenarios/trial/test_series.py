@@ -143,15 +143,6 @@ def test_series_that_is_gone_on_with_says_its_number_and_begins_from_its_first_h
     assert homes[0] == lifted.result.home_m
 
 
-def test_arm_that_is_not_back_where_the_first_trial_began_is_refused_before_anything_moves(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert lifted.result is not None
-    begun = Begun((4, 5), 5, lifted.result.home_m)
-    with pytest.raises(Refused, match="200 mm from where the first trial began"):
-        told(lifted, [], monkeypatch, begun, raised_m=0.2)
-
-
 @pytest.mark.parametrize(
     ("cause", "kind"),
     [

@@ -70,19 +70,3 @@ def test_folder_of_runs_that_cannot_be_made_is_told_before_anything_opens(
     (tmp_path / "file").write_text("")
     assert main([*words, "--rig", rig, "--runs", str(tmp_path / "file" / "runs")]) == 2
     assert "--runs" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "words",
-    [("run", "lift", "--rig", "simulated", "--trials", "2"), ("run", "tap", "--rig", "simulated"),
-     ("campaign", "run", "paper")],
-    ids=" ".join,
-)  # fmt: skip
-def test_file_of_rows_that_cannot_be_made_is_told_before_anything_opens(
-    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    out = tmp_path / "file" / "rows.sqlite"
-    runs = ["--runs", str(tmp_path / "runs")] if words[0] == "run" else []
-    assert main([*words, "--out", str(out), *runs]) == 2
-    assert str(out) in capsys.readouterr().err

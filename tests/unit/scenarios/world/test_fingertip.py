@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenarios.world import disturbance, fingertip
+from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
 from scenarios.world.fingertip import Fingertips, Floats
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
@@ -119,47 +119,16 @@ def test_equal_seeds_give_equal_codes_and_other_seeds_do_not() -> None:
     assert (first != other).any()
 
 
-def test_finer_inner_steps_change_little() -> None:
-    """Over two surfaces: on each, which bristle lets go first is a matter of chance."""
-    shares = []
-    for seed in range(1, 3):
-        coarse = slide(make(seed=seed, **QUIET), 0.4, 100)
-        fine = slide(make(seed=seed, **QUIET, step_mm=0.005, step_s=1e-5), 0.4, 100)
-        shares.append(np.sqrt(((coarse - fine) ** 2).mean()) / coarse.std())
-    assert np.mean(shares) < 0.08
-
-
 def test_noise_floor_of_an_untouched_taxel_is_that_of_the_clip_s_quietest() -> None:
     tips = make()
     seen = np.array([move(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
     assert 0.6 < np.median(seen.std(axis=0)) < 0.85  # of the clip's .77
 
 
-def test_authors_driver_folds_codes_above_512() -> None:
-    warm = {**QUIET, "rest_low": 510, "rest_high": 510, "warming_k": 10.0, "warming_s": 10.0}
-    plain, folded = make(SMOOTH, **warm), make(SMOOTH, **warm, fold_above_512=True)
-    for tips in (plain, folded):
-        move(tips, 100.0, 0.3)
-    true, seen = plain.codes()[0], folded.codes()[0]
-    above = true > 512
-    assert above.any() and not above.all()
-    assert (seen[above] == 1024 - true[above]).all()
-    assert (seen[~above] == true[~above]).all()
-
-
-def test_height_field_has_the_stated_rms_and_correlation_length() -> None:
-    surface = Surface(texture_rms_mm=0.3, texture_length_mm=1.5)
-    field, step = fingertip.height_field(surface, np.random.default_rng(0))
-    assert field.std() == pytest.approx(0.3, rel=1e-4)
-    apart = round(1.5 / step)
-    correlation = (field * np.roll(field, apart, axis=0)).mean() / field.var()
-    assert correlation == pytest.approx(np.exp(-1), abs=0.06)
-
-
-@pytest.mark.parametrize("step", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("step", [0.1, 2.0])
 def test_wander_is_smooth_and_the_same_whatever_the_step(step: float) -> None:
     """Variance 1/2, and correlation (1 + a) exp(-a) over a time constants: no kink at 0."""
-    draws = np.random.default_rng(0).standard_normal((30_000, 2))
+    draws = np.random.default_rng(0).standard_normal((100_000, 2))
     pair, path = np.zeros(2), np.empty(len(draws))
     for k, (draw, other) in enumerate(draws):
         disturbance.wander(step, draw, other, pair)

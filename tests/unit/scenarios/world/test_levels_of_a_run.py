@@ -111,13 +111,6 @@ def test_blow_above_the_grip_turns_the_object_over_and_one_below_turns_it_back(
     assert over[laws.ACROSS] > 0.0 and over[laws.SLIP] > 0.0
 
 
-@pytest.mark.parametrize("level", TURNING)
-def test_going_on_at_a_fuller_level_from_a_blow_on_is_as_having_been_there(level: Level) -> None:
-    from_the_start, later = struck(blow(), level), struck(blow(), Level.SLIDER, level)
-    for of in (laws.ACROSS, laws.SLIP, laws.TURN):
-        assert later[of] == pytest.approx(from_the_start[of], rel=2e-3, abs=2e-5)
-
-
 def after(contact: Contact, grip: Floats, start_s: float, seconds: float) -> Floats:
     """On by steps of a control period, the hand at rest."""
     for k in range(round(seconds / 0.01)):

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.world import spring_bed as bed
-from scenarios.world.disturbance import on_a_free_object
 from scenarios.world.fingertip import Fingertips, Floats, Held
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
@@ -74,19 +72,6 @@ def test_a_swinging_mount_comes_to_rest_however_soft_it_is(npmm: float, hz: floa
     assert abs(pad.tips.slid[0, :2]).max() < 10.0  # of 9 mm that the surface went
 
 
-def test_a_mount_that_is_let_go_swings_at_its_own_frequency() -> None:
-    pad = Mounted(lateral_npmm=5.0, lateral_hz=10.0, lateral_damping=0.05)
-    s = pad.tips._states[0]
-    s[bed.AWAY_X] = 0.5
-    seen = []
-    for _ in range(1000):  # nothing pulls at it
-        bed.swing(pad.tips._parameters, s, 0.001)
-        seen.append(s[bed.AWAY_X])
-    falls = np.flatnonzero((np.array(seen[:-1]) > 0) & (np.array(seen[1:]) <= 0))
-    assert np.diff(falls).mean() == pytest.approx(100.0, abs=2.0)
-    assert max(np.abs(seen[-100:])) < 0.05
-
-
 @pytest.mark.parametrize(("share", "lost"), [(0.05, 0.076), (0.10, 0.153)])
 def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float) -> None:
     """Real barometers in elastomer lose 7.8 % (plain) to 16.6 % (degassed) from 0.2 to 7 s."""
@@ -100,14 +85,6 @@ def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float)
 
 
 SIDES, GRIP_N = np.array([1.0, -1.0, -1.0]), np.array([4.0, 2.0, 2.0])
-
-
-def test_what_pads_gain_on_a_free_object_is_alike_on_both_sides() -> None:
-    stiffness = np.array([8.0, 5.0, 6.0])
-    gained = on_a_free_object(np.array([0.3, -0.2, 0.1]), stiffness, SIDES)
-    assert SIDES @ gained == pytest.approx(0.0, abs=1e-12)
-    alike = np.array([0.4, 0.2, 0.2])
-    assert on_a_free_object(alike, stiffness, SIDES) == pytest.approx(alike)
 
 
 def held_loads(lever: float, pull_mm: float) -> Floats:

@@ -81,14 +81,6 @@ def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> 
     assert balance[1] < balance[0] - 0.1  # the tool went to +x: the apex lies towards -x
 
 
-def test_a_contact_off_the_axis_is_swept_along_an_arc_when_the_tool_turns() -> None:
-    pressing = Pressing(PressSettings(gap_m=0.005, axis_x_m=0.01))
-    pressing.go()
-    for k in range(1, 11):
-        pressing.go(angle=0.1 * k)
-    assert np.hypot(*pressing.motion_mm) == pytest.approx(10.0, rel=0.01)  # an arc of 1 rad
-
-
 def test_a_turned_pad_feels_the_motion_in_its_own_frame() -> None:
     pressing = Pressing(radius_x_m=0.0381, radius_y_m=0.0381)
     pressing.go()

@@ -68,29 +68,11 @@ def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
     assert {t: laws.pull_force(held.state, t) for t in at} == pytest.approx(at, abs=1e-9)
 
 
-@pytest.mark.parametrize("down_n", [6.0, -6.0])
-def test_a_push_is_all_there_at_once_and_stays_until_told_otherwise(down_n: float) -> None:
-    held = Contact(ContactSettings(), body(), Level.SLIDER)
-    held.push(down_n, 2.0)
-    assert [laws.pull_force(held.state, t) for t in (2.001, 3.0, 50.0)] == pytest.approx(
-        [down_n] * 3
-    )
-    held.push(0.0, 50.0)
-    assert laws.pull_force(held.state, 51.0) == 0.0
-
-
 def test_held_object_bears_a_pull_within_its_friction_and_is_lost_to_one_beyond() -> None:
     plain, light = judged(), judged("pull.force_n=3")
     assert light.success and plain.slip_distance_m == pytest.approx(light.slip_distance_m, abs=1e-3)
     heavy = judged("pull.force_n=40", "pull.lasts_s=1")
     assert not heavy.success
-
-
-def test_lift_with_half_its_taxels_and_gain_is_another_lift_of_the_same_object() -> None:
-    plain, worse = judged(), judged("damage.taxels_lost=0.5", "damage.gain_lost=0.5")
-    assert worse.outcome != "fault"
-    assert plain.slip_onset_s == worse.slip_onset_s
-    assert plain.first_detection_s != worse.first_detection_s
 
 
 @pytest.mark.parametrize("seed", [1, 2])

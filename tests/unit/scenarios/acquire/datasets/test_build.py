@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import ConfigError
 from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
@@ -95,22 +95,6 @@ def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
     assert plan(paper) == jobs
 
 
-def test_parameters_are_drawn_within_their_ranges(paper: DatasetConfig, jobs: list[Job]) -> None:
-    rigid, compliant = paper.parts
-    of = {p.name: [j for j in jobs if j.metadata.part == p.name] for p in paper.parts}
-    assert len(of["rigid"]) == pytest.approx(rigid.share * len(jobs), abs=2)
-    assert len(of["compliant"]) == pytest.approx(compliant.share * len(jobs), abs=2)
-    ranges = [(key, of["rigid"], *bounds) for key, bounds in paper.randomise.items()]
-    ranges += [(key, of["compliant"], *bounds) for key, bounds in compliant.randomise.items()]
-    for key, chosen, low, high in ranges:
-        values = [job.metadata.parameters[key] for job in chosen]
-        if low == high:
-            assert set(values) == {low}
-            continue
-        assert low <= min(values) < max(values) <= high
-        assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.15 * (high - low))
-
-
 def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:
     config = load_acquire_config("planar", "simulated")
     with pytest.raises(ConfigError, match="no such setting"):
@@ -137,21 +121,6 @@ def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     path.unlink()
     assert build(few, {}, tmp_path / "set", HERE, quiet) == 1
     assert path.read_bytes() == before
-
-
-def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -> None:
-    build(few[:1], {}, tmp_path / "set", HERE, quiet)
-    with pytest.raises(UsageError, match=f"1 recordings where {len(few)} are asked") as refused:
-        build(few, {}, tmp_path / "set", HERE, quiet, "--data")
-    assert (
-        "--share" in refused.value.remedy and "another folder with --data" in refused.value.remedy
-    )
-    with pytest.raises(UsageError, match="of other settings or of another version"):
-        build(few[1:2], {}, tmp_path / "set", HERE, quiet)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.txt").touch()
-    with pytest.raises(UsageError, match="not empty"):
-        build(few, {}, tmp_path / "other", HERE, quiet)
 
 
 def test_the_command_line_describes_and_draws(

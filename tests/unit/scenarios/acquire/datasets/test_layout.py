@@ -8,7 +8,7 @@ import pytest
 from detector.interface import load_detector
 from detector.recordings import read_dataset
 from detector.scores.evaluation import stream_recordings
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import UsageError
 from grasp.settings import config_dir
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets import describe
@@ -69,8 +69,3 @@ def test_an_object_is_lifted_with_eight_taxels_a_finger() -> None:
     result = lift.run(config, 0, None).result
     assert result is not None
     assert result.outcome == "held_within_6cm"
-
-
-def test_settings_that_disagree_on_the_taxels_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"fingertip\.taxels_mm: 2 taxels"):
-        load_config("can", "simulated", "energy", None, ["fingertip.taxels_mm=[[0, 0], [5, 0]]"])

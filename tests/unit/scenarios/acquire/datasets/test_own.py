@@ -8,7 +8,6 @@ import pytest
 
 from detector.recordings import read_dataset
 from drivers.errors import ConfigError
-from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, load_dataset_config, plan
@@ -95,18 +94,3 @@ def test_what_is_no_surface_or_is_called_as_another_is_refused(
     own("layouts", "eight", "two-rows")
     with pytest.raises(ConfigError, match=told):
         load_dataset_config(data_set(tmp_path, percent))
-
-
-def test_a_file_that_was_changed_is_another_data_set(
-    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = own("surfaces", "sphere", "dome")
-    path = data_set(tmp_path, '"things/dome.toml" = 1.0')
-    jobs = plan(load_dataset_config(path))
-    assert made(jobs[:1], tmp_path / "out") == 1
-    file.write_text(file.read_text() + "# another word\n")
-    with pytest.raises(ConfigError, match="has changed since"):
-        datasets.make(jobs[1])
-    words = ["dataset", "build", str(path), "--out", str(tmp_path / "out"), "--jobs", "1"]
-    assert main(words) == 2
-    assert "other settings" in capsys.readouterr().err

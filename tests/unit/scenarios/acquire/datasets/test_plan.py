@@ -1,6 +1,5 @@
 """What a data set's plan keeps apart: splits, seeds and textures; and what may not be held."""
 
-from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -82,20 +81,6 @@ def test_textures_of_training_are_none_of_those_of_the_test(
 def some_of_each_split(jobs: list[Job]) -> Iterator[Job]:
     for split in ("train", "validation", "test"):
         yield from of_split(jobs, split)[::3][:8]
-
-
-@pytest.mark.parametrize(
-    ("name", "held_out"), [("confusers", 0.25), ("grasped-slip", 0.2), ("mallet", 0.2)]
-)
-def test_causes_have_their_shares_and_every_split(name: str, held_out: float) -> None:
-    config, jobs = load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), jobs_of(name)
-    assert sum(row.share for row in config.causes) == pytest.approx(1.0)
-    counts = Counter(job.metadata.cause for job in jobs)
-    for row in config.causes:
-        assert counts[row.cause] == pytest.approx(config.recordings * row.share, abs=1)
-        splits = Counter(job.metadata.split for job in jobs if job.metadata.cause == row.cause)
-        least = max(1, round(held_out * counts[row.cause]))
-        assert splits["validation"] == splits["test"] == least
 
 
 def test_objects_of_the_experiments_cannot_be_trained_on(tmp_path: Path) -> None:
