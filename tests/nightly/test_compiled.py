@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 from numba.core.registry import CPUDispatcher
 
@@ -30,6 +32,7 @@ print(sorted(compiled() - before))
 """
 
 
+@pytest.mark.slow
 def test_a_cell_that_has_compiled_its_world_compiles_nothing_in_a_lift() -> None:
     """In a process of its own: in this one other tests have compiled everything."""
     ended = subprocess.run(
