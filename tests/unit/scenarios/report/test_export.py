@@ -1,8 +1,6 @@
 """A run as a table, and the layout in which viewers show it."""
 
 import csv
-import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +12,6 @@ from grasp.messages import TRUTH
 from grasp.settings import config_dir
 from scenarios.report.export import as_csv
 from scenarios.report.run_record import read_run
-from scenarios.trial import pictures
-from scenarios.trial.run_folder import RUN_CHANNELS
 from tests.unit.scenarios.report.conftest import changed
 
 LAYOUT = config_dir() / "viewers" / "foxglove.json"
@@ -65,20 +61,3 @@ def test_export_says_where_it_wrote_and_overwrites_its_own_alone(
     for _ in range(2):
         assert main(["export", str(run), "--to", "layout"]) == 0
     assert (run / "foxglove-layout.json").read_text() == LAYOUT.read_text()
-
-
-def test_the_layout_shows_topics_that_are_recorded() -> None:
-    layout = json.loads(LAYOUT.read_text())
-    topics = {*RUN_CHANNELS, *pictures.CHANNELS}
-    panels = layout["configById"]
-    named = {*panels["3D!grasp"]["topics"], panels["RosOut!log"]["topicToRender"]}
-    paths = [path for panel in panels.values() for path in panel.get("paths", [])]
-    assert paths and named <= topics
-    for path in paths:
-        topic, field = re.fullmatch(r"(/\w+)\.(\w+)(\[\d\])?", path["value"]).groups()[:2]  # type: ignore[union-attr]
-        assert field in RUN_CHANNELS[topic].__struct_fields__
-
-    def leaves(part: Any) -> list[str]:
-        return [part] if isinstance(part, str) else leaves(part["first"]) + leaves(part["second"])
-
-    assert sorted(leaves(layout["layout"])) == sorted(panels)
