@@ -22,27 +22,9 @@ def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixtur
     assert "nobody answers" in shown.err
 
 
-def test_without_an_address_it_is_said_that_none_was_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("scenarios.lab.find.usb_boards", list)
-    assert main(["find"]) == 3
-    told = capsys.readouterr().err
-    assert "no address was named: `grasp find HOST HOST` asks" in told
-    assert "cables" not in told
-
-
 def test_file_of_what_answered_leaves_the_rest_out() -> None:
     found = [
         Asked("gripper", "", True, "", (("modbus", "host", "h"), ("modbus", "port", 502))),
         Asked("arm", "", False, "", (("ur", "host", "h"),)),
     ]
     assert settings_of(found) == '[modbus]\nhost = "h"\nport = 502\n'
-
-
-def test_shortest_question_waits_a_twentieth_of_a_second(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.05"]) == 3
-    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.04"]) == 2
-    assert "--timeout" in capsys.readouterr().err
