@@ -5,7 +5,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -83,11 +82,13 @@ def sources() -> list[Path]:
     return [source for package in PACKAGES for source in (ROOT / package).rglob("*.py")]
 
 
-def parsed() -> Iterator[tuple[str, ast.Module]]:
+@cache
+def parsed() -> list[tuple[str, ast.Module]]:
     """Path and syntax tree of every module of the product."""
-    for source in sources():
-        tree = ast.parse(source.read_text(encoding="utf-8"))
-        yield source.relative_to(ROOT).as_posix(), tree
+    return [
+        (source.relative_to(ROOT).as_posix(), ast.parse(source.read_text(encoding="utf-8")))
+        for source in sources()
+    ]
 
 
 @cache

@@ -97,20 +97,18 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
         (WHOLE.replace("return self.buffer", "return 3"), "shape"),
     ],
 )
-@pytest.mark.parametrize("verb", ["run", "evaluate", "campaign", "replay"])
+@pytest.mark.parametrize("verb", ["run", "campaign"])
 def test_what_is_wrong_with_it_is_one_line_in_every_verb(
     verb: str, text: str, told: str, tmp_path: Path, capsys: Capture
 ) -> None:
     file = tmp_path / "mine.py"
     file.write_text(text)
-    word, csv = f"{file}:Mine", str(stroke_csv(tmp_path / "s.csv"))
+    word = f"{file}:Mine"
     (tmp_path / "c.toml").write_text(f'name = "c"\nobjects = ["can"]\ndetectors = ["{word}"]\n')
     runs = str(tmp_path / "runs")
     lines = {
         "run": ["run", "lift", "--rig", "simulated", "--detector", word, "--runs", runs],
-        "evaluate": ["detector", "evaluate", word, "--recording", csv],
         "campaign": ["campaign", "run", str(tmp_path / "c.toml"), "--out", runs],
-        "replay": ["replay", "--tactile", csv, "--detector", word],
     }
     assert main(lines[verb]) == 2
     said = capsys.readouterr().err

@@ -1,6 +1,5 @@
 """Objects and surfaces of one's own, by the path of a file."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -89,19 +88,6 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_
 
 
 # Files of settings
-
-
-def test_later_files_lie_on_top_of_earlier_ones(
-    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
-    first.write_text("[guard]\nforce_limit_n = 8.0\n[object]\nmass_kg = 0.2\n")
-    second.write_text("[object]\nmass_kg = 0.3\n")
-    config = load_config("can", "simulated", "energy", [first, second])
-    assert (config.guard.force_limit_n, config.object.mass_kg) == (8.0, 0.3)
-    words = ["config", "show", "object", "--rig", "simulated", "--json"]
-    assert main([*words, "--config", str(second), "--config", str(first)]) == 0
-    assert json.loads(capsys.readouterr().out)["object"]["mass_kg"] == 0.2
 
 
 def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) -> None:

@@ -242,16 +242,6 @@ def test_mistyped_press_is_named() -> None:
         of_byte(0, presses)
 
 
-def test_presses_that_contradict_one_another_are_refused() -> None:
-    weak, strong = of_byte(0, [20.0, 20.2, 20.1, 20.3]), of_byte(9, [16.0, 16.2, 16.1, 16.3])
-    with pytest.raises(UsageError, match="less than byte 0"):
-        law_of([weak, strong])
-    with pytest.raises(UsageError, match="byte 0 was not pressed"):
-        law_of([strong])
-    with pytest.raises(UsageError, match="too few"):
-        of_byte(0, [16.0, 16.1, 16.2])
-
-
 # Counts to millimetres
 
 

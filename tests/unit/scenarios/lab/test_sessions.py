@@ -75,22 +75,6 @@ def test_load_that_the_named_pad_does_not_feel_is_told_at_once(
     assert "fingertip A feels nothing of 2.00 N: load its pad" in person.said
 
 
-@pytest.mark.parametrize(("typed", "asked"), [
-    (["11.4 N"], "reading 1, 11.40 N, ends this round"),  # for 1.14
-    (["0.5 N", "11.4 N"], "reading 2, 11.40 N, ends this round"),
-])  # fmt: skip
-def test_reading_that_would_end_a_round_of_presses_too_early_is_asked_about_at_once(
-    weigh: Callable[..., tuple[Weighing, Person]], typed: list[str], asked: str
-) -> None:
-    weighing, person = weigh([0.5, 1.14], *typed, "1.14 N")
-    weighing.round = 1
-    for _ in typed:
-        assert weighing.ask("what does it say?")
-    assert weighing.points[-1].force_n == 1.14
-    assert weighing.room_n > 10.0
-    assert sum(asked in text for text in person.said) == 1
-
-
 class Finger:
     """That always meets the scale, with those currents, mA."""
 
@@ -130,27 +114,6 @@ def test_press_that_was_mistyped_and_corrected_is_so_for_its_current_too() -> No
     assert forces == [10.5, 11.0, 11.5, 12.0]
     assert [point.force_n for point in seen] == forces
     assert check_current(seen).endswith("rising with force")
-
-
-class Ruled(Finger):
-    """In free air, where it is told to be."""
-
-    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
-        self.counts = counts
-        return False, 0
-
-
-@pytest.mark.parametrize(
-    "typed", ["nan", "NaN mm", "inf", "1e400", "-inf", "", "20 cm", "1_0", "٣", "9999"]
-)
-def test_place_that_is_none_is_asked_for_again_at_once(typed: str) -> None:
-    person = Person("", "120", typed, "108 mm", "96,5", "85.5", "-73")
-    places = (10, 25, 40, 55, 70)
-    asked = [f"At {counts} counts: where is the fingertip, in mm?" for counts in places]
-    with pytest.raises(UsageError, match="contradicts"):  # -73 was mistyped
-        sessions.travelled(cast(Presser, Ruled([])), places, person)
-    told = f"{typed!r} is no place on a ruler: a number of millimetres, 2000 at most"
-    assert person.said[1:] == [*asked[:2], told, *asked[1:]]
 
 
 @pytest.mark.parametrize(

@@ -90,16 +90,6 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
         assert f"--seed {row.seed}" in command and row.object in command
 
 
-def test_a_failure_leads_to_its_recording_from_where_the_page_stands(
-    file: Path, page: str, tmp_path: Path
-) -> None:
-    links = re.findall(r'<a href="([^"]*)">recording</a>', page)
-    assert links and all((file.parent / link).read_bytes() == b"recorded" for link in links)
-    away = tmp_path / "elsewhere.html"
-    other = re.findall(r'<a href="([^"]*)">recording</a>', campaign_page(file, away))
-    assert other and all((tmp_path / link).is_file() for link in other)
-
-
 def test_a_text_of_a_stranger_stays_text(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page

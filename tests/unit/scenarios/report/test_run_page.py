@@ -136,15 +136,4 @@ def test_commands_have_three_times(recorded: Path) -> None:
     assert all(command.confirmed_ns is None for command in sent if command.applied is None)
 
 
-def test_taxels_stand_where_the_settings_have_them(recorded: Path, tmp_path: Path) -> None:
-    places = [[0, 1], [0, 2], [0, 3], [5, 1], [5, 2], [5, 3]]
-
-    def settings(told: dict[str, Any]) -> None:
-        told["fingertip"]["taxels_mm"] = places
-
-    page = run_page(changed(recorded, tmp_path / "run", settings=settings))
-    found = [tuple(place) for place in data_of(page)["taxels"]]
-    assert found == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]
-
-
 # The library of the plots
