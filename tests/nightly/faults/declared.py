@@ -78,7 +78,7 @@ DECLARED = (
     Declared(
         "no status shows force or speed; targets beside them are written over at the next refresh",
         r"gripper (r(FR|SP)[ABC] set|all fingers closed) by another client", ANY,
-        frozenset({"force"}), r"^over_force;", lasting=False,
+        frozenset({"force", "misleading"}), r"^over_force;", lasting=False,
     ),
     Declared(
         "another client goes on: until the next refresh its commands act, and that adds up",

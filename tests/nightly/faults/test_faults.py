@@ -97,7 +97,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
     ({"height_m": 0.1, "later_pressed_n": 1.0, "slip_mps": 0.0011}, "dropped"),
     ({"peak_n": 11.01}, "force"), ({"later_arm_mps": 1e-4}, "moving"),
     ({"later_fingers_mps": 1e-4}, "moving"), ({"arm_mps": 1e-4}, "moving"),
-    ({"safe_mps": 0.1, "safe_way_m": 0.0201, "arm_s": 0.1}, "unstopped"),
+    ({"safe_mps": 0.1, "safe_way_m": 0.0211, "arm_s": 0.1}, "unstopped"),
     ({"safe_mps": 0.1, "safe_way_m": 0.0199, "arm_s": 0.5}, "unstopped"),
     ({"hand_s": 3.07}, "unstopped"), ({"entered_n": 9.0, "least_n": 4.4}, "hand"),
     ({"finished": False}, "time-out"), ({"cause": "phase x lasted longer than 30 s"}, "time-out"),

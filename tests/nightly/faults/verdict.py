@@ -29,6 +29,7 @@ from tests.nightly.last_line import (
 BRAKES_MPS2 = ControllerSettings().stop_deceleration_mps2
 SAFE_S = ControllerSettings().safe_state_s
 LOOK_S = 0.06  # between two looks of the simulation, and a step
+LEAST_WAY_M = 0.001  # a way that is not worth a finding
 LOOSENED = 0.5  # share of the force at the begin of the safe state; less is letting go
 RAISED_M = 0.03  # an object that was lifted
 OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})
@@ -64,7 +65,7 @@ def unstopped(end: Ended) -> str:
     if end.arm_s is None or end.hand_s is None:
         return ""
     way_m = end.safe_mps * REACTION_S + end.safe_mps**2 / (2.0 * BRAKES_MPS2)
-    if end.safe_way_m > way_m:
+    if end.safe_way_m > way_m + LEAST_WAY_M:
         return f"the arm went on for {end.safe_way_m * 1e3:.0f} mm, and {way_m * 1e3:.0f} brake it"
     if end.arm_s > end.safe_mps / BRAKES_MPS2 + REACTION_S + LOOK_S:
         return f"the arm stood {end.arm_s:.2f} s after the safe state"
