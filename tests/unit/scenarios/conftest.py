@@ -91,7 +91,9 @@ class Staged:
         self.on_tick: Callable[[Tick], None] = lambda tick: None
         self._kept = checkpoint.kept(self.config.digest(), seed)
 
-    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> FinishedTrial:
+    def run(
+        self, when: Callable[[Tick], bool], act: Callable[[Rig[Any, Any]], None]
+    ) -> FinishedTrial:
         if isinstance(when, InPhase) and not when.at_first and when.phase in self._kept:
             parts, ticks = self._kept[when.phase]
             self.ticks, when.seen = [*ticks], 1
@@ -113,7 +115,7 @@ class Staged:
             return self._run(rig, when, act, keep if isinstance(when, InPhase) else None)
 
     def _run(
-        self, rig: GraspRig, when: Callable[[Tick], bool], act: Callable[[Rig], None],
+        self, rig: GraspRig, when: Callable[[Tick], bool], act: Callable[[Rig[Any, Any]], None],
         keep: Callable[[Tick], None] | None = None,
     ) -> FinishedTrial:  # fmt: skip
         self.rig = rig
