@@ -92,9 +92,7 @@ class Staged:
         self.on_tick: Callable[[Tick], None] = lambda tick: None
         self._kept = checkpoint.kept(self.config.digest(), seed)
 
-    def run(
-        self, when: Callable[[Tick], bool], act: Callable[[AnyRig], None]
-    ) -> FinishedTrial:
+    def run(self, when: Callable[[Tick], bool], act: Callable[[AnyRig], None]) -> FinishedTrial:
         if isinstance(when, InPhase) and not when.at_first and when.phase in self._kept:
             parts, ticks = self._kept[when.phase]
             self.ticks, when.seen = [*ticks], 1
