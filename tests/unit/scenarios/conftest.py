@@ -18,6 +18,7 @@ from scenarios.rigs.rig import GraspRig, Rig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from tests.unit.scenarios import checkpoint
 
+AnyRig = Rig[Any, Any]
 QUIET = "fingertip.holding_share=0.1"  # of its range the end at which EAGER is no false alarm
 EAGER = "energy.threshold_counts=3"  # a detector that hears a slip at once
 
@@ -91,7 +92,7 @@ class Staged:
         self.on_tick: Callable[[Tick], None] = lambda tick: None
         self._kept = checkpoint.kept(self.config.digest(), seed)
 
-    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> FinishedTrial:
+    def run(self, when: Callable[[Tick], bool], act: Callable[[AnyRig], None]) -> FinishedTrial:
         if isinstance(when, InPhase) and not when.at_first and when.phase in self._kept:
             parts, ticks = self._kept[when.phase]
             self.ticks, when.seen = [*ticks], 1
@@ -113,7 +114,7 @@ class Staged:
             return self._run(rig, when, act, keep if isinstance(when, InPhase) else None)
 
     def _run(
-        self, rig: GraspRig, when: Callable[[Tick], bool], act: Callable[[Rig], None],
+        self, rig: GraspRig, when: Callable[[Tick], bool], act: Callable[[AnyRig], None],
         keep: Callable[[Tick], None] | None = None,
     ) -> FinishedTrial:  # fmt: skip
         self.rig = rig

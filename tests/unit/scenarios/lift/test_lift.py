@@ -46,7 +46,7 @@ def test_every_object_can_be_saved_by_the_default_controller(name: str) -> None:
     assert judged(object_name=name).success
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_true_peak_of_the_reference_hand_stays_within_a_newton_of_the_limit(seed: int) -> None:
     r = judged(seed=seed)
     assert r.peak_force_n is not None
