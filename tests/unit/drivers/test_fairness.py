@@ -19,16 +19,6 @@ def test_who_asks_for_little_never_waits_beside_one_who_floods() -> None:
     assert shares.wait_s("flood", now_s) > 1.0
 
 
-def test_who_waited_long_enough_is_served_and_who_left_is_forgotten() -> None:
-    shares: Shares[str] = Shares(0.5)
-    shares.charge("a", 1.0, 0.0)
-    wait_s = shares.wait_s("a", 0.0)
-    assert wait_s == pytest.approx(2.0, abs=0.05)
-    assert shares.wait_s("a", wait_s) == pytest.approx(0.0, abs=0.02)
-    shares.forget("a")
-    assert shares.wait_s("a", 0.0) == 0.0
-
-
 def test_who_may_have_more_at_once_waits_later_and_who_used_less_goes_first() -> None:
     """0.2 of the time: a burst of two seconds is 0.4 s of work."""
     shares: Shares[str] = Shares(0.2, burst_s=2.0)

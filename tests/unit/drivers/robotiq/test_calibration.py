@@ -73,10 +73,3 @@ def test_a_calibration_with_a_misspelt_or_wild_setting_does_not_load() -> None:
             msgspec.convert(good | bad, GripperCalibration)
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"name": "lab", "least_force_n": 12.0}, GripperCalibration)
-
-
-def test_force_rises_with_the_byte_as_the_exponent_says() -> None:
-    curved = GripperCalibration(
-        name="curved", source="measured", least_force_n=10.0, most_force_n=60.0, force_exponent=2.0
-    )
-    assert curved.force_n(51) == pytest.approx(10.0 + 50.0 * 0.2**2)

@@ -3,9 +3,7 @@
 import pytest
 
 from drivers.errors import Refused
-from drivers.interfaces import Detection
-from drivers.robotiq.encoding import finger_states, pinches
-from drivers.robotiq.protocol import AxisCommand, AxisStatus, CommandRegisters, StatusRegisters
+from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
 from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, QUICK
 from tests.unit.drivers.robotiq.hand import command
@@ -78,16 +76,6 @@ def test_what_stands_in_scissor_mode_keeps_its_scissor_too(rig) -> None:
         assert {told.scissor.speed for told in made.written} == {0}, at
 
 
-def test_hand_that_opens_in_scissor_mode_stands_when_it_is_told_to(rig) -> None:
-    made = left_in(rig(), SCISSOR, at=120)
-    made.driver.open(FAST)
-    made.step(8)
-    made.driver.hold()
-    made.settle()
-    assert 20 < min(made.state.positions) < 120
-    assert 0 < scissor_of(made) < SPREAD
-
-
 def test_activation_of_an_open_hand_in_another_mode_sets_the_basic_one(rig) -> None:
     for mode in [1, 2, SCISSOR]:
         made = left_in(rig(hand=QUICK), mode)
@@ -125,14 +113,3 @@ def test_activation_changes_no_mode_where_b_and_c_have_met_something(rig) -> Non
     with pytest.raises(Refused, match="would drop"):
         made.driver.activate()
     assert made.driver.activate(dropping=True).effective
-
-
-def test_somebody_elses_scissor_that_moves_is_fingers_that_move() -> None:
-    moving = StatusRegisters(
-        active=True, mode=SCISSOR, go_to=True, initialization=3, a=AxisStatus(detection=3),
-        b=AxisStatus(detection=3), c=AxisStatus(detection=3), scissor=AxisStatus(detection=0),
-    )  # fmt: skip
-    a, b, c = finger_states(moving)
-    assert a.detection is Detection.AT_TARGET
-    assert b.detection is c.detection is Detection.MOVING
-    assert not pinches(moving)

@@ -70,16 +70,6 @@ def test_an_active_hand_is_taken_over_without_a_byte(rig) -> None:
     assert "already active" in applied.note
 
 
-def test_a_booting_hand_is_waited_for(rig) -> None:
-    made = rig(hand=HandSettings(activation_s=0.1, boot_s=1.0), active=False)
-    made.driver.activate()
-    made.step(50)
-    assert made.state.fault == 0x09
-    assert made.frames == ["00" * 16]
-    made.step(100)
-    assert made.state.active
-
-
 def test_motion_is_refused_until_active(rig) -> None:
     made = rig(active=False)
     for verb in (
@@ -152,14 +142,6 @@ def test_a_limit_below_the_least_force_is_refused_before_a_byte_is_written(rig) 
             verb()
     made.step(5)
     assert made.frames == []
-
-
-def test_the_same_command_is_written_once(rig) -> None:
-    made = rig()
-    for _ in range(50):
-        made.driver.move_to((200, 200, 200), FAST, 10.0)
-        made.step()
-    assert made.driver.statistics.writes == 1
 
 
 def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> None:

@@ -186,25 +186,6 @@ def test_a_link_that_was_lost_while_the_hand_activated_ends_that(rig) -> None:
     assert made.driver.activate().effective
 
 
-def test_a_reset_is_not_repeated_to_a_hand_that_is_active_meanwhile(rig) -> None:
-    made = rig(hand=QUICK)
-    made.step(2)
-    made.driver.move_to((90, 90, 90), FAST, 10.0)
-    kept = made.model.read(made.now_ns)
-    made.model.power_cycle()
-    made.model.misreport(lambda words: kept)
-    made.step()
-    made.model.misreport(lambda words: words)
-    made.model.swallows = True
-    with pytest.raises(DeviceFault, match="lost its activation"):
-        made.step(3)
-    made.step(40)
-    assert made.state.active
-    made.model.swallows = False
-    made.step(10)
-    assert made.state.active
-
-
 def test_after_a_lost_link_the_fingers_are_held_where_they_are_with_the_least_of_all(rig) -> None:
     made = rig()
     made.driver.move_to((230, 230, 230), FAST, 20.0)
@@ -265,14 +246,6 @@ def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig) -> Non
         assert go(made) == "09", late_ms
 
 
-def test_an_answer_took_no_time_where_none_passes_meanwhile() -> None:
-    model = GripperModel(QUICK, 0, active=True)
-    driver = RobotiqDriver(Transport(model), DriverSettings(), PAPER)
-    driver.pump(0)
-    state = driver.state
-    assert state is not None and state.took_ns == 0
-
-
 def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
     made = rig(hand=QUICK)
     leap(made, 40)
@@ -293,11 +266,6 @@ def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(
     made.driver.hold()
     made.step(3)
     assert go(made) == "09"
-
-
-def test_hold_while_nothing_is_wanted_says_the_least_speed_and_force(rig) -> None:
-    applied = rig(active=False).driver.hold()
-    assert (applied.speed_mps, applied.force_n) == (LEAST, 10.0)
 
 
 # A status that stands still

@@ -35,21 +35,6 @@ def breaks(bug: type[BaseException] = ZeroDivisionError) -> None:
     raise bug("a bug")
 
 
-@pytest.mark.parametrize("bug", [ZeroDivisionError, SystemExit])
-def test_a_bug_of_the_core_is_told_once_and_the_hand_can_still_be_told(
-    bug: type[BaseException], made: Made
-) -> None:
-    cell, gripper = made(idle, lambda cell: breaks(bug))
-    gripper.hold()
-    with pytest.raises(bug):
-        raised(gripper)
-    gripper.pump(0)
-    gripper.hold()
-    before = len(cell.pumped_ns)
-    until(lambda: len(cell.pumped_ns) > before)
-    assert cell.verbs == [("hold",)] * 2
-
-
 def raised(gripper: ThreadedGripper) -> None:
     """Until the thread has come so far."""
     pause = threading.Event()

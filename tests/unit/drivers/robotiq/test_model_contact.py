@@ -95,17 +95,6 @@ def test_advancing_in_any_pieces_gives_the_same_hand(pieces: list[int], target: 
     assert whole.read(now_ns) == parts.read(now_ns)
 
 
-def test_a_hand_at_rest_may_be_skipped_over_in_one_step() -> None:
-    hand = Hand()
-    hand.run(30)
-    assert not hand.model.moving
-    hand.model.advance(3600 * 1000 * MS)
-    hand.now_ns = 3600 * 1000 * MS
-    hand.write(command(30))
-    assert hand.model.moving
-    assert hand.rest().a.position == 30
-
-
 def close_from_contact(
     mass: float, stiffness: float, preload: float = 2.0, **changes: float | bool
 ) -> float:

@@ -1,10 +1,9 @@
 """The modelled hand: modes, faults, release."""
 
-import msgspec
 import pytest
 
 from drivers.robotiq.model.gripper import HandSettings
-from drivers.robotiq.protocol import AxisCommand, CommandRegisters
+from drivers.robotiq.protocol import CommandRegisters
 from tests.unit.drivers.robotiq.hand import Hand, command
 
 # Modes, faults, release
@@ -21,28 +20,6 @@ def test_a_mode_change_opens_first_and_delays_motion_with_fault_06() -> None:
     status = hand.rest()
     assert (status.initialization, status.mode, status.a.position) == (3, 1, 120)
     assert status.scissor.position == 200
-
-
-def test_the_individual_scissor_follows_its_own_bytes() -> None:
-    hand = Hand()
-    hand.write(command(6, individual_scissor=True))
-    hand.rest()
-    spread = msgspec.structs.replace(
-        command(6, individual_scissor=True), scissor=AxisCommand(37, 255, 0)
-    )
-    hand.write(spread)
-    assert hand.run(100).scissor.detection == 0
-    status = hand.rest()
-    assert (status.scissor.echo, status.scissor.position, status.scissor.detection) == (37, 37, 3)
-
-
-def test_in_scissor_mode_the_one_position_drives_the_scissor_and_the_fingers_stay() -> None:
-    hand = Hand()
-    hand.write(command(137, mode=3))
-    hand.rest()
-    hand.write(command(200, mode=3))
-    status = hand.rest()
-    assert (status.scissor.position, status.a.position) == (200, 6)
 
 
 def test_auto_release_opens_slowly_to_the_stops_and_ends_in_fault_0f() -> None:

@@ -1,20 +1,12 @@
 """The modelled hand: activation, registers and their refresh."""
 
 import msgspec
-import pytest
 
 from drivers.robotiq.model.gripper import HandSettings
-from drivers.robotiq.protocol import AxisCommand, CommandRegisters
+from drivers.robotiq.protocol import CommandRegisters
 from tests.unit.drivers.robotiq.hand import QUICK, Hand, command
 
 # Activation
-
-
-def test_nothing_moves_before_activation_and_fault_07_says_so() -> None:
-    hand = Hand(active=False)
-    hand.write(CommandRegisters(go_to=True, a=AxisCommand(255, 255, 255)))
-    status = hand.run(300)
-    assert (status.active, status.fault, status.a.position) == (False, 0x07, 6)
 
 
 def test_activation_takes_its_time_and_ends_ready_and_open() -> None:
@@ -59,25 +51,6 @@ def test_a_short_write_leaves_the_other_bytes_in_force() -> None:
     assert [axis.position for axis in status.fingers] == [90, 70, 60]
 
 
-def test_in_simple_mode_only_finger_a_echoes_and_the_scissor_rests_at_137() -> None:
-    hand = Hand()
-    hand.write(command(120))
-    status = hand.rest()
-    assert [axis.echo for axis in (*status.fingers, status.scissor)] == [120, 0, 0, 0]
-    assert [axis.position for axis in status.fingers] == [120] * 3
-    assert (status.scissor.position, status.scissor.detection) == (137, 3)
-
-
-def test_switching_to_individual_fingers_with_stale_targets_makes_them_jump() -> None:
-    hand = Hand()
-    hand.write(command(150))
-    hand.rest()
-    hand.write(command(150, 0, 0))
-    status = hand.rest()
-    assert [axis.position for axis in status.fingers] == [150, 6, 6]
-    assert [axis.echo for axis in status.fingers] == [150, 0, 0]
-
-
 def test_the_closing_frame_shows_running_currents_that_fall_to_zero_at_rest() -> None:
     hand = Hand()
     hand.write(command(255))
@@ -85,14 +58,6 @@ def test_the_closing_frame_shows_running_currents_that_fall_to_zero_at_rest() ->
     assert hand.frame()[:8] == "39c000ff"
     assert all(11 <= axis.current <= 16 for axis in status.fingers)
     assert [axis.current for axis in hand.rest().fingers] == [0, 0, 0]
-
-
-def test_speed_and_force_zero_are_the_minimum_not_nothing() -> None:
-    hand = Hand()
-    hand.write(command(100, speed=0, force=0))
-    hand.run(500)
-    assert hand.model.velocity_mps == pytest.approx([0.022] * 3, rel=1e-3)
-    assert hand.rest().a.position == 100
 
 
 def test_nothing_moves_without_rgto_and_clearing_it_stops() -> None:

@@ -6,8 +6,6 @@ from hypothesis import strategies as st
 
 from drivers.robotiq.protocol import (
     FAULTS,
-    RTU,
-    TCP,
     AxisCommand,
     CommandRegisters,
     Severity,
@@ -60,11 +58,6 @@ def test_individual_fingers_are_not_honoured_in_scissor_mode_alone() -> None:
     assert CommandRegisters(
         individual_fingers=True, individual_scissor=True, mode=3
     ).honours_fingers
-
-
-def test_first_registers_differ_between_tcp_and_rtu() -> None:
-    assert (TCP.command_register, TCP.status_register) == (0, 0)
-    assert (RTU.command_register, RTU.status_register) == (1000, 2000)
 
 
 def test_every_fault_has_a_rank_and_a_text() -> None:

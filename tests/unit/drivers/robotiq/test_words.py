@@ -18,17 +18,6 @@ def test_every_register_of_the_manual_s_example_is_told() -> None:
     assert "scissor: at 137 counts" in told
 
 
-def test_a_hand_that_obeys_no_position_is_not_said_to_move() -> None:
-    """Motion is told by 0, which is only meaningful if gGTO is 1; so says the manual."""
-    off = "\n".join(lines(StatusRegisters()))
-    assert "gSTA 0: says nothing while gGTO is 0" in off
-    assert off.count("says nothing while gGTO is 0 (gDT 0)") == 4
-    assert "move" not in off.replace("gIMC", "")
-    assert "gGTO 0: stands by" in off
-    stopped = replace(OPEN, go_to=False, b=AxisStatus(0, 60, 0, 2))
-    assert any("stopped on contact while closing (gDT 2)" in line for line in lines(stopped))
-
-
 def test_hands_of_the_manual_are_not_doubted() -> None:
     reset = StatusRegisters()
     moving = StatusRegisters.from_bytes(bytes.fromhex("39C000FF080F00081000080F00890000"))

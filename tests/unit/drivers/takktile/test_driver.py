@@ -17,7 +17,6 @@ from drivers.takktile.settings import TakkTileSettings
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-SLOW = TakkTileSettings(conversion_ms=7.0)  # not two frames a tick
 
 
 class Bench:
@@ -156,15 +155,6 @@ def test_a_frame_that_is_not_whole_is_dropped_and_the_next_one_read_in_step(benc
     assert bench.driver.statistics.wrong_lengths == 1
 
 
-def test_a_flipped_padding_bit_drops_the_frame():
-    bench = Bench(SLOW).take_rest()
-    bench.pump()
-    bench.board.flip_bit(byte=1, bit=2)
-    bench.pump()
-    assert bench.frame.missed == 1
-    assert bench.driver.statistics.implausible == 1
-
-
 def test_a_board_left_running_is_stopped_before_it_is_scanned():
     bench = Bench()
     bench.board.control(UsbRequest.TIMER, 100, 0xFF, 1, 0)
@@ -172,15 +162,6 @@ def test_a_board_left_running_is_stopped_before_it_is_scanned():
     bench.driver.start()  # a scan while sampling would hang the board
     bench.pump(2)
     assert bench.driver.statistics.frames == 2
-
-
-def test_a_takkfast_board_is_read_by_its_long_scan():
-    cells = tuple(tuple(divmod(6 * finger + taxel, 5) for taxel in range(6)) for finger in range(3))
-    bench = Bench(
-        TakkTileSettings(cells=cells),
-        BoardModelSettings(cells=sum(cells, ()), takkfast=True),
-    ).take_rest()
-    assert bench.frame.raw.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
 
 
 def test_opening_names_the_finger_and_taxel_whose_cell_is_dead():
@@ -226,13 +207,6 @@ def test_a_loaded_fingertip_is_refused_by_name_and_rest_can_be_taken_again():
     bench.driver.begin_rest()
     bench.pump(51)
     assert bench.driver.rest_taken
-
-
-def test_an_unsteady_fingertip_is_refused_by_name():
-    bench = Bench()
-    bench.noise[17] = 2
-    with pytest.raises(Refused, match=r"finger C taxel 5 is unsteady at rest: std 2\.0"):
-        bench.take_rest()
 
 
 def test_a_rest_far_from_the_stored_reference_is_refused():

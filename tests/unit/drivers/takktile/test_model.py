@@ -47,23 +47,6 @@ def test_nothing_comes_before_conversion_and_i2c_reading_are_done(board):
     assert len(board.bulk_read(512, READY_NS)) == 72
 
 
-def test_a_frame_is_one_read_old(board, scene):
-    start(board)
-    assert set(read_codes(board, 10 * MS)) == {400}
-    assert set(read_codes(board, 20 * MS)) == {410}
-    assert set(read_codes(board, 90 * MS)) == {420}
-    assert scene.calls == [0, 10 * MS, 20 * MS, 90 * MS]
-
-
-def test_a_split_frame_starts_no_conversion_until_its_last_byte_is_drained(board, scene):
-    start(board)
-    board.split_frame()
-    assert len(board.bulk_read(512, 10 * MS)) == 64
-    assert scene.calls == [0]
-    assert len(board.bulk_read(512, 11 * MS)) == 8
-    assert scene.calls == [0, 11 * MS]
-
-
 def test_a_dead_column_shrinks_the_frame_and_shows_in_the_scan(board):
     board.kill_column(2)
     assert board.control(UsbRequest.SCAN, 0, 0, 64, 0) == bytes([0x3B] * 3 + [0] * 5)

@@ -29,14 +29,6 @@ def test_every_code_survives_the_frame(values):
     assert parsed[0].tolist() == parsed[1].tolist() == values
 
 
-def test_a_chain_frame_has_a_place_for_every_cell_of_two_boards():
-    frame = codec.chain_frame([(0, 1), (7, 4)], codes(410, 1), codes(507, 2))
-    assert len(frame) == 320
-    assert frame[4:8] == bytes.fromhex("66807EC0")
-    assert frame[4 * 39 : 4 * 40] == bytes.fromhex("00400080")
-    assert not any(frame[:4] + frame[8 : 4 * 39] + frame[160:])
-
-
 def test_both_sides_name_the_same_requests_and_ticks():
     assert [*protocol.UsbRequest] == [
         codec.GET_STRING, codec.SCAN, codec.GET_CALIBRATION, codec.CONFIGURE_TIMER
@@ -48,11 +40,6 @@ def test_both_sides_name_the_same_requests_and_ticks():
 def test_a_frame_of_wrong_length_gives_none_and_never_raises(data):
     parsed = protocol.parse_frame(data, 18)
     assert parsed is None or len(data) == 72
-
-
-def test_a_set_padding_bit_is_impossible():
-    for bit in range(6):
-        assert protocol.parse_frame(bytes([0x66, 0x80 | 1 << bit, 0x7E, 0xC0]), 1) is None, bit
 
 
 def test_a_short_scan_has_one_byte_a_row_and_bit_c_for_column_c():

@@ -72,9 +72,8 @@ def test_a_stopped_move_is_over_although_its_target_was_not_reached(wire, driver
     assert not driver.state.moving
 
 
-@pytest.mark.parametrize(
-    ("position", "speed", "acceleration", "key"),
-    [
+def test_a_move_outside_a_limit_is_refused_by_key_and_never_sent(wire, driver):
+    for position, speed, acceleration, key in [
         ((X, Y, Z + 0.1), 0.2501, 0.5, "max_speed_mps"),
         ((X, Y, Z + 0.1), 0.0, 0.5, "max_speed_mps"),
         ((X, Y, Z + 0.1), -0.1, 0.5, "max_speed_mps"),
@@ -86,16 +85,12 @@ def test_a_stopped_move_is_over_although_its_target_was_not_reached(wire, driver
         ((X + 0.0501, Y, Z), 0.1, 0.5, "workspace"),
         ((X, Y - 0.0501, Z), 0.1, 0.5, "workspace"),
         ((X, Y, Z - 0.0101), 0.1, 0.5, "workspace"),
-    ],
-)
-def test_a_move_outside_a_limit_is_refused_by_key_and_never_sent(
-    wire, driver, position, speed, acceleration, key
-):
-    with pytest.raises(Refused, match=key) as caught:
-        driver.move_to(position, speed, acceleration)
-    assert caught.value.remedy.startswith("allowed:")
-    assert wire.sent == []
-    assert not driver.state.moving
+    ]:
+        with pytest.raises(Refused, match=key) as caught:
+            driver.move_to(position, speed, acceleration)
+        assert caught.value.remedy.startswith("allowed:"), (position, speed, acceleration, key)
+        assert wire.sent == [], (position, speed, acceleration, key)
+        assert not driver.state.moving, (position, speed, acceleration, key)
 
 
 def test_a_move_exactly_at_the_limits_is_sent(wire, driver):
@@ -125,12 +120,11 @@ def test_a_stop_is_never_refused(wire, driver, deceleration):
     assert wire.sent == [("stop", 1.2, 0)]
 
 
-@pytest.mark.parametrize(
-    ("most", "asked", "sent"), [(4.0, 8.0, 4.0), (10.0, 8.0, 8.0), (0.5, math.nan, 0.5)]
-)
-def test_a_stop_is_no_harder_than_the_arm_may_brake(wire, most, asked, sent):
-    ArmDriver(wire, ArmSettings(max_stop_mps2=most)).stop(asked)
-    assert wire.sent == [("stop", sent, 0)]
+def test_a_stop_is_no_harder_than_the_arm_may_brake() -> None:
+    for most, asked, sent in ((4.0, 8.0, 4.0), (10.0, 8.0, 8.0), (0.5, math.nan, 0.5)):
+        wire = Wire()
+        ArmDriver(wire, ArmSettings(max_stop_mps2=most)).stop(asked)
+        assert wire.sent == [("stop", sent, 0)]
 
 
 def test_payload_is_limited(wire, driver):

@@ -149,16 +149,6 @@ def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
     assert settle(model) == above(0.2)
 
 
-def test_a_reading_is_the_sample_of_the_last_cycle():
-    model = arm()
-    model.move_l(above(0.2), 0.2, 1.0, 0)
-    sample = model.read(103 * MS)
-    assert sample.t_ns == 96 * MS
-    assert sample.position_m == model.position(96 * MS)
-    assert sample.velocity_mps == model.velocity(96 * MS)
-    assert sample.moving
-
-
 # drives
 
 
@@ -219,16 +209,3 @@ def test_a_motion_that_nobody_reads_is_braked_as_a_drivers_worker_does_it():
     braked_m = model.position(800 * MS)[2] - model.position(660 * MS)[2]
     assert braked_m == pytest.approx(0.1**2 / 2.0, abs=0.1 * 0.008)
     assert settle(model) == model.position(800 * MS)
-
-
-def test_a_motion_that_is_read_goes_on_and_so_does_one_of_a_model_that_was_told_nothing():
-    for told, read in ((True, True), (False, False)):
-        model = arm()
-        if told:
-            model.brake_unread(0.16)
-        model.move_l(above(0.1), 0.1, 1.0, 0)
-        for t_ms in range(0, 1500, 150):
-            let_stand(model, t_ms, t_ms + 150)
-            if read:
-                model.read((t_ms + 150) * MS)
-        assert settle(model) == above(0.1)

@@ -5,14 +5,11 @@ import pytest
 from hypothesis import given
 
 from drivers.ur.emulator.urscript.compile import compile_program
-from drivers.ur.emulator.urscript.parse import MAX_CHARS, ScriptError, depth_change, parse
+from drivers.ur.emulator.urscript.parse import MAX_CHARS, ScriptError, parse
 from drivers.ur.emulator.urscript.run import MAX_THREADS, PoseValue, Program
 from drivers.ur.emulator.urscript.syntax import (
     Assign,
-    Binary,
-    Call,
     Literal,
-    Name,
 )
 
 
@@ -67,29 +64,6 @@ def test_a_comment_may_stand_between_sign_and_value():
         Assign("a", Literal(0), None, "global"),
         Assign("b", Literal(24), None, "global"),
     )
-
-
-def test_named_arguments_and_precedence():
-    call = parse("f(q, a=1 + 2 * 3)")[0].value
-    assert isinstance(call, Call)
-    assert call.positional == (Name("q"),)
-    key, value = call.named[0]
-    assert key == "a"
-    assert value == Binary("+", Literal(1), Binary("*", Literal(2), Literal(3)))
-
-
-def test_blocks_of_a_line():
-    for line, change in [
-        ("def f():", 1),
-        ("  thread t():", 1),
-        ("elif x:", 0),
-        ("end", -1),
-        ('textmsg("if end end")', 0),
-        ("x = 1 # end", 0),
-        ("if a: b() end", 0),
-        ("ending = define", 0),
-    ]:
-        assert depth_change(line) == change, (line, change)
 
 
 def test_what_is_no_program():
@@ -274,14 +248,10 @@ BIG = 's = "0123456789"\nn = 0\nwhile n < 9:\n s = s + s\n n = n + 1\n end\n'
 MANY = f"[{', '.join(f's + {chr(34)}{n}{chr(34)}' for n in range(100))}]"  # half a megabyte
 HOARDS = {
     "variables": "\n".join(f"a{n} = {MANY}" for n in range(90)),
-    "globals": "\n".join(f"global a{n} = {MANY}" for n in range(90)),
     "elements": f"a = [{', '.join('0' * 100)}]\nb = a\nn = 0\nwhile n < 9900:\n n = n + 1\n"
     "a[n % 100] = s + to_str(n)\n if n % 100 == 0:\n global g = a\n h = run t()\n sync()\n"
     "end\n end",
     "calls": f"def f(n):\n a = {MANY}\n b = {MANY}\n c = {MANY}\n f(n + 1)\n end\nf(0)",
-    "arguments": f"def f(a, b, c):\n f({MANY}, {MANY}, {MANY})\n end\nf(0, 0, 0)",
-    "unfinished calls": "def g(a, b):\n return 0\n end\ndef f():\n"
-    f"return g({MANY}, g({MANY}, g({MANY}, f())))\n end\nf()",
     "threads": "n = 0\nwhile n < 30:\n h = run u()\n n = n + 1\n end\n"
     "while True:\n sync()\n end",
     "small ones": "def f():\n" + "".join(f"a{n} = 1\n" for n in range(9000)) + "sync()\nf()\nend\n"

@@ -11,9 +11,9 @@ from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PacketType, packet
 from drivers.ur.emulator.settings import PROFILES
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk
-from drivers.ur.emulator.urscript.builtins import BUILTINS
-from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import MAX_CHARS
+
+pytestmark = pytest.mark.slow
 
 
 def kept_mb(make: Callable[[], object]) -> float:
@@ -61,10 +61,3 @@ def test_client_of_rtde_keeps_little() -> None:
         return one
 
     assert kept_mb(client) < 2.0
-
-
-@pytest.mark.slow
-def test_longest_program_is_compiled_within_its_part_of_the_budget() -> None:
-    text = "def f():\n b=1\n" + " a=b+b+b+b+b+b+b+b+b+b\n" * 9900 + "end\n"
-    assert len(text) < MAX_CHARS
-    assert kept_mb(lambda: compile_program(text, BUILTINS)) < 130.0
