@@ -1,12 +1,12 @@
-# make install   what a run needs, into .venv        make test       checks and tests, of which
-# make check     style, types, imports               make test-unit  what computes, make test-wire what waits
-# make lift      one lift of a can, simulated        make test-slow  the slow tests
-# make bench     measurements                        make test-train the tests that need torch
+# make install   what a run needs, into .venv        make test       checks and tests: minutes
+# make check     style, types, imports               make test-all   all that follows too: hours
+# make lift      one lift of a can, emulated         make test-nightly  slow tests, kills, a lab's day
+# make bench     measurements, as ratios             make test-train    what needs torch
 # make faults    every fault at every phase of a lift; writes docs/faults.md
 # make mutants   what the tests would not see; writes docs/mutants.md     make soak  an hour of lifts
 # make fuzz      an hour of hostile clients on every port of an emulated cell (MINUTES=, SEED=)
-# make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
-# make clean     remove what make made               make test-browser pages, in a Chromium
+# make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
+# make clean     remove what make made               make test-browser  pages, in a Chromium
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
@@ -33,8 +33,8 @@ DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults mutants soak \
-        test-train test-cluster test-browser bench fuzz check check-style check-types check-imports lock clean
+.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
+        faults mutants soak test-train test-cluster test-browser bench fuzz check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -112,18 +112,22 @@ check-types:
 check-imports:
 	$(BIN)/lint-imports --no-logo --no-cache
 
-# First what computes, a worker a core; then, with nothing else to do, what waits for real time.
+# One worker more than there are cores: tests on wires wait for real time, and compute little.
+WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores + 1 : 8)))
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 test: check
-	@$(MAKE) --no-print-directory --jobs=1 --keep-going test-unit test-wire
+	$(PYTEST)
 test-unit: install-dev
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --ignore tests/wire
+	$(PYTEST) tests/unit
 test-wire: install-dev
-	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire || { \
-	  (($$? == 1)) && echo "what failed with others beside it counts if it fails alone" && \
-	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/wire; }
+	$(PYTEST) tests/wire
 
-test-slow: install-dev
-	$(BIN)/python -m pytest -m slow
+# each lane has its own target
+LANES := test-nightly test-browser test-cluster test-train
+test-all:
+	@$(MAKE) --no-print-directory --jobs=1 --keep-going test $(LANES)
+test-nightly: install-dev
+	$(PYTEST) -m slow --ignore tests/nightly/test_cluster.py --ignore tests/wire/scenarios/chaos
 
 test-train: install-train
 	$(BIN)/python -m pytest -m train
@@ -133,7 +137,7 @@ test-browser: install-dev
 	$(BIN)/python -m pytest -m browser tests/browser
 
 test-cluster: install-cluster
-	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py
+	$(BIN)/python -m pytest -m slow tests/nightly/test_cluster.py
 
 # what is lacking is run, and what was ended goes on: two hours of an idle core; then lifts through
 # wires that are spoilt, in wall time: three quarters of an hour

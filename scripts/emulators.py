@@ -4,9 +4,8 @@
 
 Clients of the package index that the project does not need are installed by pip into a folder of
 their own, which is gone afterwards, and found by `PYTHONPATH`
-(`tests/wire/drivers/ur/emulator/test_pip_clients.py`, `test_emulate.py` in
-`tests/wire/scenarios/cell`). A row whose test fails twice is written as failing; one whose client
-cannot be had keeps what it says on the page. Either is named, and the script ends with 1.
+(`tests/nightly/test_pip_clients.py`). A row whose test fails twice is written as failing; one whose
+client cannot be had keeps what it says on the page. Either is named, and the script ends with 1.
 """
 
 import os
@@ -22,7 +21,7 @@ PAGE = HOME / "docs" / "emulators.md"
 HEAD, END = "| client | does | status |", "<!-- end of clients -->"
 UR = "tests/wire/drivers/ur/emulator"
 RTDE, STOCK = f"{UR}/test_ur_rtde.py::test", f"{UR}/test_stock_clients.py::test"
-PIP = f"{UR}/test_pip_clients.py::test_client_does_what_the_page_says"
+PIP = "tests/nightly/test_pip_clients.py::test_client_of_the_arm_does_what_the_page_says"
 BAD = f"{UR}/test_controller.py::test_bad_arguments_end_the_program_and_nothing_moves"
 SENDER = (
     f"{UR}/test_process.py::"

@@ -3,7 +3,7 @@
     python -m scripts.first_day          print the page
     python -m scripts.first_day --write  and keep it
 
-`tests/wire/scenarios/lab/test_day.py` plays it again and compares commands, questions and exit
+`tests/nightly/test_day.py` plays it again and compares commands, questions and exit
 codes, not the figures: those are of the play at the commit that the page names, and whether its
 code has changed since is told by `scripts/figures.py`.
 """
@@ -33,7 +33,7 @@ reads the scale (`scale`).
 # the verbs say the test compares
 CODE = (
     "scenarios/lab,scenarios/rigs,grasp/cli/calibrate.py,grasp/cli/first.py,drivers,"
-    "tests/wire/scenarios/lab/day.py"
+    "tests/nightly/day.py"
 )
 ENTRY = '<!-- figure: id=first-day command="python -m scripts.first_day --write" detector=tcn'
 FOUND = {
@@ -62,7 +62,7 @@ def page_of(played: str, commit: str) -> str:
 
 def main() -> int:
     sys.path.insert(0, str(HOME))
-    from tests.wire.scenarios.lab.day import play  # noqa: PLC0415  (a script's path comes first)
+    from tests.nightly.day import play  # noqa: PLC0415  (a script's path comes first)
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter

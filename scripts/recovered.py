@@ -37,9 +37,8 @@ from scenarios.lab.touch import Touch, taken_rest
 from scenarios.rigs.opening import open_rig
 from scenarios.studies.detectors.unlabelled import rule_of
 from scenarios.world.cell import LaidWeight, SimulatedCell
-from tests.wire.scenarios.lab.scales import CONFIRMED, N_PER_G, Lab, true_slope
-from tests.wire.scenarios.lab.terminal import grasp
-from tests.wire.scenarios.test_rigs import QUICK, emulate
+from tests.nightly.scales import CONFIRMED, N_PER_G, Lab, true_slope
+from tests.wire.lab import QUICK, emulate
 
 TRUE_N, TRUE_MM = 12.5, 0.73
 HAND = (f"hand.least_force_n={TRUE_N}", "hand.force_exponent=1.3", f"hand.m_per_count={TRUE_MM}e-3")
@@ -150,8 +149,8 @@ def of_noise(lab: Lab) -> list[Row]:
     own = lab.folder / "own.toml"
     config = load_config("can", "simulated", DETECTOR, None, (*QUICK, *HAND))
     true_counts = math.hypot(config.fingertip.noise_counts, 12**-0.5)  # and rounding
-    watched = grasp("tactile", "watch", "--seconds", "10", "--config", str(lab.file))
-    noise = [float(row[-1]) for line in watched.stdout.splitlines()
+    watched = lab.grasp("tactile", "watch", "--seconds", "10")
+    noise = [float(row[-1]) for line in watched.out.splitlines()
              if len(row := line.split()) == 5 and row[0] in "ABC"]  # fmt: skip
 
     def person(question: str) -> str:
@@ -326,7 +325,7 @@ def main() -> int:
     sets = [word for text in HAND for word in ("--set", text)]
     with tempfile.TemporaryDirectory() as folder, emulate(*sets) as endpoints:
         lab = Lab(endpoints, Path(folder))
-        lab.done("gripper", "activate", "--empty")
+        lab.wake()
         for rows in (of_hand, of_weights, of_presses, of_noise):
             for row in rows(lab):
                 line = row._replace(verb=f"`{row.verb}`")

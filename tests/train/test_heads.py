@@ -1,8 +1,5 @@
 """Heads learn what their inputs hold, and what is written is what was learnt."""
 
-import os
-import stat
-import threading
 from pathlib import Path
 
 import msgspec
@@ -53,15 +50,3 @@ def test_equal_data_and_seed_give_equal_heads() -> None:
     one, other = (train_heads([samples(0)], settings, "n", "d", "c") for _ in range(2))
     assert one == other
     assert one != train_heads([samples(0)], HeadSettings(seed=4, steps=20), "n", "d", "c")
-
-
-def test_what_is_no_file_is_written_to_and_not_replaced(tmp_path: Path) -> None:
-    made = train_heads([samples(0)], HeadSettings(steps=1), "network", "data", "here")
-    pipe, read = tmp_path / "pipe", []
-    os.mkfifo(pipe)
-    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
-    reader.start()
-    write_heads(made, pipe)
-    reader.join(10)
-    assert stat.S_ISFIFO(pipe.stat().st_mode)
-    assert msgspec.json.decode(read[0], type=Heads) == made
