@@ -29,7 +29,10 @@ SENDER = (
 )
 BUS = "tests/wire/drivers/takktile/test_bus.py::test"
 EMULATE = "tests/wire/scenarios/cell/test_emulate.py::test"
-MODBUS = f"{EMULATE}_client_of_the_package_index_activates_the_hand_moves_it_and_reads_back"
+MODBUS = (
+    "tests/nightly/test_pip_clients.py::"
+    "test_client_of_the_gripper_activates_the_hand_moves_it_and_reads_back"
+)
 
 CLIENTS = (  # the versions that rows name
     "urx==0.11.0", "math3d<4", "urinterface==0.0.5",

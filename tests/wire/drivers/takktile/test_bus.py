@@ -166,3 +166,13 @@ def test_garbage_on_the_port_harms_nobody(bench):
         with socket.create_connection(("127.0.0.1", port)) as stranger:
             stranger.sendall(noise)
     assert bench.find() is not None
+
+
+def test_an_address_on_the_sensor_bus_is_asked_for(device):
+    """The index is the address byte; a read from one that nobody has hangs the firmware."""
+    for address, known in ((0x00, 1), (0x2A, 1), (0x0C, 1), (0x30, 0)):
+        assert list(device.ctrl_transfer(VENDOR_IN, BOTHER, 1, address, 64)) == [known]
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.ctrl_transfer(VENDOR_IN, BOTHER, 1, 0x31, 64, 30)
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64, 30)

@@ -192,3 +192,37 @@ def test_bad_programs_end_and_leave_the_controller_alive(emulator, text, message
         time.sleep(0.01)
     assert state["runtime_state"] == 1
     assert any(message in line for line in state["messages"]), state
+
+
+NOT_EMULATED = {
+    "force_mode": "get_actual_tcp_pose(), [0, 0, 1, 0, 0, 0], [0, 0, 5, 0, 0, 0], 2, [1]",
+    "servoc": "p[0.5, 0.1, 0.3, 0, 3.14, 0]",
+    "teach_mode": "",
+    "freedrive_mode": "",
+    "popup": '"here"',
+    "socket_open": '"127.0.0.1", 80',
+    "socket_send_string": '"hello"',
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[] if n == "popup" else [pytest.mark.slow]) for n in NOT_EMULATED],
+)
+def test_sender_of_what_is_not_emulated_sees_its_program_end_and_the_log_says_why(emulator, name):
+    """A program is not answered: its sender hears of it by the next thing that it asks."""
+    lines = ('textmsg("began")', f"{name}({NOT_EMULATED[name]})", 'textmsg("went on")')
+    send_program(emulator.host, "def f():\n" + "".join(f"  {line}\n" for line in lines) + "end\n")
+    deadline = time.monotonic() + WAIT_S
+    while not (state := emulator.fault(do="state"))["script_errors"]:
+        assert time.monotonic() < deadline, state
+        time.sleep(0.01)
+    said = " ".join(state["messages"])
+    assert "began" in said and f"{name} is not emulated" in said
+    assert "went on" not in said
+    address = emulator.host, 29999
+    with socket.create_connection(address, 10.0) as sock, sock.makefile("rw") as dashboard:
+        dashboard.readline()
+        dashboard.write("running\n")
+        dashboard.flush()
+        assert dashboard.readline() == "Program running: false\n"

@@ -287,3 +287,13 @@ def test_real_time_port_tells_every_cycle_what_rtde_tells(emulate, profile, peri
     assert last[68:74] == (1, 2, 3, 4, 5, 6)
     assert (last[95], last[102], last[132]) == (known[7], 1.0, 1.0)  # no program: stopped
     assert last[139] == known[8]
+
+
+def test_kinematics_of_the_primary_interface_are_those_of_the_arm(emulator):
+    """`primary_pipeline_calibration`: Denavit-Hartenberg parameters, which give the pose of q."""
+    with Primary(emulator.host, 30001) as primary:
+        found = primary.state()
+    flat = struct.unpack(">6I24dI", found[5])[6:30]
+    theta, a, d, alpha = (flat[n : n + 6] for n in (0, 6, 12, 18))
+    assert (theta, a[1], d[0]) == ((0.0,) * 6, -0.612, 0.1273)
+    assert alpha[0] == pytest.approx(math.pi / 2)
