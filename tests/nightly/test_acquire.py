@@ -12,13 +12,11 @@ from scenarios.acquire.press import motion
 
 pytest.importorskip("rtde_control")
 
-# a busy machine must not end the session: it stands still for longer than a laboratory's would
-PATIENT = ("tactile.stale_after_missed=20", "arm.stale_after_s=1.0", "ur.heartbeat_timeout_s=2.0",
-           "ur.watchdog_hz=1.0", "arm.drive_timeout_s=0.2")  # fmt: skip
+PATIENT = ("arm.drive_timeout_s=0.2",)  # a busy machine renews a drive late
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("direction", ["45", pytest.param("ccw", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("direction", ["45", "ccw"])
 def test_an_acquisition_on_the_emulated_rig_holds_its_force_and_labels_its_strokes(
     tmp_path: Path, direction: str
 ) -> None:

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP
-from tests.wire.terminal import Terminal
+from tests.nightly.terminal import Terminal
+from tests.wire.lab import ENVIRONMENT, GRASP
 
-PAGE = Path(__file__).parents[4] / "docs" / "hardware.md"
+PAGE = Path(__file__).parents[2] / "docs" / "hardware.md"
 HOST, PORT = "127.0.0.2", "5020"
 EMULATE = ("emulate", "--host", HOST, "--gripper-port", PORT, "--object", "foam")
 LAB = ("--config", "lab.toml")
@@ -80,7 +80,7 @@ class Day:
         blocks = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
         _, rehearsal = (tomllib.loads(block) for block in blocks if "[modbus]" in block)
         del rehearsal["gripper"], rehearsal["calibration"]  # this day measures its own
-        found = {
+        found: dict[str, dict[str, Any]] = {
             "modbus": {"host": HOST, "port": int(PORT)}, "ur": {"host": HOST},
             "usb": {"url": self.endpoints["tactile"]["url"]},
         }  # fmt: skip

@@ -92,7 +92,6 @@ def idle(host, port, count):
     return opened
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("port", [30003, 30004, 29999])
 def test_connections_that_say_nothing_are_capped_and_make_room(emulator, port):
     """More than select() could number, and than a process may open."""
@@ -177,9 +176,7 @@ def served(host, port, peers):
     )
 
 
-@pytest.mark.parametrize(
-    ("port", "count"), [(30004, 5), pytest.param(29999, 1, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("port", "count"), [(30004, 5), (29999, 1)])
 def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator, port, count):
     """30004: 48 kB in every cycle, 29999: questions without end. A mebibyte is kept for each."""
     before = most = resident_mb(emulator.process)
@@ -210,16 +207,6 @@ def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator, port, cou
     said = " ".join(emulator.fault(do="state")["messages"])
     assert said.count("cut off: it has not read 1048576 bytes") == count
     assert answers(emulator)
-
-
-@pytest.mark.slow
-def test_programs_do_not_fill_the_memory(emulator):
-    before = resident_mb(emulator.process)
-    for number in range(20):
-        send_program(emulator.host, f"def f():\n b={number}\n" + " a=1\n" * 8_000 + "end\n")
-        time.sleep(0.3)
-    assert answers(emulator)
-    assert resident_mb(emulator.process) - before < 150
 
 
 def test_flood_leaves_time_for_the_others(emulator):

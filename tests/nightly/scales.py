@@ -8,12 +8,10 @@ import numpy as np
 
 from scenarios.campaign.config import load_for_devices
 from scenarios.lab.fit import Point, fit_counts
-from scenarios.rigs.cell_control import ControlClient
 from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world.cell import LaidWeight, SimulatedCell
-from tests.wire.scenarios.lab.person import played
-from tests.wire.scenarios.lab.terminal import grasp
-from tests.wire.scenarios.test_rigs import QUICK, lab_file
+from tests.wire import lab
+from tests.wire.lab import QUICK
 
 CONFIRMED = ("--confirm-motion", "--scale")
 N_PER_G = 0.00980665
@@ -21,33 +19,28 @@ TICK_NS = 10_000_000
 LISTENED = 300  # samples of the truth of one weight, after as many in which the rubber settles
 
 
-class Lab:
+class Lab(lab.Lab):
     """An emulated lab whose hand is active, and a scale: what the thumb truly presses with."""
 
     def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
+        super().__init__(endpoints, folder)
         self.folder = folder
-        self.file = lab_file(folder / "lab.toml", endpoints)
-        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
-
-    def done(self, *words: str) -> None:
-        done = grasp(*words, "--confirm-motion", "--config", str(self.file))
-        assert done.returncode == 0, done.stderr
 
     def newtons(self) -> float:
-        return float(self.cell.ask("truth")["truth"]["normal_n"][0])
+        return float(self.ask("truth")["truth"]["normal_n"][0])
 
     def lay(self, newtons: float) -> None:
         """A weight on the thumb's pad, in place of what lay there."""
-        self.cell.ask("lay", finger="A", newtons=newtons)
+        self.ask("lay", finger="A", newtons=newtons)
 
-    def played(self, answer: Callable[[str], str], *words: str) -> tuple[int, str, str]:
-        return played(answer, "calibrate", *words, "--config", str(self.file))
+    def played(self, answer: Callable[[str], str], *words: str) -> lab.Done:
+        return self.grasp("calibrate", *words, answer=answer)
 
     def wrote(self, answer: Callable[[str], str], *words: str) -> tuple[str, str]:
         """Of a calibration that ends well, what it showed and said."""
-        code, shown, said = self.played(answer, *words)
-        assert code == 0, said
-        return shown, said
+        done = self.played(answer, *words)
+        assert done.code == 0, done.err
+        return done.out, done.err
 
 
 def counts_under(forces_n: Sequence[float], *sets: str, seed: int = 0) -> list[float]:

@@ -1,7 +1,7 @@
 """Modbus clients that pip installs and this project does not need, as programs of their own.
 
 pip install --no-deps pyModbusTCP==0.3.1 uModbus==1.0.4 modbus-tk==1.1.5 minimalmodbus==2.1.1
-python -m tests.wire.scenarios.cell.modbus_clients CLIENT ENDPOINTS        as JSON, of the cell
+python -m tests.nightly.modbus_clients CLIENT ENDPOINTS        as JSON, of the cell
 
 Exit code 77: the client is not installed.
 """
@@ -11,7 +11,7 @@ import json
 import socket
 import sys
 
-from tests.wire.drivers.ur.emulator.pip_clients import play, until
+from tests.nightly.pip_clients import play, until
 
 ACTIVATE, READY = 0x0100, 0x31  # rACT; gACT and gIMC = 3
 GO = 0x0900  # rACT and rGTO
