@@ -5,8 +5,6 @@ not (Grover, Nadeau, Grebe and Kelly 2022 published a recording of both). So the
 is the mean absolute change from frame to frame, over its taxels and a short window, in counts.
 """
 
-import math
-from collections.abc import Sequence
 from operator import sub
 from typing import Annotated
 
@@ -15,13 +13,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.decision import RuleSettings, event_starts
-from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
 
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
 LOWEST_THRESHOLD_COUNTS, HIGHEST_THRESHOLD_COUNTS = 0.1, 500.0
-TUNING_STEP = 1.02
 
 
 class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -104,38 +99,3 @@ def energy_series(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]
     total[window:] -= total[:-window].copy()
     energies: NDArray[np.float64] = total / (window * counts.shape[2])
     return energies
-
-
-def tune_threshold(
-    static: Sequence[NDArray[np.int16]],
-    settings: EnergySettings,
-    rule: RuleSettings,
-    false_events_per_min: float,
-) -> float:
-    """Give the least ``threshold_counts`` that keeps to the budget on data without any slip.
-
-    ``static`` holds recordings (n, fingers, taxels), each a stream of its own; an event on any of
-    their fingers counts once. Thresholds are tried from high to low in steps of 2 %, up to the
-    first that breaks the budget. Fewer minutes than 1 / budget allow no event at all, and say
-    little. Raises UsageError if there are no data or no threshold is high enough.
-    """
-    series = [energy_series(counts, settings.window) for counts in static]
-    minutes = sum(len(energies) for energies in series) / SAMPLES_PER_MIN
-    if minutes == 0.0:
-        raise UsageError("no static data to tune on", "give recordings at rest")
-    odds = rule.threshold / (1.0 - rule.threshold)
-    factor = odds ** (1.0 / settings.steepness)  # energy that the rule's threshold stands for
-    steps = int(math.log(HIGHEST_THRESHOLD_COUNTS / LOWEST_THRESHOLD_COUNTS, TUNING_STEP))
-    best = None
-    for step in range(steps, -1, -1):
-        threshold = LOWEST_THRESHOLD_COUNTS * TUNING_STEP**step
-        events = sum(len(event_starts(e, threshold * factor, rule)) for e in series)
-        if events > false_events_per_min * minutes:
-            break
-        best = threshold
-    if best is None:
-        raise UsageError(
-            f"over the budget even at {HIGHEST_THRESHOLD_COUNTS:g} counts",
-            "allow more false events with --budget",
-        )
-    return best

@@ -19,7 +19,7 @@ def check_closing(mode: int) -> None:
     if mode == SCISSOR:
         raise Refused(
             "the hand is in scissor mode, in which it is only opened",
-            f"support what it holds, `grasp gripper open`; then {TO_BASIC}",
+            f"support what it holds, `grasp release`; then {TO_BASIC}",
         )
 
 

@@ -8,24 +8,26 @@ import tomllib
 from typing import Any
 
 from grasp import interruption
-from grasp.cli import exits
+from grasp.cli import exits, fingertip
 from grasp.cli.lab import (
     FINGERS,
-    add_lab,
+    add_verb,
     confirm,
     lab_config,
     leave_to_move,
     new_file,
+    tell,
     tell_mode,
     tell_weak,
     will,
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser, group
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
-HELP = "measure what counts and bytes are worth, on a scale"
+HELP = "measure what counts and bytes are worth, on a scale; fit the simulated fingertip"
 SCALE = "One finger presses on a scale, harder than the limit of a run allows."
 OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
 MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
@@ -34,74 +36,53 @@ CLOSED = (255, 255, 255)
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("calibrate", help=HELP, description=HELP)
-    kinds = parser.add_subparsers(metavar="WHAT", required=True)
+    kinds = group(verbs, "calibrate", HELP, "WHAT")
     force = _kind(
         kinds, "force", calibrate_force,
         "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "
         "they say; with --press the finger presses by itself, a count at a time",
     )  # fmt: skip
     _add_scale(force, required=False)
-    force.add_argument("--press", action="store_true", help="the finger presses on the scale")
+    force.flag("--press", "the finger presses on the scale")
     hand = _kind(
         kinds, "hand", calibrate_hand,
         "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
         "a scale, and you type what it says",
     )  # fmt: skip
     _add_scale(hand, required=True)
-    hand.add_argument(
-        "--presses", type=whole(4, 100), default=10, metavar="N",
-        help="of each byte; ten at least of one that turns out to press with less than the manual "
-        "says of it, 15 N of byte 0 (default: %(default)s)",
-    )  # fmt: skip
-    hand.add_argument(
-        "--bytes", type=whole(0, 255), nargs="+", default=[0], metavar="BYTE",
-        help="force bytes that are pressed, 0 among them in any case (default: 0)",
-    )  # fmt: skip
-    hand.add_argument(
-        "--places", type=whole(0, 255), nargs="+", default=[], metavar="COUNTS",
-        help="positions at which you read a ruler, five or more (default: none, travel is not "
-        "measured)",
-    )  # fmt: skip
+    hand.option("--presses N", "of each byte; ten at least of one that turns out to press with "
+        "less than the manual says of it, 15 N of byte 0", whole(4, 100), default=10)  # fmt: skip
+    hand.option("--bytes BYTE", "force bytes that are pressed, 0 among them in any case (default: "
+        "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
+    hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
+        "none, travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
     noise = _kind(
         kinds, "noise", calibrate_noise,
         "the rule on slip that your fingertips allow, without labels: the hand holds something "
         "still for three minutes and lets it go; never below the rule that is there",
     )  # fmt: skip
-    noise.add_argument("--detector", default="tcn", metavar="NAME", help="default: %(default)s")
-    noise.add_argument(
-        "--budget", type=decimal(0.001, 60), default=0.5, metavar="N",
-        help="false events a minute of a hand (default: %(default)g)",
-    )  # fmt: skip
-    noise.add_argument(
-        "--seconds", type=decimal(SHORTEST_S + 5, 3600), default=LONG_S, metavar="N",
-        help="of hold (default: %(default)g)",
-    )  # fmt: skip
+    noise.option("--detector NAME", "", default="tcn")
+    noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
+    noise.option("--seconds N", "of hold", decimal(SHORTEST_S + 5, 3600), default=LONG_S)
+    fingertip.add_parser(kinds)
 
 
-def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text + ".")
-    parser.add_argument(
-        "--out", type=file_to_write, required=True, metavar="FILE",
-        help="what is written: a new .toml file, with date, spread and source",
-    )  # fmt: skip
-    parser.add_argument(
-        "--note", default="", metavar="TEXT", help="what else the file shall say of its source"
-    )
-    add_lab(parser, moves=True)
-    parser.set_defaults(handler=handler)
+def _kind(kinds: Any, name: str, handler: Any, text: str) -> Parser:
+    parser = add_verb(kinds, name, handler, text)
+    parser.option("--out FILE", "what is written: a new .toml file, with date, spread and source",
+        file_to_write, required=True)  # fmt: skip
+    parser.option("--note TEXT", "what else the file shall say of its source", default="")
     return parser
 
 
-def _add_scale(parser: argparse.ArgumentParser, required: bool) -> None:
-    parser.add_argument("--finger", choices=FINGERS, default="A", help="default: %(default)s")
-    parser.add_argument(
-        "--up-to", type=decimal(0.1, MANUAL_MOST_N), required=required, metavar="N",
-        help="newtons that may be pressed, more than the limit of a run if need be, at most the "
+def _add_scale(parser: Parser, required: bool) -> None:
+    parser.option("--finger", "", choices=FINGERS, default="A")
+    parser.option("--up-to N",
+        "newtons that may be pressed, more than the limit of a run if need be, at most the "
         f"manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
         + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
-    )  # fmt: skip
-    parser.add_argument("--scale", action="store_true", help=OVER_A_SCALE)
+        decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
+    parser.flag("--scale", OVER_A_SCALE)
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
@@ -123,7 +104,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
             tell_mode(config)
         else:
             check_hearing(config)
-        return _would(args, pressing if args.press else "nothing")
+        return tell(args, {"would": f"move {pressing if args.press else 'nothing'}"})
     if not args.press:
         operator = _operator()
         with interruption.held():
@@ -159,7 +140,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     if args.dry_run:
         check_pressing(config, hearing=False)
         tell_mode(config)
-        return _would(args, pressing)
+        return tell(args, {"would": f"move {pressing}"})
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     tell_mode(config)
     _over_a_scale(args)
@@ -205,7 +186,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     if args.dry_run:
         check_close(config, active_hand(config), CLOSED)
         tell_mode(config)
-        return _would(args, f"{holding}; the arm stands")
+        return tell(args, {"would": f"move {holding}; the arm stands"})
     permit = leave_to_move(config, args, lambda: f"move {holding}")
     tell_mode(config)
     operator = _operator()
@@ -254,14 +235,6 @@ def _operator() -> Any:
 
 def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def _would(args: argparse.Namespace, what: str) -> int:
-    if args.json:
-        print(json_line({"would": f"move {what}", "exit_code": exits.SUCCESS}))
-    else:
-        print(f"would move {what}")
-    return exits.SUCCESS
 
 
 def _written(args: argparse.Namespace, text: str) -> int:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, no_settings, whole, workers
+from grasp.cli.options import add_workers, progress, whole, workers
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_with_folders
 
 if TYPE_CHECKING:
@@ -18,61 +19,28 @@ HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("campaign", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "campaign", HELP)
     _add_run(actions)
-    summary = actions.add_parser("summary", help="rates with intervals, latencies, slip distances")
-    summary.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
-    summary.add_argument("--json", action="store_true", help="one JSON object")
-    no_settings(summary)
-    summary.set_defaults(handler=summarize)
 
 
 def _add_run(actions: Any) -> None:
-    run = actions.add_parser(
-        "run",
-        help="run the trials of a campaign file",
-        description="Runs every trial of a campaign file and writes each as a row of an SQLite "
-        "file when it finishes. Exit code 0 when every trial ran, whatever its verdict; 1 if any "
-        "errored; 130 when interrupted, with all finished rows kept.",
-    )
-    run.add_argument(
-        "campaign", metavar="FILE", help="campaign file, or the name of one of config/campaigns"
-    )
+    run = verb(actions, "run", run_campaign, "run the trials of a campaign file", ". Runs every "
+        "trial of a campaign file and writes each as a row of an SQLite file when it finishes. "
+        "Exit code 0 when every trial ran, whatever its verdict; 1 if any errored; 130 when "
+        "interrupted, with all finished rows kept.")  # fmt: skip
+    run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     add_workers(run)
-    run.add_argument(
-        "--out", type=file_with_folders, metavar="FILE",
-        help="SQLite file to make (default: runs/campaigns/<name>.sqlite)",
-    )  # fmt: skip
-    run.add_argument(
-        "--detector", metavar="NAME", help="in place of the detectors of the campaign file"
-    )
-    run.add_argument(
-        "--profile", metavar="NAME", help="in place of the profiles of the campaign file"
-    )
-    run.add_argument(
-        "--config", type=Path, action="append", metavar="FILE",
-        help="TOML over the packaged settings and the campaign's `config`, for every trial; "
-        "several: later ones on top",
-    )  # fmt: skip
-    run.add_argument(
-        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help="one setting, for every trial; may be repeated; `grasp config show` lists them",
-    )  # fmt: skip
-    run.add_argument(
-        "--repetitions",
-        type=whole(1, MOST_REPETITIONS),
-        metavar="N",
-        help="in place of the campaign file's",
-    )
-    run.add_argument(
-        "--resume", action="store_true",
-        help="go on with an existing file: run what is missing or errored",
-    )  # fmt: skip
-    run.add_argument(
-        "--json", action="store_true", help="the summary as one JSON object, nothing else"
-    )
-    run.set_defaults(handler=run_campaign)
+    run.option("--out FILE", "SQLite file to make (default: runs/campaigns/<name>.sqlite)",
+        file_with_folders)  # fmt: skip
+    run.option("--detector NAME", "in place of the detectors of the campaign file")
+    run.option("--profile NAME", "in place of the profiles of the campaign file")
+    run.option("--config FILE", "TOML over the packaged settings and the campaign's `config`, for "
+        "every trial; several: later ones on top", Path, action="append")  # fmt: skip
+    run.option("--set SECTION.KEY=VALUE", "one setting, for every trial; may be repeated; `grasp "
+        "config` lists them", action="append", default=[])  # fmt: skip
+    run.option("--repetitions N", "in place of the campaign file's", whole(1, MOST_REPETITIONS))
+    run.flag("--resume", "go on with an existing file: run what is missing or errored")
+    run.flag("--json", "the summary as one JSON object, nothing else")
 
 
 def _spec(args: argparse.Namespace) -> "CampaignSpec":
@@ -111,32 +79,37 @@ def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    from grasp.cli.campaign_view import View
     from scenarios.campaign.run import default_path, run
 
     spec = _spec(args)
-    out = args.out or default_path(spec)
-    with View(spec.name, quiet=args.json) as view:
+    out, last = args.out or default_path(spec), None
+    with progress(spec.name, hidden=args.json) as bar:
+
+        def show(at: Any) -> None:
+            nonlocal last
+            last = at
+            good = f", {at.successes / at.new:.0%} succeeded" if at.new else ""
+            wrong = f", {at.errors} ERRORS" if at.errors else ""
+            bar(at.new, at.total - at.done + at.new, f"{spec.name}{good}{wrong}")
+
         try:
-            progress = run(spec, out, workers(args), args.resume, view.show)
+            ended = run(spec, out, workers(args), args.resume, show)
         except KeyboardInterrupt:
-            view.close()
-            return exits.report("interrupted", view.kept(out), "go on with --resume", args.json)
-    _print_summary(out, args.json)
+            kept = "interrupted before anything ran"
+            if last is not None:
+                kept = f"{last.done} of {last.total} trials are in {out}"
+            return exits.report("interrupted", kept, "go on with --resume", args.json)
+    print_summary(out, args.json)
     if not args.json:
         print(out)
-    return exits.TRIAL_FAILED if progress.errors else exits.SUCCESS
+    return exits.TRIAL_FAILED if ended.errors else exits.SUCCESS
 
 
-def summarize(args: argparse.Namespace) -> int:
-    _print_summary(args.file, args.json)
-    return exits.SUCCESS
-
-
-def _print_summary(path: Path, as_json: bool) -> None:
+def print_summary(path: Path, as_json: bool) -> None:
+    """Table IV of a campaign's file."""
     import msgspec
 
-    from grasp.cli.campaign_view import print_summary
+    from grasp.cli.campaign_view import print_summary as print_tables
     from scenarios.campaign.store import CampaignStore
     from scenarios.campaign.summary import summarize
 
@@ -145,4 +118,4 @@ def _print_summary(path: Path, as_json: bool) -> None:
     if as_json:
         print(msgspec.json.encode(found).decode())
     else:
-        print_summary(found)
+        print_tables(found)

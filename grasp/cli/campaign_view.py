@@ -1,96 +1,14 @@
-"""What a person sees of a campaign: a bar while it runs, Table IV at its end."""
+"""What a person sees of a campaign: Table IV."""
 
 import math
 import sys
-import time
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.progress import Progress as Bar
-
     from detector.scores.quantiles import Quantiles
-    from scenarios.campaign.run import Progress
     from scenarios.campaign.summary import Cell, Summary, Variant
 
-LINES = 10  # where there is no terminal: a line for each tenth of the campaign
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
-
-
-class View:
-    """Follows a campaign on standard error: bar, rate, time left, successes so far."""
-
-    def __init__(self, name: str, quiet: bool) -> None:
-        self._name = name
-        self._quiet = quiet
-        self._last: Progress | None = None
-        self._bar: Bar | None = None
-        self._start_s = time.monotonic()
-        self._shown = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def show(self, progress: "Progress") -> None:
-        """Take the state after one more trial."""
-        self._last = progress
-        if self._quiet:
-            return
-        if progress.new == 0:  # a campaign begins, perhaps not the first one
-            self._start_s, self._shown = time.monotonic(), 0
-            self.close()
-        if sys.stderr.isatty():
-            self._show_bar(progress)
-        elif progress.new * LINES // max(1, progress.total) > self._shown:
-            self._shown = progress.new * LINES // max(1, progress.total)
-            print(f"{self._name}: {_counts(progress)}, {self._rate(progress)}", file=sys.stderr)
-
-    def kept(self, out: Path) -> str:
-        """What an interrupted campaign leaves."""
-        if self._last is None:
-            return "interrupted before anything ran"
-        return f"{self._last.done} of {self._last.total} trials are in {out}"
-
-    def _rate(self, progress: "Progress") -> str:
-        spent_s = max(1e-9, time.monotonic() - self._start_s)
-        per_s = progress.new / spent_s
-        left_s = (progress.total - progress.done) / per_s if per_s else float("inf")
-        return f"{per_s:.1f} trials/s, {left_s:.0f} s left"
-
-    def _show_bar(self, progress: "Progress") -> None:
-        if self._bar is None:
-            self._bar = _bar()
-            self._bar.add_task(self._name, total=progress.total, completed=progress.done, said="")
-            self._bar.start()
-        said = f"{_counts(progress)}  {self._rate(progress)}" if progress.new else "starting"
-        self._bar.update(self._bar.task_ids[0], completed=progress.done, said=said)
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
-
-
-def _counts(progress: "Progress") -> str:
-    text = f"{progress.done}/{progress.total}"
-    if progress.new:
-        text += f", {progress.successes / progress.new:.0%} succeeded"
-    return text + (f", {progress.errors} ERRORS" if progress.errors else "")
-
-
-def _bar() -> "Bar":
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[said]}"),
-        console=Console(file=sys.stderr),
-    )
 
 
 def print_summary(summary: "Summary") -> None:

@@ -9,18 +9,15 @@ from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import network_path
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 
 def add_parser(actions: Any) -> None:
-    text = "what a network's weights say of themselves: data, seed, commit, calibration"
-    parser = actions.add_parser("card", help=text, description=text)
-    parser.add_argument(
-        "network", nargs="?", metavar="NAME|FILE.onnx",
-        help="packaged name, or a file; without it: the detectors there are, which is the "
-        "default, and the rule of each",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="one JSON object a detector")
-    parser.set_defaults(handler=card)
+    parser = verb(actions, "card", card, "what a network's weights say of themselves: data, seed, "
+        "commit, calibration")  # fmt: skip
+    parser.option("network NAME|FILE.onnx", "packaged name, or a file; without it: the detectors "
+        "there are, which is the default, and the rule of each", nargs="?")  # fmt: skip
+    parser.flag("--json", "one JSON object a detector")
 
 
 def card(args: argparse.Namespace) -> int:
@@ -81,7 +78,7 @@ def _check_no_formula(word: str) -> None:
     if word in FORMULAS:
         raise UsageError(
             f"{word} is a formula: it has no weights, and so no card",
-            f"`grasp config show {FORMULAS[word]} --detector {word}` has its settings, "
+            f"`grasp config {FORMULAS[word]} --detector {word}` has its settings, "
             "`grasp detector card` every detector",
         )
 

@@ -1,35 +1,19 @@
-"""`grasp completion`: words that a shell can offer, by argcomplete."""
+"""Words that a shell can offer: argcomplete asks for them.
+
+In ~/.bashrc: `eval "$(register-python-argcomplete grasp)"`; of zsh and fish too.
+"""
 
 import argparse
 from collections.abc import Callable, Iterator
-from typing import Any
 
-from grasp.cli import exits
 from grasp.cli.parser import Parser
 
-HELP = "print what makes a shell complete the words of `grasp`"
 ASKED = "_ARGCOMPLETE"  # the variable by which a shell asks
 # what an argument names, of config/<kind>
 NAMED = {
     "object": "objects", "objects": "objects", "detector": "detectors", "rig": "rigs",
     "profile": "profiles", "surface": "surfaces", "campaign": "campaigns",
 }  # fmt: skip
-
-
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser(
-        "completion", help=HELP,
-        description=HELP + ". In ~/.bashrc or ~/.zshrc: eval \"$(grasp completion bash)\", or zsh.",
-    )  # fmt: skip
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"))
-    parser.set_defaults(handler=show)
-
-
-def show(args: argparse.Namespace) -> int:
-    from argcomplete.shell_integration import shellcode
-
-    print(shellcode(["grasp"], shell=args.shell))
-    return exits.SUCCESS
 
 
 def complete(parser: Parser) -> None:

@@ -1,5 +1,5 @@
-"""`grasp config show`: every setting with its value, allowed range and source; `check`: are files
-of one's own what they should be?"""
+"""`grasp config`: every setting with its value, allowed range and source; of files of one's own,
+whether they are what they should be."""
 
 import argparse
 import json
@@ -10,6 +10,7 @@ from typing import Any
 from drivers.errors import ConfigError, GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 from grasp.cli.rules import check_weights, tell_untuned
 from grasp.cli.run import add_trial_options
 
@@ -18,30 +19,25 @@ FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("config", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    show = actions.add_parser("show", help="every setting, its value and what is allowed")
-    show.add_argument("section", nargs="?", help="show this section alone")
-    add_trial_options(show, rig="emulated")
-    show.add_argument(
-        "--json", action="store_true", help="the resolved settings as one JSON object"
-    )
-    show.set_defaults(handler=run)
-    text = "are files of your own what they should be?"
-    check = actions.add_parser(
-        "check", help=text,
-        description=text + " Opens no device and runs no trial; the detectors of a campaign are "
-        "loaded. What a file is, an object, surface, calibration, rig, campaign, data "
-        "set, or settings for --config, is told by what is in it. Each is judged alone. Exit code "
-        "2 if one is wrong.",
-    )  # fmt: skip
-    check.add_argument("file", nargs="+", metavar="FILE", help="path of a .toml file")
-    check.set_defaults(handler=check_files)
+    parser = verb(verbs, "config", run, HELP, ". Every setting, its value, what is allowed and "
+        "whence it is; of each FILE (a .toml of your own: an object, surface, calibration, rig, "
+        "campaign, data set, or settings for --config) instead whether it is what it should be, "
+        "judged alone. Opens no device and runs no trial; the detectors of a campaign are loaded. "
+        "Exit code 2 if a file is wrong.")  # fmt: skip
+    parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
+    add_trial_options(parser, rig="emulated")
+    parser.flag("--json", "the resolved settings as one JSON object")
 
 
-def check_files(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> int:
+    from grasp.settings import by_path
+
+    if not any(by_path(word) for word in args.section):
+        return _show(args)
+    if args.json:
+        raise UsageError("--json shows settings, and files are checked", "leave it out")
     code = exits.SUCCESS
-    for word in args.file:
+    for word in args.section:
         try:
             print(f"{word}: {_checked(word)}")
         except GraspError as error:
@@ -121,7 +117,7 @@ def _read_by(path: Path) -> str:
         return ""
     if readers:
         return f" (read with {', '.join(readers)}, not with {default}: {refused.key})"
-    layered = f"grasp config show --config THAT.toml --config {shlex.quote(str(path))}"
+    layered = f"grasp config --config THAT.toml --config {shlex.quote(str(path))}"
     raise UsageError(
         f"{refused.message}; so alone no run takes it",
         f"{refused.remedy.removeprefix('allowed: ')}; beside THAT file, which does: `{layered}`",
@@ -139,10 +135,10 @@ def _whence(source: str | None) -> str:
     return f"from {path.relative_to(config_dir()) if inside else source}"
 
 
-def run(args: argparse.Namespace) -> int:
+def _show(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import allowed, meant, sources_of
+    from grasp.settings import allowed, sources_of
     from scenarios.campaign.config import load_config
     from scenarios.trial.config import trial_layers
 
@@ -151,14 +147,9 @@ def run(args: argparse.Namespace) -> int:
     check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
-    if args.section is not None and args.section not in sections:
-        if args.section == "detector":
-            told = f"its settings are in [{config.detector_section}] and [rule]"
-            remedy = f"`grasp detector card` names all, {config.detector_name} is chosen: {told}"
-            raise UsageError("no section 'detector'", remedy)
-        hint = meant(args.section, sections)
-        raise UsageError(f"no section {args.section!r}{hint}", f"one of: {', '.join(sections)}")
-    shown = sections if args.section is None else [args.section]
+    for word in args.section:
+        _check_section(word, sections, config)
+    shown = args.section or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):
         tell_untuned(config, layers)
@@ -174,3 +165,17 @@ def run(args: argparse.Namespace) -> int:
             print(f"{key} = {json.dumps(value)}  # {told}; {_whence(sources.get(place))}")
         print()
     return exits.SUCCESS
+
+
+def _check_section(word: str, sections: list[str], config: Any) -> None:
+    """Raises UsageError for a section that the settings do not have."""
+    from grasp.settings import meant
+
+    if word in sections:
+        return
+    if word == "detector":
+        told = f"its settings are in [{config.detector_section}] and [rule]"
+        remedy = f"`grasp detector card` names all, {config.detector_name} is chosen: {told}"
+        raise UsageError("no section 'detector'", remedy)
+    hint = meant(word, sections)
+    raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")

@@ -1,4 +1,4 @@
-"""`grasp dataset`: build a data set of labelled recordings, collect one, say what one holds."""
+"""`grasp dataset`: build a data set of labelled recordings, or collect one."""
 
 import argparse
 from collections.abc import Callable
@@ -6,94 +6,44 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, progress, whole, workers
+from grasp.cli.options import add_workers, decimal, progress, whole, workers
 from grasp.cli.output import json_line
-from grasp.cli.pictures import picture
+from grasp.cli.parser import group, verb
 from grasp.cli.places import folder_to_fill
 
-HELP = "build and describe data sets of labelled fingertip recordings"
+HELP = "build and collect data sets of labelled fingertip recordings"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("dataset", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "dataset", HELP)
     _add_build(actions)
-    _add_describe(actions)
     _add_collect(actions)
 
 
 def _add_build(actions: Any) -> None:
-    text = "make all recordings of a data set, on the simulated rig"
-    parser = actions.add_parser(
-        "build",
-        help=text,
-        description=text + ". The same file gives the same recordings, on any number of processes. "
-        "A build that was ended goes on where it was.",
-    )
-    parser.add_argument(
-        "config",
-        metavar="FILE",
-        help="its path, or the name of one of config/datasets: paper, confusers, grasped-slip, "
-        "mallet, observer, turning",
-    )
-    parser.add_argument(
-        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
-    )
+    parser = verb(actions, "build", build, "make all recordings of a data set, on the simulated "
+        "rig", ". The same file gives the same recordings, on any number of processes. A build "
+        "that was ended goes on where it was.")  # fmt: skip
+    parser.option("config FILE", "its path, or the name of one of config/datasets: paper, "
+        "confusers, grasped-slip, mallet, observer, turning")  # fmt: skip
+    parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
     add_workers(parser)
-    parser.add_argument(
-        "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
-        help="build so much of it, at most 1, with the same distribution; of each kind three "
-        "recordings at least (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=whole(1, 2**31 - 1), metavar="N",
-        help="draw other recordings of the same distribution (default: the file's seed)",
-    )  # fmt: skip
-    _add_json(parser)
-    parser.set_defaults(handler=build)
-
-
-def _add_describe(actions: Any) -> None:
-    text = "counts and statistics of a data set beside the paper's"
-    parser = actions.add_parser("describe", help=text, description=text)
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of recordings")
-    parser.add_argument(
-        "--split", choices=("train", "validation", "test"), help="of this split alone"
-    )
-    parser.add_argument(
-        "--pictures", type=picture, metavar="FILE",
-        help="draw a few recordings, .svg, .png or .pdf; needs the extra `charts`",
-    )  # fmt: skip
-    _add_json(parser)
-    parser.set_defaults(handler=describe)
+    parser.option("--share X", "build so much of it, at most 1, with the same distribution; of "
+        "each kind three recordings at least", decimal(1e-4, 1), default=1.0)  # fmt: skip
+    parser.option("--seed N", "draw other recordings of the same distribution (default: the file's "
+        "seed)", whole(1, 2**31 - 1))  # fmt: skip
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def _add_collect(actions: Any) -> None:
-    text = "make a data set of your own recordings"
-    parser = actions.add_parser(
-        "collect", help=text,
-        description=text + ": labelled samples of acquisitions, and .npz or .csv files. Of each "
-        "five of a motion on a surface, three are for training, one for validation, one for test; "
-        "three put it into each split.",
-    )  # fmt: skip
-    parser.add_argument(
-        "source",
-        type=Path,
-        nargs="+",
-        metavar="RUN|FILE",
-        help="folders of `grasp run acquire`, and files of counts (.npz, .csv)",
-    )
-    parser.add_argument(
-        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
-    )
-    _add_json(parser)
-    parser.set_defaults(handler=collect)
-
-
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+    parser = verb(actions, "collect", collect, "make a data set of your own recordings",
+        ": labelled samples of acquisitions, and .npz or .csv files. Of each five of a motion on a "
+        "surface, three are for training, one for validation, one for test; three put it into each "
+        "split.")  # fmt: skip
+    parser.option("source RUN|FILE", "folders of `grasp run acquire`, and files of counts (.npz, "
+        ".csv)", Path, nargs="+")  # fmt: skip
+    parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def build(args: argparse.Namespace) -> int:
@@ -170,68 +120,3 @@ def _plan_text(jobs: Any) -> str:
     short = sum(job.samples <= WARM_UP_SAMPLES for job in jobs)
     many = f"{len(jobs)} recordings"
     return f"{many}; {too_short(short)}: a larger --share makes them longer" if short else many
-
-
-def describe(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from scenarios.acquire.datasets import describe
-    from scenarios.benchmark.data_sets import read_set
-
-    if args.pictures is not None:
-        need("charts", "matplotlib")
-    recordings = read_set(args.folder, args.split, exits.say)
-    figures = describe.describe(recordings)
-    if args.pictures is not None:
-        describe.draw(recordings, args.pictures)
-    if args.json:
-        print(msgspec.json.encode(figures).decode())
-    else:
-        print_figures(figures)
-    return exits.SUCCESS
-
-
-def print_figures(r: Any) -> None:
-    """Figures beside the paper's, as tables."""
-    from scenarios.acquire.datasets.describe import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
-
-    print(f"{r.recordings} recordings, {r.samples} samples: {r.static} static, {r.slip} slip")
-    print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")
-    if r.slip_true is not None:
-        print(f"slip_true: {r.slip_true}; equal to the label slip in {r.labels_agree:.1%}")
-    if r.moved is not None:
-        print(f"moved: {r.moved} samples are 1 mm or more from where they last rested")
-    if r.speed_p50_mps is not None:
-        print(f"speed where labelled slip: p50 {r.speed_p50_mps * 1e3:.0f}, "
-              f"p99 {r.speed_p99_mps * 1e3:.0f} mm/s")  # fmt: skip
-    print("splits: " + ", ".join(f"{name} {n}" for name, n in r.splits.items()))
-    print(f"\n{'kind':<32}{'recordings':>10}{'samples':>9}{'slip %':>8}{'moved %':>9}{'at 0 %':>8}")
-    for name, k in r.kinds.items():
-        moved = "-" if k.moved is None else f"{100 * k.moved:.1f}"
-        print(f"{name:<32}{k.recordings:>10}{k.samples:>9}{100 * k.slip:>8.1f}{moved:>9}"
-              f"{100 * k.at_rail:>8.1f}")  # fmt: skip
-    if r.acts:
-        _print_acts(r.acts)
-    if r.table:
-        print(f"\n{'Table I':<12}{'speed':>7}  {'surface':<12}{'samples':>8}{'slip':>8}"
-              f"{'%':>7}{'paper':>7}")  # fmt: skip
-    for c in r.table:
-        paper = "-" if c.paper_percent is None else f"{c.paper_percent:.1f}"
-        print(f"{c.motion:<12}{c.speed:>7g}  {c.surface:<12}{c.samples:>8}{c.slip:>8}"
-              f"{c.percent:>7.1f}{paper:>7}")  # fmt: skip
-    print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(len(r.taxels))))
-    for name, theirs in PAPER_COUNTS.items():
-        ours = [getattr(taxel, name) for taxel in r.taxels]
-        print(f"{name:<16}" + "".join(f"{value:>8.0f}" for value in ours))
-        if len(theirs) == len(ours):
-            print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))
-
-
-def _print_acts(acts: Any) -> None:
-    """What was done to held objects, and how far it moved them for good."""
-    print(f"\n{'act':<12}{'number':>8}{'< 0.5 mm':>10}{'0.5-1 mm':>10}{'> 2 mm':>8}"
-          f"{'furthest, median mm':>21}")  # fmt: skip
-    for name, a in acts.items():
-        shares = zip((a.below_half_mm, a.half_to_one_mm, a.above_two_mm), (8, 8, 6), strict=True)
-        text = "".join(f"{100 * share:>{width}.0f} %" for share, width in shares)
-        print(f"{name:<12}{a.number:>8}{text}{1e3 * a.furthest_p50_m:>21.2f}")

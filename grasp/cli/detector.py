@@ -6,10 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import BadFile, UsageError
+from drivers.errors import UsageError
 from grasp.cli import card, exits, train
-from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
+from grasp.cli.options import add_settings, decimal, one_by_one
 from grasp.cli.output import json_line
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_to_write, own_or_new
 from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
@@ -22,8 +23,7 @@ SHORT_MINUTES = 2.0
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("detector", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "detector", HELP)
     _add_evaluate(actions)
     _add_tune(actions)
     card.add_parser(actions)
@@ -31,14 +31,10 @@ def add_parser(verbs: Any) -> None:
 
 
 def _add_evaluate(actions: Any) -> None:
-    text = "score detectors on labelled fingertip recordings"
-    parser = actions.add_parser(
-        "evaluate",
-        help=text,
-        description=text + ". Samples from the hundredth of a recording on are scored; a miss "
-        "counts as a delay without end.",
-    )
-    parser.add_argument("detector", nargs="+", metavar="NAME", help="some of config/detectors")
+    parser = verb(actions, "evaluate", evaluate, "score detectors on labelled fingertip recordings",
+        ". Samples from the hundredth of a recording on are scored; a miss counts as a delay "
+        "without end.")  # fmt: skip
+    parser.option("detector NAME", "some of config/detectors", nargs="+")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         "--recording", type=Path, metavar="RUN|FILE",
@@ -52,76 +48,40 @@ def _add_evaluate(actions: Any) -> None:
         metavar="DIR",
         help="folders of `grasp dataset build`, or `collect`",
     )
-    parser.add_argument(
-        "--split", choices=("train", "validation", "test", "all"), default="test",
-        help="with --data: what to score on; all is fair on a set built from a seed of its own "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--label", choices=("slip", "slip_true", "moved"), default="slip",
-        help="slip: by the fingertip's speed, as in the paper; slip_true: the contact itself "
-        "slides; moved: 1 mm from where it last rested (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_to_write, metavar="FILE.json",
-        help="keep the scores, with what each rule of the sweep of `tune` would make of them and "
-        "the worst misses; `grasp report FILE.json` makes a page of it",
-    )  # fmt: skip
+    parser.option("--split", "with --data: what to score on; all is fair on a set built from a "
+        "seed of its own",
+        choices=("train", "validation", "test", "all"), default="test")  # fmt: skip
+    parser.option("--label", "slip: by the fingertip's speed, as in the paper; slip_true: the "
+        "contact itself slides; moved: 1 mm from where it last rested",
+        choices=("slip", "slip_true", "moved"), default="slip")  # fmt: skip
+    parser.option("--out FILE.json", "keep the scores, with what each rule of the sweep of `tune` "
+        "would make of them and the worst misses; `grasp report FILE.json` makes a page of it",
+        file_to_write)  # fmt: skip
     add_settings(parser)
-    _add_json(parser)
-    parser.set_defaults(handler=evaluate)
+    parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
 
 
 def _add_tune(actions: Any) -> None:
-    text = "find the quickest decision within a budget of false events"
-    parser = actions.add_parser(
-        "tune",
-        help=text,
-        description=text + ". With --data: kind, threshold and length of the decision rule of any "
-        "detector, on the split `validation`. Without: the least threshold of `energy`, on "
-        "simulated lifts of drawn objects in which nothing slips, or on recordings of your own in "
-        "which nothing slips.",
-    )
-    parser.add_argument(
-        "detector", nargs="?", default="energy", metavar="NAME",
-        help="(default: energy, on simulated lifts: about a minute for the 120 of --lifts)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--budget", type=decimal(0, MOST_BUDGET), default=1.0, metavar="N",
-        help="false events a minute, three fingers together; less rest than one of them needs is "
-        "refused; 0: none in whatever rest there is (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--data",
-        type=Path,
-        nargs="+",
-        metavar="DIR",
+    parser = verb(actions, "tune", tune, "find the quickest decision within a budget of false "
+        "events", ". With --data: kind, threshold and length of the decision rule, on the split "
+        "`validation`; with --unlabelled its threshold, on holds in which nothing "
+        "slips.")  # fmt: skip
+    parser.option("detector NAME", "one of config/detectors, or your own")
+    parser.option("--budget N", "false events a minute, three fingers together; less rest than one "
+        "of them needs is refused; 0: none in whatever rest there is", decimal(0, MOST_BUDGET),
+        default=1.0)  # fmt: skip
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "--data", type=Path, nargs="+", metavar="DIR",
         help="folders of `grasp dataset build`, or `collect`",
-    )
-    parser.add_argument(
-        "--lifts", type=whole(1, 100_000), default=120, metavar="N",
-        help="simulated lifts, each of an object of its own (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--static", type=Path, nargs="+", metavar="PATH.csv",
-        help="tune on these recordings instead; samples labelled slip are an error",
-    )  # fmt: skip
-    parser.add_argument(
+    source.add_argument(
         "--unlabelled", type=Path, nargs="+", metavar="RUN|FILE",
-        help="set the threshold of any detector's rule without labels, by minutes of hold in which "
-        "nothing slips, each ended by opening the hand: folders of lifts with a long "
-        "controller.hold_s, .npz or .csv",
+        help="minutes of hold in which nothing slips, each ended by opening the hand: folders of "
+        "lifts with a long controller.hold_s, .npz or .csv",
     )  # fmt: skip
     add_settings(parser)
-    _add_json(parser)
-    parser.set_defaults(handler=tune)
-
-
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--json", action="store_true",
-        help="JSON on standard output, one object a detector, nothing else",
-    )  # fmt: skip
+    parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
 
 
 def evaluate(args: argparse.Namespace) -> int:
@@ -249,27 +209,8 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
 
 
 def tune(args: argparse.Namespace) -> int:
-    given = [f"--{key}" for key in ("data", "static", "unlabelled") if getattr(args, key)]
-    if len(given) > 1:
-        raise UsageError(f"{' and '.join(given)} are two ways to tune", "give one of them")
     check_named([args.detector], args.config, args.set)
-    if args.unlabelled:
-        return _tune_unlabelled(args)
-    if args.data:
-        return _tune_rule(args)
-    if args.detector != "energy":
-        remedy = "give --data, folders of `grasp dataset build`, or `collect`"
-        raise UsageError(f"{args.detector} is tuned on data sets", remedy)
-    threshold, minutes = _tune_on_recordings(args) if args.static else _tune_on_lifts(args)
-    must_test(minutes, args.budget, "more recordings" if args.static else "more --lifts")
-    if args.json:
-        print(json_line({"threshold_counts": threshold, "minutes": minutes}))
-    else:
-        print(f"# {args.budget:g} false events a minute, tuned on {rest_text(minutes)} of a hand")
-        if minutes * args.budget < FEW_EVENTS:
-            print("# that is little: one event more or less would make another threshold")
-        print(f"[energy]\nthreshold_counts = {threshold:.3g}")
-    return exits.SUCCESS
+    return _tune_unlabelled(args) if args.unlabelled else _tune_rule(args)
 
 
 def _tune_rule(args: argparse.Namespace) -> int:
@@ -384,30 +325,3 @@ def point_text(p: Any) -> str:
                  f"{p.blows.unmoved_registered} of {p.blows.unmoved} that did not, "
                  f"{p.blows.nearly_registered} of {p.blows.nearly} without the weak")  # fmt: skip
     return text
-
-
-def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
-    from scenarios.benchmark.static_lifts import tune as tune_on_lifts
-    from scenarios.campaign.config import load_config
-
-    config = load_config("can", "simulated", "energy", args.config, args.set).for_lift()
-    with progress("static lifts", hidden=args.json) as show:
-        return tune_on_lifts(config, args.lifts, args.budget, show)
-
-
-def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
-    from detector.energy import tune_threshold
-    from detector.recordings import read
-    from scenarios.campaign.config import load_config
-
-    config = load_config("can", "simulated", "energy", args.config, args.set)
-    recordings = [read(path) for path in args.static]
-    for recording in recordings:
-        if recording.slip.any():
-            raise BadFile(
-                recording.source, "holds samples labelled slip", "give recordings at rest"
-            )
-    threshold = tune_threshold(
-        [r.counts for r in recordings], config.energy, config.rule, args.budget
-    )
-    return threshold, sum(len(r.t_s) for r in recordings) * config.loop.period_s / 60

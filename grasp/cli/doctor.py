@@ -1,43 +1,42 @@
-"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy."""
+"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy; `grasp doctor
+HOST...`: which devices answer there."""
 
 import argparse
 from typing import Any
 
+from drivers.errors import one_line
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_runs, add_settings
+from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
-HELP = "check this machine and the devices without moving anything"
+HELP = "check this machine and the devices, or who answers at addresses; moves nothing"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
-    parser.add_argument(
-        "--rig", metavar="NAME",
-        help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--object", default="can", metavar="NAME",
-        help=f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", default="default", metavar="NAME",
-        help="likewise: one of config/profiles (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--detector", metavar="NAME",
-        help="likewise, as of `grasp run lift` (default: the profile's)",
-    )  # fmt: skip
+    parser = verb(verbs, "doctor", doctor, HELP, ". Reads only.")
+    parser.option("hosts HOST", "ask these alone, on the ports known, and print what to write into "
+        "a file for --config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
+        "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
+        nargs="*")  # fmt: skip
+    parser.option("--timeout S", "each HOST answers a question within S seconds", decimal(0.05, 10),
+        default=1.0)  # fmt: skip
+    parser.option("--rig NAME", "also ask the devices of this rig (one of config/rigs, or a .toml "
+        "file)")  # fmt: skip
+    parser.option("--object NAME",
+        f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
+        default="can")  # fmt: skip
+    parser.option("--profile NAME", "likewise: one of config/profiles", default="default")
+    parser.option("--detector NAME", "likewise, as of `grasp run lift` (default: the profile's)")
     add_settings(parser)
     add_runs(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
-    parser.set_defaults(handler=doctor)
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def doctor(args: argparse.Namespace) -> int:
+    if args.hosts:
+        return _find(args)
     from scenarios.rigs.doctor import examine
 
     def load(rig: str, detector: str | None) -> Any:
@@ -81,3 +80,26 @@ def _code(failed: list[Any]) -> int:
     if any(check.name in ("configuration", "disk") for check in failed):
         return exits.USAGE
     return exits.DEVICE if failed else exits.SUCCESS
+
+
+def _find(args: argparse.Namespace) -> int:
+    """Asks those that are named, and the USB bus, and nobody else."""
+    import msgspec
+
+    from scenarios.lab.find import ask, settings_of, usb_boards
+
+    found = []
+    for each in (*ask(args.hosts, args.timeout), *usb_boards()):
+        found.append(each)
+        if not args.json:
+            heard = "yes " if each.answered else "no  "
+            print(one_line(f"{heard}  {each.device} at {each.where}: {each.said}"))
+    answered = any(each.answered for each in found)
+    code = exits.SUCCESS if answered else exits.DEVICE
+    if args.json:
+        print(json_line({"asked": msgspec.to_builtins(found), "exit_code": code}))
+    elif answered:
+        print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
+    else:
+        exits.report_line("nobody answers: check power, cables and addresses")
+    return code

@@ -1,5 +1,5 @@
 """What `grasp run` will move on real devices, how fast, how hard, and what will be asked; its
-`--dry-run`, and that of `grasp release`, which read and move nothing."""
+`--dry-run`, which reads and moves nothing."""
 
 import argparse
 from typing import Any
@@ -7,14 +7,12 @@ from typing import Any
 from drivers.errors import DeviceFault, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.trials import is_asked, trials_of
 
 
-def add_dry_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--dry-run", action="store_true",
-        help="on real devices: ask them, say what would move, and move nothing",
-    )  # fmt: skip
+def add_dry_run(parser: Parser) -> None:
+    parser.flag("--dry-run", "on real devices: ask them, say what would move, and move nothing")
 
 
 def run(config: Any, args: argparse.Namespace) -> int:
@@ -143,34 +141,6 @@ def _plan(config: Any, args: argparse.Namespace) -> list[str]:
     if (trials := trials_of(args)) > 1:
         plan.append(f"do so {trials} times, each from where the first began")
     return plan
-
-
-def release(config: Any, args: argparse.Namespace) -> int:
-    """Raises what the release would: exits 0 only where the fingers would be opened."""
-    from drivers.robotiq.modes import SCISSOR, SPREADS
-    from scenarios.lab.ready import hand_seen
-    from scenarios.rigs.permission import gripper_address
-    from scenarios.rigs.release import not_active
-    from scenarios.rigs.rig import to_open
-
-    _of_devices(config)
-    to_open(config)  # raises where nobody has said which hand this is
-    seen, where = hand_seen(config), gripper_address(config)
-    state = seen.state
-    speed_mmps = config.controller.approach_speed_mps * 1e3
-    would = (
-        f"open the fingers of the gripper at {where} from {state.positions} counts at "
-        f"{speed_mmps:.0f} mm/s{SPREADS if seen.mode == SCISSOR else ''}"
-    )
-    if not state.active:
-        if not args.activate:
-            raise not_active(state, "the same with --activate")
-        would = f"activate the gripper at {where}: all fingers open and close fully, then open"
-    if args.json:
-        print(json_line({"would": would, "exit_code": exits.SUCCESS}))
-    else:
-        print(f"would {would}")
-    return exits.SUCCESS
 
 
 def _of_devices(config: Any) -> None:

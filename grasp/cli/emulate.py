@@ -9,51 +9,34 @@ from drivers.addresses import cannot_listen, check_free, check_host
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import OBJECT_HELP, add_settings, seed, whole
+from grasp.cli.parser import verb
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser(
-        "emulate",
-        help=HELP,
-        description=HELP + ". Prints its endpoints as one JSON line when it is ready and ends on "
-        "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated. "
-        "What a person does in a laboratory is typed here, a line each: place (the object on the "
-        "table), take (it away), scale (what each fingertip presses with), home (the arm, to where "
-        "it began, its tool turned as it was), look, tap [top|side|closing], press FINGER TAXEL "
-        "[NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), fault NAME "
-        "[SETTING=VALUE ...], fault help.",
-    )
-    parser.add_argument(
-        "--host", metavar="ADDRESS",
-        help="loopback address, e.g. 127.0.0.2 (default: a free one; never 127.0.0.1, where "
-        "ur_rtde skips a check)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--gripper-port", type=whole(0, 65_535), default=0, metavar="PORT",
-        help="Modbus TCP port (default: a free one; 502 needs privileges)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--beyond-loopback", action="store_true",
-        help="let --host be any address of this machine, e.g. in a container; what the control and "
-        "fault channels are asked then needs the token that is printed with the endpoints",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", choices=("cb3", "e-series"), default="cb3",
-        help="the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 Hz",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rtu",
-        action="store_true",
-        help="put the gripper on a serial line too, a pseudo-terminal that is printed with the "
-        "endpoints",
-    )
-    parser.add_argument("--object", default="can", metavar="NAME", help=OBJECT_HELP)
-    parser.add_argument("--seed", type=seed, default=0, metavar="N")
+    parser = verb(verbs, "emulate", emulate, HELP, ". Prints its endpoints as one JSON line when "
+        "it is ready and ends on SIGINT or SIGTERM. An object appears between the fingers once the "
+        "hand is activated. What a person does in a laboratory is typed here, a line each: place "
+        "(the object on the table), take (it away), scale (what each fingertip presses with), home "
+        "(the arm, to where it began, its tool turned as it was), look, tap [top|side|closing], "
+        "press FINGER TAXEL [NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), "
+        "fault NAME [SETTING=VALUE ...], fault help.")  # fmt: skip
+    parser.option("--host ADDRESS", "loopback address, e.g. 127.0.0.2 (default: a free one; never "
+        "127.0.0.1, where ur_rtde skips a check)")  # fmt: skip
+    parser.option("--gripper-port PORT", "Modbus TCP port (default: a free one; 502 needs "
+        "privileges)", whole(0, 65_535), default=0)  # fmt: skip
+    parser.flag("--beyond-loopback", "let --host be any address of this machine, e.g. in a "
+        "container; what the control and fault channels are asked then needs the token that is "
+        "printed with the endpoints")  # fmt: skip
+    parser.option("--profile", "the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 "
+        "Hz", choices=("cb3", "e-series"), default="cb3")  # fmt: skip
+    parser.flag("--rtu", "put the gripper on a serial line too, a pseudo-terminal that is printed "
+        "with the endpoints")  # fmt: skip
+    parser.option("--object NAME", OBJECT_HELP, default="can")
+    parser.option("--seed N", "of everything random", seed, default=0)
     add_settings(parser)
-    parser.set_defaults(handler=emulate)
 
 
 def emulate(args: argparse.Namespace) -> int:

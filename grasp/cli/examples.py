@@ -25,25 +25,26 @@ EXAMPLES = {
         "grasp report runs/20260102-101500-lift-can",
         "grasp report runs/campaigns/paper.sqlite",
         "grasp report scores.json",
+        "grasp report runs/20260102-101500-lift-can --to svg",
+        "grasp report runs/campaigns/paper.sqlite --out paper.csv",
     ),
-    "export": (
-        "grasp export runs/20260102-101500-lift-can --to csv",
-        "grasp export runs/20260102-101500-lift-can --to svg",
-        "grasp export runs/campaigns/paper.sqlite --out paper.csv",
+    "runs": ("grasp runs", "grasp runs runs/campaigns/paper.sqlite"),
+    "config": (
+        "grasp config object --object ball",
+        "grasp config --config lab.toml --config grip.toml",
+        "grasp config mug.toml cell.toml lab.toml",
     ),
-    "config show": (
-        "grasp config show object --object ball",
-        "grasp config show --config lab.toml --config grip.toml",
-    ),
-    "config check": ("grasp config check mug.toml cell.toml lab.toml",),
     "detector evaluate": (
         "grasp detector evaluate tcn energy --recording fingertip.csv",
         "grasp detector evaluate mine.onnx mine.py:Tremble --data sets/paper",
     ),
     "detector tune": ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",),
     "release": ("grasp release --rig cell.toml --confirm-motion",),
-    "find": ("grasp find 192.168.1.11 192.168.1.10",),
-    "doctor": ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
+    "doctor": (
+        "grasp doctor",
+        "grasp doctor --rig hardware --config lab.toml",
+        "grasp doctor 192.168.1.11 192.168.1.10",
+    ),
     "gripper step": (
         "grasp gripper step --finger B --mm 2 --config lab.toml --confirm-motion",
         "grasp gripper step --finger B --mm 2 --open --config lab.toml --dry-run",
@@ -58,5 +59,4 @@ EXAMPLES = {
         "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",
     ),
     "emulate": ("grasp emulate --host 127.0.0.2 --gripper-port 5020",),
-    "completion": ('eval "$(grasp completion bash)"',),
 }

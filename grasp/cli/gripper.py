@@ -1,4 +1,5 @@
-"""`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps."""
+"""`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps; `grasp
+release`: a hand that was left closed, opened so."""
 
 import argparse
 from collections.abc import Callable
@@ -9,17 +10,19 @@ from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.lab import (
     FINGERS,
-    add_lab,
+    add_verb,
     confirm,
     lab_config,
     leave_to_move,
     say,
+    tell,
     tell_mode,
     tell_weak,
     will,
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser, group
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
@@ -27,54 +30,44 @@ ALL = "open and close all fingers fully"
 IDLE = "do nothing: it is active"
 SET_BASIC = "open all fingers and set basic mode"
 FULLY = "activation opens and closes the hand fully, with a force that nobody sets."
+OPEN = (0, 0, 0)
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("gripper", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    _action(actions, "status", status, "every register in words; moves nothing", moves=False)
-    active = _action(
+    actions = group(verbs, "gripper", HELP)
+    add_verb(actions, "status", status, "every register in words; moves nothing", moves=False)
+    active = add_verb(
         actions, "activate", activate,
         "make the hand ready, which opens and closes it fully; one that is active in another mode "
         "is set to the basic one, for which it opens",
     )  # fmt: skip
-    active.add_argument(
-        "--empty", action="store_true", help="the hand is empty: do not ask whether it is"
-    )
-    _action(actions, "open", open_fingers, f"open all fingers {SLOW}: what they hold falls")
-    close = _action(
+    active.flag("--empty", "the hand is empty: do not ask whether it is")
+    close = add_verb(
         actions, "close", close_fingers,
         f"close fingers {SLOW}: B and C until anything is felt, then the thumb alone, under the "
         "force guard of a run, and refused where a run would be",
     )  # fmt: skip
     _add_finger(close, "all")
-    close.add_argument(
-        "--to", type=whole(0, 255), default=255, metavar="COUNTS",
-        help="no further than this (default: %(default)s, closed)",
-    )  # fmt: skip
-    step = _action(actions, "step", step_fingers, f"move a finger by a few millimetres {SLOW}")
+    close.option("--to COUNTS", "no further than this (default: %(default)s, closed)",
+        whole(0, 255), default=255)  # fmt: skip
+    step = add_verb(actions, "step", step_fingers, f"move a finger by a few millimetres {SLOW}")
     _add_finger(step, "A")
-    step.add_argument(
-        "--mm", type=decimal(0.01, 5), default=2.0, metavar="MM",
-        help="travel of the fingertip, at most 5 (default: %(default)g)",
-    )  # fmt: skip
-    step.add_argument("--open", action="store_true", help="open by that instead of closing")
+    step.option("--mm MM", "travel of the fingertip, at most 5", decimal(0.01, 5), default=2.0)
+    step.flag("--open", "open by that instead of closing")
 
 
-def _action(
-    actions: Any, name: str, handler: Any, text: str, moves: bool = True
-) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, description=text)
-    add_lab(parser, moves)
-    parser.set_defaults(handler=handler)
-    return parser
+def add_release(verbs: Any) -> None:
+    parser = add_verb(verbs, "release", release, f"open all fingers of a hand {SLOW}")
+    parser.description = (
+        f"{parser.description}. Support the object first: it falls when the fingers open. Needs "
+        "the gripper alone: how arm and fingertips are is told, and does not matter."
+    )
+    parser.flag("--activate", "activate a hand that is not active, which opens and closes it "
+        "fully: it must be empty, or what it holds supported")  # fmt: skip
 
 
-def _add_finger(parser: argparse.ArgumentParser, default: str) -> None:
-    parser.add_argument(
-        "--finger", choices=(*FINGERS, "all"), default=default,
-        help="A is the thumb (default: %(default)s)",
-    )  # fmt: skip
+def _add_finger(parser: Parser, default: str) -> None:
+    parser.option("--finger", "A is the thumb", choices=(*FINGERS, "all"), default=default)
 
 
 def status(args: argparse.Namespace) -> int:
@@ -124,74 +117,100 @@ def activate(args: argparse.Namespace) -> int:
         to_open(config)  # raises where nobody has said which hand this is
         seen = check_activation(config)
         does = IDLE if seen is None else SET_BASIC if seen.well else ALL
-        return _tell(args, {"would": does})
+        return tell(args, {"would": does})
     permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
     will(f"{ALL}, if it is not active; {SET_BASIC}, if it is active in another")
     with interruption.held():
         positions = activate_hand(config, permit, say)
     if positions is None:
-        return _tell(args, {"done": "it was active already: nothing was moved"})
-    return _tell(args, {"done": f"active, fingers at {positions} counts"})
+        return tell(args, {"done": "it was active already: nothing was moved"})
+    return tell(args, {"done": f"active, fingers at {positions} counts"})
 
 
-def open_fingers(args: argparse.Namespace) -> int:
+def release(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import open_hand
+    from scenarios.rigs.permission import gripper_address
+    from scenarios.rigs.release import make_ready, other_devices
     from scenarios.rigs.rig import to_open
 
     config = _lab_config(args)
     if args.dry_run:
-        return _would(args, config, lambda at: (0, 0, 0), closing="", spreads=True)
+        return _would_release(args, config)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
-    with interruption.held(), open_hand(config, permit, closing=False) as hand:
-        will(_move(to_open(config), hand.state.positions, (0, 0, 0)) + _spreads(hand.mode))
-        moved = hand.open(say)
+    with interruption.held():
+        make_ready(config, permit, args.activate)
+        with open_hand(config, permit, closing=False) as hand:
+            will(_move(to_open(config), hand.state.positions, OPEN) + _spreads(hand.mode))
+            moved = hand.open(say)
+    which = f"gripper at {gripper_address(config)}"
+    if not args.json:
+        print(f"released on rig {args.rig}: {which}, {moved.in_words()}")
+    others = other_devices(config)
+    if args.json:
+        told = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}
+        print(json_line({**told, **others}))
+    else:
+        for device, state in others.items():
+            print(f"  {device}: {state}")
     tell_mode(config, opened=True)
-    return _tell(args, {"done": moved.in_words()}, _ended(moved))
+    return exits.SUCCESS
+
+
+def _would_release(args: argparse.Namespace, config: Any) -> int:
+    """Raises what the release would: exits 0 only where the fingers would be opened."""
+    from scenarios.lab.ready import hand_seen
+    from scenarios.rigs.release import not_active
+    from scenarios.rigs.rig import to_open
+
+    to_open(config)  # raises where nobody has said which hand this is
+    seen = hand_seen(config)
+    if not seen.state.active:
+        if not args.activate:
+            raise not_active(seen.state, "the same with --activate")
+        return tell(args, {"would": f"activate the hand: {ALL}, then open it"})
+    tell_mode(config, opened=True)
+    would = _move(to_open(config), seen.state.positions, OPEN) + _spreads(seen.mode)
+    return tell(args, {"would": would})
 
 
 def close_fingers(args: argparse.Namespace) -> int:
-    from scenarios.lab.hand import fingers_of, guard_of, open_hand, targets_of
+    from scenarios.lab.hand import fingers_of, targets_of
 
     fingers, config = fingers_of(args.finger), _lab_config(args)
-    if args.dry_run:
-        return _would(args, config, lambda at: targets_of(at, fingers, args.to), closing=fingers)
-    guard_of(config)  # what would be refused anyhow is told instead of what would move
-    order = _order(config, fingers)
-    permit = leave_to_move(
-        config, args,
-        lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}{order}",
-    )  # fmt: skip
-    tell_mode(config)
-    with interruption.held(), open_hand(config, permit, closing=True) as hand:
-        targets = targets_of(hand.state.positions, fingers, args.to)
-        will(_move(config, hand.state.positions, targets) + order)
-        moved = hand.close(targets, say)
-    return _tell(args, {"done": moved.in_words()}, _ended(moved))
+    plan = f"close finger {fingers} to {args.to} counts"
+    return _moved(args, config, plan, lambda at: targets_of(at, fingers, args.to), fingers)
 
 
 def step_fingers(args: argparse.Namespace) -> int:
-    from scenarios.lab.hand import fingers_of, guard_of, open_hand, step_counts, step_targets
+    from scenarios.lab.hand import fingers_of, step_counts, step_targets
 
     fingers, config = fingers_of(args.finger), _lab_config(args)
     counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
+    plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
+    return _moved(args, config, plan, lambda at: step_targets(at, fingers, counts), closing)
+
+
+def _moved(
+    args: argparse.Namespace, config: Any, plan: str, targets: Callable[[Any], Any], closing: str
+) -> int:
+    """Fingers go to their ``targets`` from where they are. ``closing``: those that close."""
+    from scenarios.lab.hand import guard_of, open_hand
+
     if args.dry_run:
-        closing = "" if args.open else fingers
-        return _would(args, config, lambda at: step_targets(at, fingers, counts), closing)
+        return _would(args, config, targets, closing)
     order = ""
-    if not args.open:
-        guard_of(config)  # as above
-        order = _order(config, fingers)
-    permit = leave_to_move(
-        config, args,
-        lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}{order}",
-    )  # fmt: skip
+    if closing:
+        guard_of(config)  # what would be refused anyhow is told instead of what would move
+        order = _order(config, closing)
+    permit = leave_to_move(config, args, lambda: f"{plan} at {_how(config)}{order}")
     tell_mode(config)
-    with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
-        targets = step_targets(hand.state.positions, fingers, counts)
-        will(_move(config, hand.state.positions, targets) + order)
-        moved = hand.move(targets, say) if args.open else hand.close(targets, say)
-    return _tell(args, {"done": moved.in_words()}, _ended(moved))
+    with interruption.held(), open_hand(config, permit, closing=bool(closing)) as hand:
+        to = targets(hand.state.positions)
+        will(_move(config, hand.state.positions, to) + order)
+        moved = hand.close(to, say) if closing else hand.move(to, say)
+    code = exits.SAFETY_STOP if moved.stopped_by else exits.DEVICE if moved.fault else exits.SUCCESS
+    return tell(args, {"done": moved.in_words()}, code)
 
 
 def _lab_config(args: argparse.Namespace) -> Any:
@@ -202,12 +221,10 @@ def _lab_config(args: argparse.Namespace) -> Any:
 
 
 def _would(
-    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: str,
-    spreads: bool = False,
-) -> int:  # fmt: skip
+    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: str
+) -> int:
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
-    what the motion would. ``closing``: the fingers that close; ``spreads``: in scissor mode B and C
-    are moved apart."""
+    what the motion would."""
     from scenarios.lab.ready import active_hand, check_close
     from scenarios.rigs.rig import to_open
 
@@ -218,8 +235,7 @@ def _would(
         check_close(config, seen, to)
     tell_mode(config, opened=not closing)
     told = config if closing else to_open(config)
-    more = _spreads(seen.mode) if spreads else _order(config, closing)
-    return _tell(args, {"would": _move(told, at, to) + more})
+    return tell(args, {"would": _move(told, at, to) + _order(config, closing)})
 
 
 def _move(config: Any, at: Any, to: Any) -> str:
@@ -247,19 +263,3 @@ def _how(config: Any) -> str:
 
     known = calibration(config)
     return f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
-
-
-def _ended(moved: Any) -> int:
-    """Exit code of a motion."""
-    if moved.stopped_by:
-        return exits.SAFETY_STOP
-    return exits.DEVICE if moved.fault else exits.SUCCESS
-
-
-def _tell(args: argparse.Namespace, told: dict[str, str], code: int = exits.SUCCESS) -> int:
-    if args.json:
-        print(json_line({**told, "exit_code": code}))
-    else:
-        for key, text in told.items():
-            print(f"would {text}" if key == "would" else text)
-    return code

@@ -10,26 +10,41 @@ from typing import Any
 from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
+from grasp.cli.output import json_line
+from grasp.cli.parser import Parser, verb
 
 FINGERS = ("A", "B", "C")
 
 
-def add_lab(parser: argparse.ArgumentParser, moves: bool) -> None:
+def add_lab(parser: Parser, moves: bool) -> None:
     """`--rig`, settings and `--json`; of what ``moves`` something, `--confirm-motion` and
     `--dry-run` too."""
-    parser.add_argument(
-        "--rig", default="hardware", metavar="NAME",
-        help="hardware, or a .toml file of a rig that is like it (default: %(default)s)",
-    )  # fmt: skip
+    parser.option("--rig NAME", "hardware, or a .toml file of a rig that is like it",
+        default="hardware")  # fmt: skip
     add_settings(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+    parser.flag("--json", "one JSON object on standard output, nothing else")
     if moves:
         add_confirmation(parser)
-        parser.add_argument(
-            "--dry-run", action="store_true", help="say what would move, and move nothing"
-        )
+        parser.flag("--dry-run", "say what would move, and move nothing")
+
+
+def add_verb(
+    verbs: Any, name: str, handler: Callable[..., int], text: str, moves: bool = True
+) -> Parser:
+    """A verb of a lab's devices, with what all of them take."""
+    parser = verb(verbs, name, handler, text)
+    add_lab(parser, moves)
+    return parser
+
+
+def tell(args: argparse.Namespace, told: dict[str, Any], code: int = exits.SUCCESS) -> int:
+    """What was done, or would be."""
+    if args.json:
+        print(json_line({**told, "exit_code": code}))
+    else:
+        for key, text in told.items():
+            print(f"would {text}" if key == "would" else text)
+    return code
 
 
 def lab_config(args: argparse.Namespace) -> Any:

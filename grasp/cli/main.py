@@ -22,41 +22,29 @@ from grasp.cli import (
     emulate,
     examples,
     exits,
-    export,
-    find,
     gripper,
-    release,
     replay,
     report,
     run,
     runs,
     tactile,
-    world,
 )
 from grasp.cli.output import known_streams, only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
 VERBS = (
-    run, campaign, replay, runs, report, export, dataset, detector, tactile,
-    world, config, doctor, find, gripper, arm, calibrate, emulate, release,
-    completion,
+    run, campaign, replay, runs, report, dataset, detector, tactile, config, doctor, gripper, arm,
+    calibrate, emulate,
 )  # fmt: skip
 GROUPS = {
-    "try": ("run", "replay", "runs", "report", "export"),
-    "measure": ("campaign", "dataset", "detector", "world"),
+    "try": ("run", "replay", "runs", "report"),
+    "measure": ("campaign", "dataset", "detector"),
     "a lab's devices": (
-        "find",
-        "doctor",
-        "gripper",
-        "arm",
-        "tactile",
-        "calibrate",
-        "release",
-        "emulate",
+        "doctor", "gripper", "arm", "tactile", "calibrate", "release", "emulate",
     ),
-    "set up": ("config", "completion"),
-}
+    "set up": ("config",),
+}  # fmt: skip
 
 MORE_FILES = "let this program open more files at once: ulimit -n 1024"
 NUMBA_CACHE = ("numba", "core", "caching.py")
@@ -81,6 +69,7 @@ def build_parser() -> Parser:
     verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=Parser)
     for verb in VERBS:
         verb.add_parser(verbs)
+    gripper.add_release(verbs)
     for name, lines in examples.EXAMPLES.items():
         _leaf(parser, name).epilog = EXAMPLES + "\n".join(f"  {line}" for line in lines)
     return parser

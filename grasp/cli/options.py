@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import UsageError
+from grasp.cli.parser import Parser
 
 if TYPE_CHECKING:
-    from grasp.cli.parser import Parser
     from scenarios.rigs.config import AnyRigConfig
     from scenarios.rigs.permission import MotionPermit
     from scenarios.rigs.workers import Workers
@@ -116,43 +116,32 @@ def one_by_one(
             yield name, partial(show, text=f"{doing} {name}")
 
 
-def add_runs(parser: argparse.ArgumentParser, kind: Callable[[str], Path] = Path) -> None:
+def add_runs(parser: Parser, kind: Callable[[str], Path] = Path) -> None:
     """`--runs DIR`. ``kind``: what reads it, and the folder that nobody named too: a text."""
-    parser.add_argument(
-        "--runs",
-        type=kind,
-        default=RUNS,
-        metavar="DIR",
-        help="folder of recordings (default: %(default)s)",
-    )
+    parser.option("--runs DIR", "folder of recordings", kind, default=RUNS)
 
 
-def add_settings(parser: argparse.ArgumentParser, of: str = "") -> None:
+def add_settings(parser: Parser, of: str = "") -> None:
     """`--config FILE`, `--set SECTION.KEY=VALUE`. ``of``: what they are for, if not for all."""
-    parser.add_argument(
-        "--config", type=Path, action="append", metavar="FILE",
-        help=f"{of}TOML over the packaged settings; several: later ones on top (default: "
-        "$GRASP_CONFIG)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help=f"{of}one setting; may be repeated; `grasp config show` lists them",
-    )  # fmt: skip
+    parser.option("--config FILE",
+        f"{of}TOML over the packaged settings; several: later ones on top (default: "
+        "$GRASP_CONFIG)", Path, action="append")  # fmt: skip
+    parser.option("--set SECTION.KEY=VALUE",
+        f"{of}one setting; may be repeated; `grasp config` lists them", action="append",
+        default=[])  # fmt: skip
 
 
-def no_settings(parser: "Parser") -> None:
+def no_settings(parser: Parser) -> None:
     """Of verbs that show what was made before: `--config` and `--set` would change nothing."""
     parser.refuse(
         "--config", "--set", because="what was recorded keeps the settings that it was made with"
     )
 
 
-def add_confirmation(parser: argparse.ArgumentParser) -> None:
+def add_confirmation(parser: Parser) -> None:
     """`--confirm-motion`, of the verbs that may move real devices."""
-    parser.add_argument(
-        "--confirm-motion", action="store_true",
-        help="needed on the hardware rig, every time: the cell is clear and somebody watches",
-    )  # fmt: skip
+    parser.flag("--confirm-motion", "needed on the hardware rig, every time: the cell is clear and "
+        "somebody watches")  # fmt: skip
 
 
 def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPermit | None":
@@ -175,17 +164,12 @@ def network_path(word: str) -> Path:
     return weights_path(word)
 
 
-def add_workers(parser: argparse.ArgumentParser) -> None:
+def add_workers(parser: Parser) -> None:
     """`--jobs N`: worker processes on this machine; `--cluster ADDRESS`: a Dask cluster's."""
-    parser.add_argument(
-        "--jobs", type=whole(1, MOST_JOBS), default=len(os.sched_getaffinity(0)), metavar="N",
-        help="worker processes (default: one a core)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--cluster", metavar="ADDRESS",
-        help="work on the workers of this Dask scheduler instead, e.g. tcp://10.0.0.1:8786 "
-        "(needs the extra `cluster`)",
-    )  # fmt: skip
+    parser.option("--jobs N", "worker processes (default: one a core)", whole(1, MOST_JOBS),
+        default=len(os.sched_getaffinity(0)))  # fmt: skip
+    parser.option("--cluster ADDRESS", "work on the workers of this Dask scheduler instead, e.g. "
+        "tcp://10.0.0.1:8786 (needs the extra `cluster`)")  # fmt: skip
 
 
 def workers(args: argparse.Namespace) -> "Workers":

@@ -1,7 +1,7 @@
 """The parser of every verb: errors reported as all others are, help in groups, examples."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
@@ -43,6 +43,28 @@ class Parser(argparse.ArgumentParser):
             self._titled[title] = self.add_argument_group(title)
         action: argparse.Action = self._titled[title].add_argument(*args, **given)
         return action
+
+    def flag(self, name: str, text: str) -> None:
+        """An option without a value."""
+        self.add_argument(name, action="store_true", help=text)
+
+    def option(
+        self, names: str, text: str, reads: Callable[[str], Any] | None = None, **given: Any
+    ) -> None:
+        """``names``: its own and what its value is called, as `--seed N` or `file FILE`. The help
+        ends with the default where it says nothing of one."""
+        *words, last = names.split()
+        if not words or last.startswith("-"):
+            words.append(last)
+        else:
+            given["metavar"] = last
+        default = given.get("default")
+        if "default" not in text and default not in (None, "", [], ()):
+            shown = f"{default:g}" if isinstance(default, float) else "%(default)s"
+            text = f"{text} (default: {shown})".lstrip()
+        if reads is not None:
+            given["type"] = reads
+        self.add_argument(*words, help=text, **given)
 
     def refuse(self, *options: str, because: str) -> None:
         """Say why it does not take what other verbs take."""
@@ -104,3 +126,18 @@ class RootParser(Parser):
             formatter.end_section()
         formatter.add_text(self.epilog)
         return formatter.format_help()
+
+
+def group(
+    verbs: Any, name: str, text: str, metavar: str = "ACTION", dest: str | None = None
+) -> Any:
+    """A verb that has verbs of its own: where they are added."""
+    parser = verbs.add_parser(name, help=text, description=text)
+    return parser.add_subparsers(dest=dest, metavar=metavar, required=True)
+
+
+def verb(verbs: Any, name: str, does: Callable[..., int], text: str, more: str = "") -> Parser:
+    """A verb that does something. ``more``: what its own help says after the line of the list."""
+    parser: Parser = verbs.add_parser(name, help=text, description=text + more)
+    parser.set_defaults(handler=does)
+    return parser

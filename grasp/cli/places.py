@@ -7,6 +7,8 @@ from tempfile import TemporaryFile
 from drivers.errors import UsageError
 from grasp.files import against_writing, cannot, nearest
 
+PICTURES = (".svg", ".png", ".pdf")
+
 
 def own_or_new(path: Path, begins: str) -> None:
     """Whether a file may be written, asked before what it will hold is computed.
@@ -51,6 +53,15 @@ def folder_to_fill(text: str) -> Path:
     """Reads the name of a folder, one that is there or can be made."""
     path = Path(text)
     return _writable(path, _against(None, nearest(path)))
+
+
+def picture(text: str) -> Path:
+    """Reads the name of a picture: one of a kind that can be drawn, before anything is computed."""
+    path = Path(text)
+    if path.suffix not in PICTURES:
+        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
+    return file_to_write(text)
 
 
 def _writable(path: Path, problem: str) -> Path:

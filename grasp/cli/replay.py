@@ -9,38 +9,23 @@ from grasp.cli import exits
 from grasp.cli.detector import scores_text
 from grasp.cli.options import add_settings
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 HELP = "feed a recording through detector, slip monitor and controller"
 SHOWN_DIFFERENCES = 10
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("replay", help=HELP, description=HELP)
-    parser.add_argument(
-        "run", nargs="?", type=Path, metavar="RUN", help="folder or recording.mcap of a run"
-    )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="exit 1 if any event or command differs from the recording",
-    )
-    parser.add_argument(
-        "--tactile",
-        type=Path,
-        metavar="PATH",
-        help="a fingertip recording instead of a run: .npz, or .csv (t_s,p0,p1,...,slip)",
-    )
-    parser.add_argument(
-        "--detector",
-        metavar="NAME",
-        help="with --tactile: a detector's name or path (default: that of profile default); else "
-        "where that of one's own is which the run was recorded with",
-    )
+    parser = verb(verbs, "replay", replay, HELP)
+    parser.option("run RUN", "folder or recording.mcap of a run", Path, nargs="?")
+    parser.flag("--check", "exit 1 if any event or command differs from the recording")
+    parser.option("--tactile PATH", "a fingertip recording instead of a run: .npz, or .csv "
+        "(t_s,p0,p1,...,slip)", Path)  # fmt: skip
+    parser.option("--detector NAME", "with --tactile: a detector's name or path (default: that of "
+        "profile default); else where that of one's own is which the run was "
+        "recorded with")  # fmt: skip
     add_settings(parser, of="with --tactile: ")
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
-    parser.set_defaults(handler=replay)
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def replay(args: argparse.Namespace) -> int:

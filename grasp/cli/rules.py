@@ -12,7 +12,7 @@ HEARD_FROM = ("rule.threshold", "rule.limit")  # of either kind of rule
 
 def rule_of_weights(config: Any) -> str:
     """By which rule a detector of one's own is heard: there are three that it could be. Of a
-    packaged one `grasp config show rule` tells."""
+    packaged one `grasp config rule` tells."""
     from detector.interface import DETECTORS
     from scenarios.report.run_decision import in_words
 

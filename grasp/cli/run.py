@@ -4,7 +4,6 @@ import argparse
 import json
 from typing import Any
 
-from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
 from grasp.cli.lab import tell_mode, tell_slow, will
 from grasp.cli.options import (
@@ -16,6 +15,7 @@ from grasp.cli.options import (
     motion_permit,
     seed,
 )  # fmt: skip
+from grasp.cli.parser import Parser, group, verb
 from grasp.cli.places import folder_to_fill
 from grasp.cli.rules import check_weights, rule_of_weights, tell_untuned
 from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
@@ -25,141 +25,81 @@ SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("run", help=HELP, description=HELP)
-    scenarios = parser.add_subparsers(dest="scenario", metavar="SCENARIO", required=True)
+    scenarios = group(verbs, "run", HELP, "SCENARIO", dest="scenario")
     _add_lift(scenarios)
     _add_tap(scenarios)
     _add_acquire(scenarios)
 
 
-def _scenario(scenarios: Any, name: str, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = scenarios.add_parser(name, help=text, description=text)
-    parser.set_defaults(handler=run)
-    return parser
-
-
 def _add_lift(scenarios: Any) -> None:
-    parser = _scenario(scenarios, "lift", "lift an object held too weakly")
+    parser = verb(scenarios, "lift", run, "lift an object held too weakly")
     add_trial_options(parser, rig="emulated")
-    parser.add_argument(
-        "--keep", action="store_true", help="keep holding the object instead of setting it down"
-    )
-    parser.add_argument(
-        "--first", action="store_true",
-        help="a lab's first lift: closed in free air, then a soft object, at half speed and the "
-        "least force, with a question before each",
-    )  # fmt: skip
+    parser.flag("--keep", "keep holding the object instead of setting it down")
+    parser.flag("--first", "a lab's first lift: closed in free air, then a soft object, at half "
+        "speed and the least force, with a question before each")  # fmt: skip
     add_series_options(parser, "lift")
     dry.add_dry_run(parser)
     _add_common(parser)
 
 
 def _add_tap(scenarios: Any) -> None:
-    parser = _scenario(scenarios, "tap", "strike an object held at the force cap")
+    parser = verb(scenarios, "tap", run, "strike an object held at the force cap")
     add_trial_options(parser, rig="emulated")
-    parser.add_argument(
-        "--direction", metavar="DIR",
-        help="of the blows: top, side (across the closing axis), alternate (the two in turn), or "
-        "closing (along that axis; default: alternate)",
-    )  # fmt: skip
+    parser.option("--direction DIR", "of the blows: top, side (across the closing axis), alternate "
+        "(the two in turn), or closing (along that axis; default: alternate)")  # fmt: skip
     add_series_options(parser, "tap")
+    parser.refuse("--taps", because="it is called --trials")
     dry.add_dry_run(parser)
-    parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
     _add_common(parser)
     parser.set_defaults(keep=False, first=False)
 
 
 def _add_acquire(scenarios: Any) -> None:
     """It uses neither an object nor a detector."""
-    parser = _scenario(
-        scenarios, "acquire",
+    parser = verb(scenarios, "acquire", run,
         "press one fingertip on a fixed surface and stroke it, for labelled slip data",
     )  # fmt: skip
-    parser.add_argument(
-        "--surface", default="planar", metavar="NAME",
-        help="one of config/surfaces: planar, sphere, cylinder-x, cylinder-y, or the "
-        "path of a .toml file (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--direction", default="0", metavar="DIR",
-        help="degrees in the fingertip's plane in steps of 45, or cw or ccw (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--speed", type=decimal(0.004, 0.2), default=SPEED_MPS, metavar="MPS",
-        help="commanded speed of a stroke, m/s; a rotation turns at 1 rad/s (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seconds", type=decimal(1, 3600), default=SECONDS, metavar="S",
-        help="length of the recording (default: %(default)g)",
-    )  # fmt: skip
+    parser.option("--surface NAME", "one of config/surfaces: planar, sphere, cylinder-x, "
+        "cylinder-y, or the path of a .toml file", default="planar")  # fmt: skip
+    parser.option("--direction DIR", "degrees in the fingertip's plane in steps of 45, or cw or "
+        "ccw", default="0")  # fmt: skip
+    parser.option("--speed MPS", "commanded speed of a stroke, m/s; a rotation turns at 1 rad/s",
+        decimal(0.004, 0.2), default=SPEED_MPS)  # fmt: skip
+    parser.option("--seconds S", "length of the recording", decimal(1, 3600), default=SECONDS)
     _add_rig(parser, rig="emulated")
     dry.add_dry_run(parser)
     _add_common(parser)
 
 
-def _add_common(parser: argparse.ArgumentParser) -> None:
+def _add_common(parser: Parser) -> None:
     add_runs(parser, folder_to_fill)
-    parser.add_argument(
-        "-v", "--verbose", action="store_true",
-        help="leave a log in --runs, with the wall clock's times; of a simulated lift or taps say "
-        "the contact level too",
-    )  # fmt: skip
-    parser.add_argument(
-        "--view", action="store_true",
-        help="follow it on a page in a browser, on this machine alone: opened where there is a "
-        "display, its address said on standard error",
-    )  # fmt: skip
-    parser.add_argument(
-        "--pace",
-        choices=("real", "max"),
-        help="on the simulated rig: virtual time at the wall's pace, or as fast as it can "
-        "(default: real in a terminal and with --view, max otherwise)",
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+    parser.option("-v --verbose", "leave a log in --runs, with the wall clock's times; of a "
+        "simulated lift or taps say the contact level too", action="store_true")  # fmt: skip
+    parser.flag("--view", "follow it on a page in a browser, on this machine alone: opened where "
+        "there is a display, its address said on standard error")  # fmt: skip
+    parser.option("--pace", "on the simulated rig: virtual time at the wall's pace, or as fast as "
+        "it can (default: real in a terminal and with --view, max otherwise)",
+        choices=("real", "max"))  # fmt: skip
+    parser.flag("--json", "one JSON object on standard output, nothing else")
     add_confirmation(parser)
 
 
-def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
+def add_trial_options(parser: Parser, rig: str) -> None:
     """Options that choose what is run; `grasp config` knows them too."""
-    parser.add_argument(
-        "--object",
-        default="can",
-        metavar="NAME",
-        help=f"{OBJECT_HELP} (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--profile",
-        default="default",
-        metavar="NAME",
-        help="one of config/profiles: how detector, decision and reaction are set together "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--detector",
-        metavar="NAME",
-        help="one of config/detectors, one that an installed package offers, or one of your own: "
-        "FILE.py:NAME or FILE.onnx (default: the profile's)",
-    )
+    parser.option("--object NAME", f"{OBJECT_HELP} (default: %(default)s)", default="can")
+    parser.option("--profile NAME", "one of config/profiles: how detector, decision and reaction "
+        "are set together", default="default")  # fmt: skip
+    parser.option("--detector NAME", "one of config/detectors, one that an installed package "
+        "offers, or one of your own: FILE.py:NAME or FILE.onnx (default: the "
+        "profile's)")  # fmt: skip
     _add_rig(parser, rig)
 
 
-def _add_rig(parser: argparse.ArgumentParser, rig: str) -> None:
-    parser.add_argument(
-        "--rig",
-        default=rig,
-        metavar="NAME",
-        help="emulated (real protocols to a cell in another process), simulated (virtual time), "
-        "hardware, or a .toml file that says which it is like (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seed",
-        type=seed,
-        default=0,
-        metavar="N",
-        help="of everything random, 0 or more (default: %(default)s)",
-    )
+def _add_rig(parser: Parser, rig: str) -> None:
+    parser.option("--rig NAME", "emulated (real protocols to a cell in another process), simulated "
+        "(virtual time), hardware, or a .toml file that says which it is like",
+        default=rig)  # fmt: skip
+    parser.option("--seed N", "of everything random, 0 or more", seed, default=0)
     add_settings(parser)
 
 
@@ -171,11 +111,8 @@ def run(args: argparse.Namespace) -> int:
     if args.scenario == "acquire":
         return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
-    if args.scenario == "tap":
-        if args.taps is not None:
-            raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
-        if args.direction is not None:
-            assignments.append(f"tap.direction={args.direction}")
+    if args.scenario == "tap" and args.direction is not None:
+        assignments.append(f"tap.direction={args.direction}")
     thing = first.object_of(args)
     chosen = (thing, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)

@@ -1,4 +1,4 @@
-"""`grasp runs`: what has been recorded so far."""
+"""`grasp runs`: what has been recorded so far, or what came of a campaign."""
 
 import argparse
 import json
@@ -7,21 +7,27 @@ from typing import Any
 
 from drivers.errors import BadFile, one_line
 from grasp.cli import exits
+from grasp.cli.campaign import print_summary
 from grasp.cli.options import add_runs, no_settings
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
-HELP = "list recorded runs with their verdicts"
+HELP = "list recorded runs with their verdicts; sum a campaign up as the paper's Table IV"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("runs", help=HELP, description=HELP)
+    parser = verb(verbs, "runs", run, HELP)
+    parser.option("file FILE", "SQLite file of a campaign: rates with intervals, latencies, slip "
+        "distances", Path, nargs="?")  # fmt: skip
     add_runs(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON array of results")
+    parser.flag("--json", "one JSON array of results, or the summary's object")
     no_settings(parser)
-    parser.set_defaults(handler=run)
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.file is not None:
+        print_summary(args.file, args.json)
+        return exits.SUCCESS
     results, lines, code = [], [], exits.SUCCESS
     for path in sorted(args.runs.glob("*/result.json")):
         try:

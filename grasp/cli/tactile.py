@@ -1,79 +1,42 @@
-"""`grasp tactile`: let a user open the fingertips' USB board, find out how it is wired, and listen
-to it."""
+"""`grasp tactile`: listen to the fingertips, and find out how their board is wired."""
 
 import argparse
 import sys
 from contextlib import suppress
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.lab import add_lab, lab_config, new_file
+from grasp.cli.lab import add_verb, lab_config, new_file
 from grasp.cli.options import add_settings, decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
-HELP = "fingertips: USB permission, wiring, rest and noise"
+HELP = "fingertips: wiring, rest and noise"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("tactile", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    rule = actions.add_parser("udev", help="print the udev rule that lets a user open the board")
-    rule.set_defaults(handler=udev)
-    which = actions.add_parser("identify", help="press a pad: which finger and taxel answers")
-    which.add_argument(
-        "--url",
-        metavar="URL",
-        help="an emulated board, tcp://HOST:PORT (default: usb.url, else the board on the USB bus)",
-    )
-    which.add_argument(
-        "--serial", help="the board with this number (default: usb.serial, else the first)"
-    )
+    actions = group(verbs, "tactile", HELP)
+    which = verb(actions, "identify", identify, "press a pad: which finger and taxel "
+        "answers")  # fmt: skip
+    which.option("--url URL", "an emulated board, tcp://HOST:PORT (default: usb.url, else the "
+        "board on the USB bus)")  # fmt: skip
+    which.option("--serial", "the board with this number (default: usb.serial, else the first)")
     add_settings(which)
-    which.add_argument(
-        "--seconds",
-        type=decimal(0.01, 86_400),
-        default=10.0,
-        metavar="N",
-        help="watch for N seconds (default: %(default)g)",
-    )
-    which.add_argument(
-        "--least-fall",
-        type=whole(2, 1023),
-        default=20,
-        metavar="COUNTS",
-        help="a code so far below its rest is a press (default: %(default)d, about half a newton; "
-        "an untouched taxel moves by one or two)",
-    )
-    which.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
-    which.set_defaults(handler=identify)
-    _add_listening(
-        actions, "watch", watch, 3600.0,
-        "counts, noise and lost frames of each second, then of every taxel; begin unloaded",
-    )  # fmt: skip
-    rest = _add_listening(
-        actions, "rest", take_rest, 5.0,
-        "the rest codes of the unloaded hand, as tactile.rest_reference for a file of your own",
-    )  # fmt: skip
-    rest.add_argument(
-        "--out", type=file_to_write, metavar="FILE", help="write that file (a new one)"
-    )
-
-
-def _add_listening(
-    actions: Any, name: str, handler: Any, seconds: float, text: str
-) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, description=text)
-    parser.add_argument(
-        "--seconds", type=decimal(1, 86_400), default=seconds, metavar="N",
-        help="listen for N seconds (default: %(default)g)",
-    )  # fmt: skip
-    add_lab(parser, moves=False)
-    parser.set_defaults(handler=handler)
-    return parser
+    which.option("--seconds N", "watch for N seconds", decimal(0.01, 86_400), default=10.0)
+    which.option("--least-fall COUNTS", "a code so far below its rest is a press (default: "
+        "%(default)d, about half a newton; an untouched taxel moves by one or two)", whole(2, 1023),
+        default=20)  # fmt: skip
+    which.flag("--json", "one JSON object on standard output, nothing else")
+    text = "counts, noise and lost frames of each second, then of every taxel; begin unloaded"
+    listen = add_verb(actions, "watch", watch, text, moves=False)
+    listen.option("--seconds N", "listen for N seconds (default: 3600, with --rest 5)",
+        decimal(1, 86_400))  # fmt: skip
+    listen.flag("--rest", "the rest codes of the unloaded hand, as tactile.rest_reference for a "
+        "file of your own")  # fmt: skip
+    listen.option("--out FILE", "with --rest: write that file (a new one)", file_to_write)
 
 
 def watch(args: argparse.Namespace) -> int:
@@ -81,11 +44,15 @@ def watch(args: argparse.Namespace) -> int:
 
     from scenarios.lab.fingertips import listen
 
-    heard, seconds = None, 0
+    if args.rest:
+        return _take_rest(args)
+    if args.out is not None:
+        raise UsageError("--out writes the rest", "give --rest with it")
+    heard, seconds, most = None, 0, args.seconds or 3600.0
     with suppress(KeyboardInterrupt):  # what was heard until then is told
-        for heard in listen(lab_config(args), args.seconds):
+        for heard in listen(lab_config(args), most):
             seconds += 1
-            if not args.json and seconds <= args.seconds:
+            if not args.json and seconds <= most:
                 print(heard.in_words(), flush=True)
     if heard is None:
         return exits.report("interrupted", "interrupted", "", args.json)
@@ -96,12 +63,12 @@ def watch(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def take_rest(args: argparse.Namespace) -> int:
+def _take_rest(args: argparse.Namespace) -> int:
     from scenarios.lab.fingertips import rest_file
 
     if args.out is not None:
         new_file(args.out)
-    heard, text = rest_file(lab_config(args), args.seconds)
+    heard, text = rest_file(lab_config(args), args.seconds or 5.0)
     if args.out is not None:
         write_whole(args.out, text.encode())
     if args.json:
@@ -110,14 +77,6 @@ def take_rest(args: argparse.Namespace) -> int:
     else:
         print(text, end="")
         print(heard.in_words(), file=sys.stderr)
-    return exits.SUCCESS
-
-
-def udev(args: argparse.Namespace) -> int:
-    from drivers.takktile.link.udev import INSTALL, RULE
-
-    print(f"# install: {INSTALL}")
-    print(RULE)
     return exits.SUCCESS
 
 

@@ -10,6 +10,7 @@ from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
+from grasp.cli.parser import verb
 from grasp.cli.places import file_with_folders, must_be_writable, must_have_room
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
@@ -24,71 +25,39 @@ ASKED = (
 
 
 def add_parser(actions: Any) -> None:
-    text = "train a network on data sets and write its weights (extra `train`)"
-    parser = actions.add_parser(
-        "train",
-        help=text,
-        description=text + ". One thread. Learns from the split `train`, stops early on events of "
-        "the split `validation`, calibrates on it, never sees `test`.",
-    )
-    parser.add_argument("network", metavar="NAME", choices=NETWORKS, help=", ".join(NETWORKS))
-    parser.add_argument(
-        "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders of `grasp dataset build`, or `collect`",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_with_folders, metavar="FILE.onnx",
-        help="weights to write (default: NAME.onnx here); checkpoint and log, begun anew but with "
-        "--resume, lie beside it",
-    )  # fmt: skip
-    parser.add_argument(
-        "--force", action="store_true",
-        help="write over --out, and over what a training that did not end left beside it",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
-    parser.add_argument("--steps", type=whole(1, 10**9), metavar="N", help="optimiser steps")
-    parser.add_argument(
-        "--validations", type=whole(1, 1000), metavar="N",
-        help="evenly over the steps: the log's learning curve (default: the network's)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--patience", type=whole(1, 1000), metavar="N",
-        help="validations in a row without a better one that end it (default: 8)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--minutes", type=decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES, metavar="M",
-        help="processor minutes after which it ends with what it has (default: no limit)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--augmentation", choices=("none", "paper", "as-run", "ours"),
-        help="four symmetries at 25 %% and noise of 1 %% of the range (the paper's text), half "
-        "turns at 75 %% and noise of half a count (its code as it ran), or ours: symmetries, "
-        "gain, offset, noise, lost samples, dead, stuck and swapped taxels",
-    )  # fmt: skip
-    parser.add_argument(
-        "--balance",
-        choices=("weights", "undersample"),
-        help="weigh the classes, or (windows only) draw as many of each an epoch",
-    )
-    parser.add_argument(
-        "--windows", action="store_true",
-        help="tcn-paper: learn from the last sample of windows alone, at one rate, as "
-        "its authors did",
-    )  # fmt: skip
-    parser.add_argument(
-        "--label", choices=("slip", "slip_true", "moved"),
-        help="what to learn: slip by the fingertip's speed, slip of the contact itself, or "
-        "distance from where it last rested (default: slip)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--moved-m", type=decimal(1e-5, 0.1), metavar="M",
-        help="of the label moved: further than this, in metres (default: 0.001)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint beside --out"
-    )
-    parser.add_argument("--json", action="store_true", help="the network's card as one JSON object")
-    parser.set_defaults(handler=train)
+    parser = verb(actions, "train", train, "train a network on data sets and write its weights "
+        "(extra `train`)", ". One thread. Learns from the split `train`, stops early on events of "
+        "the split `validation`, calibrates on it, never sees `test`.")  # fmt: skip
+    parser.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
+    parser.option("--data DIR", "folders of `grasp dataset build`, or `collect`", Path, nargs="+",
+        required=True)  # fmt: skip
+    parser.option("--out FILE.onnx", "weights to write (default: NAME.onnx here); checkpoint and "
+        "log, begun anew but with --resume, lie beside it", file_with_folders)  # fmt: skip
+    parser.flag("--force", "write over --out, and over what a training that did not end left "
+        "beside it")  # fmt: skip
+    parser.option("--seed N", "", seed, default=0)
+    parser.option("--steps N", "optimiser steps", whole(1, 10**9))
+    parser.option("--validations N", "evenly over the steps: the log's learning curve (default: "
+        "the network's)", whole(1, 1000))  # fmt: skip
+    parser.option("--patience N", "validations in a row without a better one that end it (default: "
+        "8)", whole(1, 1000))  # fmt: skip
+    parser.option("--minutes M", "processor minutes after which it ends with what it has (default: "
+        "no limit)", decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES)  # fmt: skip
+    parser.option("--augmentation", "four symmetries at 25 %% and noise of 1 %% of the range (the "
+        "paper's text), half turns at 75 %% and noise of half a count (its code as it ran), or "
+        "ours: symmetries, gain, offset, noise, lost samples, dead, stuck and swapped taxels",
+        choices=("none", "paper", "as-run", "ours"))  # fmt: skip
+    parser.option("--balance", "weigh the classes, or (windows only) draw as many of each an epoch",
+        choices=("weights", "undersample"))  # fmt: skip
+    parser.flag("--windows", "tcn-paper: learn from the last sample of windows alone, at one rate, "
+        "as its authors did")  # fmt: skip
+    parser.option("--label", "what to learn: slip by the fingertip's speed, slip of the contact "
+        "itself, or distance from where it last rested (default: slip)",
+        choices=("slip", "slip_true", "moved"))  # fmt: skip
+    parser.option("--moved-m M", "of the label moved: further than this, in metres (default: "
+        "0.001)", decimal(1e-5, 0.1))  # fmt: skip
+    parser.flag("--resume", "go on from the checkpoint beside --out")
+    parser.flag("--json", "the network's card as one JSON object")
 
 
 def train(args: argparse.Namespace) -> int:

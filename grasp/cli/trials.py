@@ -14,31 +14,21 @@ from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.places import file_with_folders
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
 
-def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
+def add_series_options(parser: Parser, scenario: str) -> None:
     """`--trials N`, `--out FILE`, `--resume`."""
-    parser.add_argument(
-        "--trials", type=whole(1, 10_000), metavar="N",
-        help="so many trials one after the other, with seeds from --seed on "
-        f"(default: {TRIALS[scenario]})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_with_folders, metavar="FILE",
-        help="keep a row a trial in this file, as a campaign does; `grasp campaign summary` reads "
-        "it (default on the hardware rig, for several trials: a new one in --runs)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--resume", action="store_true",
-        help="go on with --out: run what is missing or a device ended",
-    )  # fmt: skip
-    parser.add_argument(
-        "--report", action="store_true",
-        help="leave a page beside each recording, as `grasp report` does",
-    )  # fmt: skip
+    parser.option("--trials N", "so many trials one after the other, with seeds from --seed on "
+        f"(default: {TRIALS[scenario]})", whole(1, 10_000))  # fmt: skip
+    parser.option("--out FILE", "keep a row a trial in this file, as a campaign does; `grasp runs "
+        "FILE` reads it (default on the hardware rig, for several trials: a new one in --runs)",
+        file_with_folders)  # fmt: skip
+    parser.flag("--resume", "go on with --out: run what is missing or a device ended")
+    parser.flag("--report", "leave a page beside each recording, as `grasp report` does")
 
 
 def trials_of(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ from scenarios.world.fingertip_settings import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
-WRITTEN = "# fitted by `grasp world calibrate"  # how every file of fitted values begins
+WRITTEN = "# fitted by `grasp calibrate fingertip"  # how every file of fitted values begins
 CREEP = 50.0  # counts/s: may be of either sign, so no factor
 FIT_SEED, JUDGE_SEED = 1000, 2  # judged on clips that the fit has not seen
 Floats = NDArray[np.float64]

@@ -60,7 +60,7 @@ def usb_boards() -> list[Asked]:
     for board in boards():
         said = f"serial number {board.serial or 'none'}"
         if not board.allowed:
-            said += ", no permission: install the rule of `grasp tactile udev`"
+            said += ", no permission: `grasp doctor` has the udev rule"
         setting = ("usb", "serial", board.serial or "any")
         found.append(Asked("fingertips", board.node, True, said, (setting,)))
     return found

@@ -117,13 +117,13 @@ def check_thumb(state: GripperState, targets: Counts3, felt: bool) -> bool:
     if a > OPEN_COUNTS or targets[0] > a:
         raise Refused(
             f"the thumb stands at {a} counts: it would bear what B and C press together",
-            "open it first (`grasp gripper open`), and close it last and alone",
+            "open it first (`grasp release`), and close it last and alone",
         )
     if not felt:
         raise Refused(
             "B and C close only where the fingertips can tell a touch, and their rest is known "
             "of an open hand alone",
-            "`grasp gripper open`, or set tactile.rest_reference (`grasp tactile rest`)",
+            "`grasp release`, or set tactile.rest_reference (`grasp tactile watch --rest`)",
         )
     return True
 
@@ -170,17 +170,22 @@ class Hand:
 
     def open(self, say: Say) -> Moved:
         """All fingers, as ``move``; in scissor mode then B and C apart too, for they may hold
-        something between them."""
+        something between them. Raises DeviceFault where they do not open."""
         moved = self.move((0, 0, 0), say)
-        if self.mode != SCISSOR:
-            return moved
-        try:
-            self._gripper.open(self.speed_mps)
-            self._until_rest(SPREAD_S)
-        except BaseException:
-            self.stand(say)
-            raise
-        return self._moved("", "")
+        if self.mode == SCISSOR:
+            try:
+                self._gripper.open(self.speed_mps)
+                self._until_rest(SPREAD_S)
+            except BaseException:
+                self.stand(say)
+                raise
+            moved = self._moved("", "")
+        if not self.state.is_open:
+            raise DeviceFault(
+                f"the fingers did not open: they stand at {moved.positions_counts} counts",
+                "free them by hand, then switch the gripper off and on",
+            )
+        return moved
 
     def close(self, targets: Counts3, say: Say) -> Moved:
         """B and C first, the thumb open, then the thumb alone: as a run closes."""

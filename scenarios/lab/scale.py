@@ -197,7 +197,7 @@ class Presser:
 def check_open(state: GripperState) -> None:
     """Raises Refused for a hand whose fingers may hold something, or be on the scale already."""
     if max(state.positions) > OPEN_COUNTS:
-        raise Refused(f"the hand is not open, at {state.positions}", "`grasp gripper open`")
+        raise Refused(f"the hand is not open, at {state.positions}", "`grasp release`")
 
 
 @contextmanager

@@ -139,6 +139,7 @@ def _detectors(load: Load, more: Sequence[str]) -> Iterator[Check]:
 def _usb() -> Check:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
     from drivers.takktile.link.sysfs import DEVICES, IDS, boards
+    from drivers.takktile.link.udev import INSTALL
 
     if not DEVICES.is_dir():
         return Check("usb", "warn", "no USB bus on this machine")
@@ -148,8 +149,7 @@ def _usb() -> Check:
             serial = board.serial or "none"
             return Check("usb", "ok", f"fingertip board at {board.node}, serial number: {serial}")
     if found:
-        remedy = "install the rule of `grasp tactile udev`"
-        return Check("usb", "fail", f"{found[0].node}: no permission", remedy)
+        return Check("usb", "fail", f"{found[0].node}: no permission", f"run {INSTALL}")
     return Check("usb", "warn", f"no fingertip board ({IDS}) on the bus", "plug it in")
 
 

@@ -1,44 +1,31 @@
-"""Opens a gripper that was left holding something: no arm motion, no reset.
+"""What `grasp release` asks before it opens a gripper that was left holding something.
 
-On real devices it needs the gripper's link alone: an arm in protective stop or fingertips that were
-unplugged are why a hand was left closed, and must not keep it so.
+It needs the gripper's link alone: an arm in protective stop or fingertips that were unplugged are
+why a hand was left closed, and must not keep it so.
 """
 
 import time
 from contextlib import suppress
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
-from drivers.interfaces import Counts3, Gripper, GripperState
+from drivers.interfaces import Gripper, GripperState
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks
-from scenarios.rigs.opening import open_rig
-from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
+from scenarios.rigs.permission import MotionPermit, board_address, require
 from scenarios.rigs.rig import activate, to_open
 from scenarios.rigs.wired import board_finder, open_gripper
 
-TIMEOUT_S = 15.0
-POLL_NS = 50_000_000
 
-
-def release_gripper(
-    config: GraspRigConfig, speed_mps: float, permit: MotionPermit | None, activating: bool
-) -> Counts3:
-    """Open all fingers and wait until they rest, open; returns where they stand.
-
-    Raises Refused for a hand that is not active, unless it is to be activated, and for one that
-    another process drives; the driver's errors; DeviceFault when the fingers do not open.
-    """
-    if config.rig != HARDWARE:
-        with open_rig(config, seed=0, paced=False) as rig:
-            return _opened(rig.devices.gripper, rig.clock, speed_mps)
+def make_ready(config: GraspRigConfig, permit: MotionPermit | None, activating: bool) -> None:
+    """Raises Refused for a hand that is not active, unless it is to be activated, and for one that
+    another process drives; the driver's errors."""
     permit = require(permit)
     config = to_open(config)
     clock = WallClock(WallClock().now_ns)
     with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
         _make_ready(gripper, clock, permit, activating)
-        return _opened(gripper, clock, speed_mps)
 
 
 def other_devices(config: GraspRigConfig) -> dict[str, str]:
@@ -80,19 +67,4 @@ def not_active(state: GripperState, again: str) -> Refused:
         f"the hand is not active{why}: nothing was moved",
         "activation opens and closes it fully: empty the hand or support what it holds, then run "
         f"{again}",
-    )
-
-
-def _opened(gripper: Gripper, clock: Clock, speed_mps: float) -> Counts3:
-    gripper.open(speed_mps)
-    end_ns = clock.now_ns + round(TIMEOUT_S * 1e9)
-    while clock.now_ns < end_ns:
-        gripper.pump(clock.now_ns)
-        clock.sleep_until_ns(clock.now_ns + POLL_NS)
-        gripper.pump(clock.now_ns)
-        state = gripper.state
-        if state is not None and state.at_rest and state.is_open:
-            return state.positions
-    raise DeviceFault(
-        "the fingers did not open", "free them by hand, then switch the gripper off and on"
     )

@@ -30,7 +30,7 @@ CLOSED_AND_INACTIVE = (
 )
 STAYS = (
     "remove its cause and look again with `grasp gripper status`; if it stays, support what the "
-    "hand holds, `grasp gripper open`, then `grasp gripper activate`"
+    "hand holds, `grasp release`, then `grasp gripper activate`"
 )
 
 CellT = TypeVar("CellT", "SimulatedCell", "PressedCell")

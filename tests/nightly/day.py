@@ -120,7 +120,7 @@ def _looks(day: Day) -> None:
     day.say("Who is there? Its last lines begin `lab.toml`; what a rehearsal needs besides "
             "([hardware.md](hardware.md#rehearsing-all-of-this)) is put into the same sections, "
             "for each stands once in a file.")  # fmt: skip
-    day.run("find", HOST, f"{HOST}:{PORT}", url)
+    day.run("doctor", HOST, f"{HOST}:{PORT}", url)
     day.write()
     day.say("What stands against a run? Nobody has said yet which hand this is, and it is not "
             "active: both are right.")  # fmt: skip
@@ -138,7 +138,7 @@ def _looks(day: Day) -> None:
     shown = day.run("tactile", "identify", "--seconds", "6", *LAB, answer=presses)
     assert re.findall(r"^finger (\w taxel \d)", shown, re.MULTILINE) == ["A taxel 2", "C taxel 5"]
     day.run("tactile", "watch", "--seconds", "3", *LAB)
-    day.run("tactile", "rest", "--out", "rest.toml", *LAB)
+    day.run("tactile", "watch", "--rest", "--out", "rest.toml", *LAB)
 
 
 def _moves(day: Day) -> None:
@@ -179,7 +179,7 @@ def _calibrates(day: Day) -> None:
     day.word("take")
     day.run("gripper", "step", "--finger", "B", "--mm", "3", *MOVES)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", "--open", *MOVES)
-    day.run("gripper", "open", *MOVES)
+    day.run("release", *MOVES)
     day.run("arm", "step", "--z", "3", *MOVES)
     day.run("arm", "step", "--z", "-3", *MOVES)
     day.run("calibrate", "noise", "--seconds", "60", "--out", "rule.toml", *MOVES,

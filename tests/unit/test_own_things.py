@@ -126,7 +126,7 @@ def test_a_file_is_told_by_what_is_in_it(
     file = own()
     if text is not None:
         file.write_text(text)
-    assert main(["config", "check", str(file)]) == 0
+    assert main(["config", str(file)]) == 0
     said = capsys.readouterr().out
     assert said.startswith(f"{file}: {told}")
     assert "fingerprint" in said
@@ -152,9 +152,9 @@ def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(
     wrong, right = tmp_path / "wrong.toml", tmp_path / "right.toml"
     wrong.write_text(text)
     right.write_text("[guard]\nforce_limit_n = 9.0\n")
-    assert main(["config", "check", str(wrong), str(right)]) == 2
+    assert main(["config", str(wrong), str(right)]) == 2
     said = capsys.readouterr()
     assert told in said.err
     assert "Traceback" not in said.err
     assert f"{right}: settings" in said.out
-    assert main(["config", "check", "can"]) == 2
+    assert main(["config", "can"]) == 2

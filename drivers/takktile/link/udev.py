@@ -14,6 +14,6 @@ RULE = (
 )
 
 INSTALL = (
-    f"grasp tactile udev | sudo tee {RULE_FILE} && sudo udevadm control --reload && "
+    f"echo '{RULE}' | sudo tee {RULE_FILE} && sudo udevadm control --reload && "
     "sudo udevadm trigger --subsystem-match=usb"
 )

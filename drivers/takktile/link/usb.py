@@ -179,7 +179,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
         case errno.EACCES:
             return LinkLost(
                 "this user may not open the tactile board",
-                "install the udev rule that `grasp tactile udev` prints, then replug the board",
+                "install the udev rule that `grasp doctor` prints, then replug the board",
             )
         case errno.ETIMEDOUT:
             return DeviceFault(trouble.HUNG, trouble.HUNG_REMEDY)

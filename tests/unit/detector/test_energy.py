@@ -6,13 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from detector.decision import RuleSettings, registered_events
 from detector.energy import (
     EnergyDetector,
     EnergySettings,
     energy_series,
     probability_of,
-    tune_threshold,
 )
 from detector.interface import DETECTORS, load_detector
 from detector.scores.evaluation import stream

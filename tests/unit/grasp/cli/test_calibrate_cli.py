@@ -1,4 +1,4 @@
-"""`grasp world calibrate`: what it writes and what it leaves alone."""
+"""`grasp calibrate fingertip`: what it writes and what it leaves alone."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 from detector.recordings import Metadata, Recording, write
 from grasp.cli.main import main
 
-CHECK = ("world", "calibrate", "--check", "--clips", "2")
+CHECK = ("calibrate", "fingertip", "--check", "--clips", "2")
 
 
 def stroked(taxels: int = 6, strokes: int = 3) -> Recording:
@@ -44,6 +44,6 @@ def test_nothing_but_a_fit_of_its_own_is_written_over(
     clip: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = clip.read_bytes()
-    assert main(["world", "calibrate", "--recording", str(clip), "--out", str(clip)]) == 2
+    assert main(["calibrate", "fingertip", "--recording", str(clip), "--out", str(clip)]) == 2
     assert "is there already" in capsys.readouterr().err
     assert clip.read_bytes() == before

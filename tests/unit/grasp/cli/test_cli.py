@@ -72,7 +72,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
     assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("export", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
+        assert call("report", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
 
 
 def test_safety_stop_exits_with_4_and_reports_the_result_too(
@@ -142,7 +142,7 @@ def test_settings_are_shown_with_where_they_are_from(
 ) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
-    words = ("config", "show", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
+    words = ("config", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
     said = call(*words, capsys=capsys)[1].splitlines()
     ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in said if " = " in line}
     assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"

@@ -22,7 +22,7 @@ PRESSES = "--set " + " --set ".join(PRESSED)
         ("calibrate force --out NEW", "usb: serial"),
         (f"calibrate noise --out NEW --set gripper.calibration=paper {PRESSES}", "modbus: host"),
         ("gripper activate --set gripper.calibration=paper", "modbus: host"),
-        ("gripper open", "modbus: host"),
+        ("release", "modbus: host"),
         ("arm step --z 3", "ur: host"),
         ("arm stop", "ur: host"),
     ],
@@ -58,7 +58,7 @@ HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
     ("words", "would"),
     [
         ("arm step --z 3 --set ur.host=127.0.0.1", "move the arm at 127.0.0.1 by x +0, y +0, z +3"),
-        (f"gripper open {HAND}", "open all fingers at 22 mm/s, at most 10 N a motor"),
+        (f"release {HAND}", "open all fingers at 22 mm/s, at most 10 N a motor"),
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),

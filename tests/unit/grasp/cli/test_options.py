@@ -39,7 +39,7 @@ def test_every_number_of_the_command_line_has_bounds() -> None:
 def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    words = ["world", "calibrate", "--recording", "x.csv", "--clips"]
+    words = ["calibrate", "fingertip", "--recording", "x.csv", "--clips"]
     assert main([*words, "-1"]) == 2
     assert "2 to 100000" in capsys.readouterr().err
 
@@ -49,7 +49,7 @@ def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
     [
         ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
         ("detector evaluate energy --data sets sets/", "--data: sets twice"),
-        ("detector tune --static a.csv ./a.csv", "--static: a.csv twice"),
+        ("detector tune energy --unlabelled a.csv ./a.csv", "--unlabelled: a.csv twice"),
     ],
 )
 def test_what_is_listed_twice_is_refused_because_it_would_count_twice(

@@ -48,7 +48,7 @@ def test_a_disk_that_is_full_is_told_in_one_line(how: list[str]) -> None:
     start = "import sys; from grasp.cli.main import main; sys.exit(main(sys.argv[1:]))"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-c", start, "config", "show", "guard", *how], stdout=full,
+            [sys.executable, "-c", start, "config", "guard", *how], stdout=full,
             stderr=subprocess.PIPE, text=True, check=False,
             env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
         )  # fmt: skip

@@ -10,8 +10,13 @@ import pytest
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
 from grasp.cli.parser import Parser
-from grasp.cli.pictures import picture
-from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, must_be_writable
+from grasp.cli.places import (
+    file_to_write,
+    file_with_folders,
+    folder_to_fill,
+    must_be_writable,
+    picture,
+)
 from grasp.cli.report import _html
 
 WRITTEN = ("--out", "--write", "--figure", "--pictures")

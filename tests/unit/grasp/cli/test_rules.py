@@ -11,7 +11,7 @@ from tests.unit.detector.test_own import weights
 
 Capture = pytest.CaptureFixture[str]
 PACKAGED = "is heard by the rule of the packaged tcn, tuned for other weights"
-SHOW = ["config", "show", "rule"]
+SHOW = ["config", "rule"]
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def test_settings_that_are_shown_warn_of_a_rule_of_other_weights(lab: str, capsy
     assert main([*SHOW, "--detector", lab]) == 0
     said = capsys.readouterr().err
     assert "no rule that was tuned for it" in said and f"tune {lab} --data DIR" in said
-    assert main(["config", "show", "gripper", "--set", f"network.weights={lab}"]) == 0
+    assert main(["config", "gripper", "--set", f"network.weights={lab}"]) == 0
     assert capsys.readouterr().err == ""
 
 

@@ -32,11 +32,11 @@ COMMANDS = [
     ("arm status", 3, f"arm at {NOBODY}"),
     ("arm step --z 1 --confirm-motion", 3, f"arm at {NOBODY}"),
     ("gripper status", 3, f"the gripper at {NOBODY}:9"),
-    ("gripper open --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
+    ("release --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
     ("gripper activate --empty --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
     ("gripper close --confirm-motion", 3, NOBODY),
     RELEASE,
-    ("tactile rest", 3, NOBODY),
+    ("tactile watch --rest", 3, NOBODY),
     ("run lift --rig hardware --confirm-motion --runs {folder}", 3, NOBODY),
 ]
 WITHOUT_COMPILER = """

@@ -120,7 +120,7 @@ def test_trials_are_shown_kept_and_summed_up(
     said = capsys.readouterr().out
     assert "object lift" in said  # Table IV
     assert str(out) in said
-    assert main(["campaign", "summary", str(out)]) == 0
+    assert main(["runs", str(out)]) == 0
     assert "n 2" in capsys.readouterr().out
     assert main(words) == 2
     assert "exists already" in capsys.readouterr().err

@@ -142,7 +142,7 @@ def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(
     with pytest.raises(BadFile):
         run(SPEC, copy, Workers(0), resume=True, work=judged)
     assert copy.read_bytes() == before
-    for words in (["campaign", "summary"], ["export"]):
+    for words in (["runs"], ["report", "--to", "csv"]):
         assert main([*words, str(copy)]) == 2
         out, err = capsys.readouterr()
         assert out == "" and named in err
@@ -174,7 +174,7 @@ def test_damaged_files_are_refused_in_one_line_or_read_whole(
     out, refused = tmp_path / "a.sqlite", 0
     for _ in range(25):
         out.write_bytes(damage(content, rng))
-        code = main(["campaign", "summary", str(out), "--json"])
+        code = main(["runs", str(out), "--json"])
         said = capsys.readouterr()
         assert (code, said.err, said.out.count("\n")) in ((0, "", 1), (2, "", 1))
         refused += code == 2
@@ -248,10 +248,10 @@ def test_an_export_that_the_disk_refuses_leaves_what_was_there(
     out.write_text(before)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", after_half)
-        assert main(["export", str(whole), "--out", str(out)]) == 5
+        assert main(["report", str(whole), "--out", str(out)]) == 5
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
     assert out.read_text() == before
-    assert main(["export", str(whole), "--out", str(out)]) == 0
+    assert main(["report", str(whole), "--out", str(out)]) == 0
     assert len(out.read_text()) > 100
 
 

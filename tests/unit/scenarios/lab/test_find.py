@@ -16,7 +16,7 @@ def test_what_is_no_address_of_one_device_is_refused(word: str) -> None:
 
 
 def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["find", "127.0.0.99", "tcp://127.0.0.99:9", "--timeout", "0.2"]) == 3
+    assert main(["doctor", "127.0.0.99", "tcp://127.0.0.99:9", "--timeout", "0.2"]) == 3
     shown = capsys.readouterr()
     assert [line.split()[0] for line in shown.out.splitlines()] == ["no"] * 5
     assert "nobody answers" in shown.err

@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import DeviceFault
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.rigs import release
+from scenarios.lab.hand import Hand
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig, Rig
 from scenarios.trial.execution import make_guard, run_trial
@@ -75,15 +75,8 @@ def closed_hand(act: Callable[[Rig], None]) -> Iterator[GraspRig]:
 
 
 @pytest.mark.parametrize("says", [MET_WHILE_OPENING, THERE])
-def test_release_does_not_say_that_a_hand_is_open_which_is_not(
-    says: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_release_does_not_say_that_a_hand_is_open_which_is_not(says: int) -> None:
     with closed_hand(lambda rig: stand(rig, says)) as rig:
-
-        @contextmanager
-        def opened(*_: object, **__: object) -> Iterator[GraspRig]:
-            yield rig
-
-        monkeypatch.setattr(release, "open_rig", opened)
+        hand = Hand(config(), rig.devices.gripper, None, rig.clock, "")
         with pytest.raises(DeviceFault, match="did not open"):
-            release.release_gripper(config(), 0.11, None, activating=False)
+            hand.open(lambda _: None)

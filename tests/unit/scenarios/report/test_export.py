@@ -53,11 +53,11 @@ def test_export_says_where_it_wrote_and_overwrites_its_own_alone(
 ) -> None:
     run = changed(recorded, tmp_path / "run")
     for _ in range(2):
-        assert main(["export", str(run)]) == 0
+        assert main(["report", str(run), "--to", "csv"]) == 0
         assert capsys.readouterr().out == f"{run / 'recording.csv'}\n"
     (run / "recording.csv").write_text("mine")
-    assert main(["export", str(run)]) == 2
+    assert main(["report", str(run), "--to", "csv"]) == 2
     assert "is there already" in capsys.readouterr().err
     for _ in range(2):
-        assert main(["export", str(run), "--to", "layout"]) == 0
+        assert main(["report", str(run), "--to", "layout"]) == 0
     assert (run / "foxglove-layout.json").read_text() == LAYOUT.read_text()

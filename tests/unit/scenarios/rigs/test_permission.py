@@ -85,9 +85,9 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
             yield from (((name, *rest), leaf) for rest, leaf in verbs(sub))
 
 
-GRIPPER = ("status", "activate", "open", "close", "step")
+GRIPPER = ("status", "activate", "close", "step")
 ARM = ("status", "step", "stop")
-TACTILE = ("watch", "rest")
+TACTILE = ("watch",)
 CALIBRATE = {
     "force": ["--out", "f.toml"], "hand": ["--out", "f.toml", "--up-to", "16"],
     "noise": ["--out", "f.toml"],
@@ -98,17 +98,17 @@ LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
     ("run", "tap"): ["run", "tap", "--rig", "simulated", "--pace", "max", "--trials", "1"],
     ("run", "acquire"): ["run", "acquire", "--rig", "simulated", "--pace", "max"],
-    ("config", "show"): ["config", "show"],
+    ("config",): ["config"],
     ("doctor",): ["doctor", "--rig", "simulated"],
     ("emulate",): ["emulate"],
-    ("release",): ["release", "--rig", "simulated"],
+    ("release",): ["release"],
     **{("gripper", name): ["gripper", name] for name in GRIPPER},
     **{("arm", name): ["arm", name] for name in ARM},
     **{("tactile", name): ["tactile", name] for name in (*TACTILE, "identify")},
     **{("calibrate", name): ["calibrate", name, *more] for name, more in CALIBRATE.items()},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
-    ("detector", "tune"): ["detector", "tune", "energy"],
+    ("detector", "tune"): ["detector", "tune", "energy", "--data", "sets"],
     ("campaign", "run"): ["campaign", "run", "c.toml", "--jobs", "1", "--out", "c.sqlite"],
 }
 
@@ -207,7 +207,7 @@ def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
 
 
 WITH_A_RIG = {
-    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config", "show"): [],
+    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [],
     ("release",): [], ("doctor",): [],
     **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},

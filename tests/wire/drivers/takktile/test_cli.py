@@ -16,17 +16,6 @@ def press(bench: Bench, cell: int) -> None:
     bench.pressed, bench.pressed_after = cell, 60
 
 
-def test_udev_prints_the_rule_and_how_to_install_it(capsys):
-    assert main(["tactile", "udev"]) == 0
-    comment, rule = capsys.readouterr().out.splitlines()
-    assert comment.startswith("# install: ")
-    assert "/60-takktile.rules" in comment  # sorts before 73-seat-late.rules
-    assert rule == (
-        'SUBSYSTEM=="usb", ATTR{idVendor}=="59e3", ATTR{idProduct}=="74c7", '
-        'MODE="0660", TAG+="uaccess"'
-    )
-
-
 def test_identify_names_finger_taxel_and_cell(bench, capsys):
     press(bench, 6 + 4)
     assert identify(bench, "--seconds", "1") == 0

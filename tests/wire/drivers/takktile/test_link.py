@@ -74,7 +74,7 @@ def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
     monkeypatch.setattr(EmulatedBus, "open_device", refuse)
     with pytest.raises(LinkLost, match="may not open") as caught:
         bench.connect()
-    assert "grasp tactile udev" in caught.value.remedy
+    assert "grasp doctor" in caught.value.remedy
 
 
 @pytest.mark.parametrize(

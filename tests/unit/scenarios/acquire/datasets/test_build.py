@@ -33,6 +33,18 @@ from scenarios.acquire.datasets.plan import (
 from scenarios.rigs.workers import Workers
 
 PAPER = config_dir() / "datasets" / "paper.toml"
+SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
+# Grover et al. 2022, Table I: percent of the samples, surfaces as above; speeds in m/s or rad/s.
+PAPER_TABLE = {
+    ("primary", 0.05): (5.3, 3.7, 3.5, 3.6),
+    ("primary", 0.075): (4.5, 4.7, 3.7, 3.7),
+    ("primary", 0.1): (4.8, 4.7, 3.3, 3.2),
+    ("oblique", 0.05): (4.9, 3.3, 3.3, 3.3),
+    ("oblique", 0.075): (3.5, 4.2, 3.5, 3.4),
+    ("oblique", 0.1): (3.9, 4.2, 3.0, 3.1),
+    ("rotation", 1.0): (3.8, 1.2, 1.5, 1.2),
+}
+PAPER_STATIC, PAPER_SLIP = 143_584, 122_918
 HERE = Workers(0)
 
 

@@ -1,4 +1,4 @@
-"""`grasp world calibrate`: fit the simulated fingertip to a real recording."""
+"""`grasp calibrate fingertip`: fit the simulated fingertip to a real recording."""
 
 import argparse
 from pathlib import Path
@@ -7,56 +7,28 @@ from typing import Any
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, progress, whole
-from grasp.cli.pictures import picture
-from grasp.cli.places import file_to_write, own_or_new
+from grasp.cli.parser import verb
+from grasp.cli.places import file_to_write, own_or_new, picture
 from grasp.files import write_whole
 
-HELP = "fit the simulated world"
 
-
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("world", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    text = "fit the simulated fingertip to a real recording, and show both side by side"
-    parser = actions.add_parser(
-        "calibrate",
-        help=text,
-        description=text + ". The recording should be strokes with pauses, labelled. Fitted values "
-        "are judged on simulated clips that the search has not seen. To use them, pass the file "
-        "written by --out as --config to `grasp run`; the built-in values are those fitted "
-        "to the clip of the paper's authors.",
-    )
-    parser.add_argument(
-        "--recording", type=Path, required=True, metavar="PATH",
-        help="one fingertip, columns t_s,p0,p1,...,slip",
-    )  # fmt: skip
-    parser.add_argument(
-        "--check", action="store_true", help="judge the built-in values; search for no others"
-    )
-    parser.add_argument(
-        "--rounds",
-        type=whole(1, 1000),
-        metavar="N",
-        help="of the closer half of the search (default: 8)",
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, 2**31 - 1), default=0, metavar="N",
-        help="another search; how far two differ is what the recording does not tell",
-    )  # fmt: skip
-    parser.add_argument(
-        "--clips", type=whole(2, 100_000), default=48, metavar="N",
-        help="simulated clips that the result is judged on (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_to_write, metavar="FILE.toml", help="write the fitted values"
-    )
-    parser.add_argument(
-        "--figure", type=picture, metavar="FILE", help="draw a simulated clip under the recording"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
-    parser.set_defaults(handler=calibrate)
+def add_parser(kinds: Any) -> None:
+    parser = verb(kinds, "fingertip", calibrate, "fit the simulated fingertip to a real recording, "
+        "and show both side by side", ". The recording should be strokes with pauses, labelled. "
+        "Fitted values are judged on simulated clips that the search has not seen. To use them, "
+        "pass the file written by --out as --config to `grasp run`; the built-in values are those "
+        "fitted to the clip of the paper's authors.")  # fmt: skip
+    parser.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path,
+        required=True)  # fmt: skip
+    parser.flag("--check", "judge the built-in values; search for no others")
+    parser.option("--rounds N", "of the closer half of the search (default: 8)", whole(1, 1000))
+    parser.option("--seed N", "another search; how far two differ is what the recording does not "
+        "tell", whole(0, 2**31 - 1), default=0)  # fmt: skip
+    parser.option("--clips N", "simulated clips that the result is judged on", whole(2, 100_000),
+        default=48)  # fmt: skip
+    parser.option("--out FILE.toml", "write the fitted values", file_to_write)
+    parser.option("--figure FILE", "draw a simulated clip under the recording", picture)
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def calibrate(args: argparse.Namespace) -> int:
