@@ -25,6 +25,7 @@ from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
 from grasp.cli.options import decimal, need, progress, workers
+from grasp.cli.parser import Parser
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build
 from scenarios.acquire.datasets.plan import first_of_each, load_dataset_config, plan
@@ -90,7 +91,7 @@ class Cases(msgspec.Struct, frozen=True, eq=False):
     outputs: dict[str, Floats]  # log-odds (n, AFTER) of each detector
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
+def _options(parser: Parser) -> None:
     parser.add_argument("--data", type=Path, required=True, metavar="DIR",
                         help="keeps the recordings; those there are not made again")  # fmt: skip
     parser.add_argument("--share", type=decimal(1e-3, 1), default=0.75, metavar="X")

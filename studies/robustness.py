@@ -34,6 +34,7 @@ from detector.scores.quantiles import quantiles
 from drivers.errors import BadFile
 from drivers.interfaces import PERIOD_S
 from grasp.cli.options import whole
+from grasp.cli.parser import Parser
 from scenarios.acquire.datasets.build import INDEX, make
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, plan
 from scenarios.benchmark.scoring import read_split
@@ -97,7 +98,7 @@ class Row(msgspec.Struct, frozen=True):
     scores: list[Score]
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
+def _options(parser: Parser) -> None:
     add_data(parser)
     parser.add_argument("--detectors", nargs="+", default=COMPARED, metavar="NAME")
     parser.add_argument("--recordings", type=whole(1, 100_000), default=150, metavar="N",

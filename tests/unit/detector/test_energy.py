@@ -14,7 +14,6 @@ from detector.energy import (
 )
 from detector.interface import DETECTORS, load_detector
 from detector.scores.evaluation import stream
-from drivers.errors import UsageError
 
 
 def frames(n: int, fingers: int = 3, seed: int = 0, spread: int = 20) -> NDArray[np.int16]:
@@ -93,28 +92,3 @@ def test_a_detector_is_loaded_by_name_with_settings_or_a_plain_table() -> None:
     assert one.name == "energy"
     assert one.threshold == 0.5
     assert np.array_equal(stream(one, counts)[0], stream(two, counts)[0])
-
-
-def test_the_tuned_threshold_keeps_to_the_budget_and_one_step_less_does_not() -> None:
-    static = [frames(3000, seed=seed, spread=3 + seed) for seed in (1, 2)]
-
-    def events_per_min(threshold: float, rule: RuleSettings) -> float:
-        settings = EnergySettings(threshold_counts=threshold)
-        streams = (stream(EnergyDetector(settings, 3), counts)[0] for counts in static)
-        return sum(len(registered_events(p, rule)) for p in streams)
-
-    for rule, budget in (
-        (RuleSettings(), 0.0), (RuleSettings(), 30.0),
-        (RuleSettings(consecutive=4, threshold=0.8), 3.0),
-    ):  # fmt: skip
-        tuned = tune_threshold(static, EnergySettings(), rule, budget)
-        assert events_per_min(tuned, rule) <= budget < events_per_min(tuned / 1.02, rule), budget
-
-
-def test_tuning_needs_data_and_a_threshold_that_is_high_enough() -> None:
-    with pytest.raises(UsageError, match="no static data"):
-        tune_threshold([], EnergySettings(), RuleSettings(), 1.0)
-    wild = np.zeros((100, 1, 6), np.int16)
-    wild[::2] = 1000
-    with pytest.raises(UsageError, match="over the budget even at 500"):
-        tune_threshold([wild], EnergySettings(), RuleSettings(), 1.0)

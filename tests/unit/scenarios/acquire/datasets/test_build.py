@@ -15,12 +15,6 @@ from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.build import build, window
-from scenarios.acquire.datasets.describe import (
-    PAPER_SLIP,
-    PAPER_STATIC,
-    PAPER_TABLE,
-    SURFACES,
-)
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.plan import (
     DIRECTIONS,
