@@ -1,12 +1,15 @@
-# make install   what a run needs, into .venv        make test       checks and tests, of which
-# make check     style, types, imports               make test-unit  what computes, make test-wire what waits
-# make lift      one lift of a can, simulated        make test-slow  the slow tests
-# make bench     measurements                        make test-train the tests that need torch
-# make faults    every fault at every phase of a lift; writes docs/faults.md
-# make mutants   what the tests would not see; writes docs/mutants.md     make soak  an hour of lifts
-# make fuzz      an hour of hostile clients on every port of an emulated cell (MINUTES=, SEED=)
-# make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
-# make clean     remove what make made               make test-browser pages, in a Chromium
+# make install   what a run needs, into .venv        make test       checks and tests: minutes
+# make check     style, types, imports               make test-all   every lane below: hours
+# make lift      one lift of a can, emulated         make test-nightly  slow tests, kills, a lab's day
+# make bench     measurements, as ratios             make test-train    what needs torch
+# make test-faults    faults at moments of a lift, in virtual time (RUNS=, SEED=)
+# make test-chaos     lifts over wires that spoil what passes (PLANS=, FROM=)
+# make test-soak      lifts on the emulated cell, one after the other (MINUTES=)
+# make test-fuzz      hostile clients on every port of an emulated cell (MINUTES=, SEED=)
+# make test-mutation  would the tests notice a changed line of the safety core?
+# make test-studies   each study on a small grid
+# make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
+# make clean     remove what make made               make test-browser  pages, in a Chromium
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
@@ -33,8 +36,9 @@ DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults mutants soak \
-        test-train test-cluster test-browser bench fuzz check check-style check-types check-imports lock clean
+.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
+        test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
+        test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -112,18 +116,22 @@ check-types:
 check-imports:
 	$(BIN)/lint-imports --no-logo --no-cache
 
-# First what computes, a worker a core; then, with nothing else to do, what waits for real time.
+# One worker more than there are cores: tests on wires wait for real time, and compute little.
+WORKERS ?= $(shell cores=$$(nproc); echo $$((cores < 8 ? cores + 1 : 8)))
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 test: check
-	@$(MAKE) --no-print-directory --jobs=1 --keep-going test-unit test-wire
+	$(PYTEST)
 test-unit: install-dev
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --ignore tests/wire
+	$(PYTEST) tests/unit
 test-wire: install-dev
-	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire || { \
-	  (($$? == 1)) && echo "what failed with others beside it counts if it fails alone" && \
-	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/wire; }
+	$(PYTEST) tests/wire
 
-test-slow: install-dev
-	$(BIN)/python -m pytest -m slow
+# each lane has its own target
+LANES := test-nightly test-studies test-faults test-chaos test-soak test-fuzz test-mutation test-browser test-cluster test-train
+test-all:
+	@$(MAKE) --no-print-directory --jobs=1 --keep-going test $(LANES)
+test-nightly: install-dev
+	$(PYTEST) -m "slow and not nightly" --ignore tests/nightly/test_cluster.py
 
 test-train: install-train
 	$(BIN)/python -m pytest -m train
@@ -133,32 +141,22 @@ test-browser: install-dev
 	$(BIN)/python -m pytest -m browser tests/browser
 
 test-cluster: install-cluster
-	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py
+	$(BIN)/python -m pytest -m slow tests/nightly/test_cluster.py
 
-# what is lacking is run, and what was ended goes on: two hours of an idle core; then lifts through
-# wires that are spoilt, in wall time: three quarters of an hour
-JOBS ?= $(shell nproc)
-faults: install-dev
-	fell=0; $(BIN)/python scripts/faults.py run --stale --jobs $(JOBS) || fell=$$?; test $$fell -lt 2 || exit $$fell; \
-	$(BIN)/python scripts/faults.py page || fell=$$?; \
-	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos || fell=$$?; \
-	exit $$fell
-
-# each mutant of what safety rests on, and samples of the rest by this seed, that of docs/mutants.md
-MUTANTS_SEED ?= 17
-mutants: install-dev
-	lived=0; $(BIN)/python scripts/mutants.py run || lived=$$?; test $$lived -lt 2 || exit $$lived; \
-	$(BIN)/python scripts/mutants.py sample --seed $(MUTANTS_SEED) || lived=$$?; test $$lived -lt 2 || exit $$lived; \
-	$(BIN)/python scripts/mutants.py twice || lived=$$?; test $$lived -lt 2 || exit $$lived; \
-	$(BIN)/python scripts/mutants.py page && exit $$lived
-
-soak: install-dev
-	$(BIN)/python scripts/soak.py run
-
-MINUTES ?= 60
-SEED ?= 1
-fuzz: install-dev
-	$(BIN)/python -m tests.wire.fuzz.campaign --minutes $(MINUTES) --seed $(SEED)
+# FROM, MINUTES, PLANS, RUNS and SEED reach the tests by the environment
+NIGHTLY := $(BIN)/python -m pytest -s -m nightly tests/nightly
+test-faults: install-dev
+	$(NIGHTLY)/faults
+test-chaos: install-dev
+	$(NIGHTLY)/chaos
+test-soak: install-dev
+	$(NIGHTLY)/soak
+test-fuzz: install-dev
+	$(NIGHTLY)/fuzz
+test-mutation: install-dev
+	$(BIN)/python -m tests.nightly.mutation
+test-studies: install-dev install-charts
+	$(PYTEST) -m study tests/studies
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s
@@ -177,5 +175,5 @@ lock:
 	printf 'torch==2.13.0\n' >> requirements/train.txt
 
 clean:
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist mutants
 	find grasp drivers detector scenarios scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +

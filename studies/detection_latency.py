@@ -21,6 +21,7 @@ from detector.scores.evaluation import (
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import UsageError
+from grasp.cli.parser import Parser
 from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import contender, read_split
 from scenarios.campaign.config import load_config
@@ -49,7 +50,7 @@ class Row(msgspec.Struct, frozen=True):
     accuracy: float
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     parser.add_argument("detector", nargs="*", default=["tcn-paper"], metavar="NAME|FILE.onnx",
                         help="(default: tcn-paper)")  # fmt: skip
     add_data(parser)

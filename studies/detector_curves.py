@@ -12,6 +12,7 @@ import msgspec
 
 from detector.interface import DETECTORS
 from detector.scores.sweep import frontier
+from grasp.cli.parser import Parser
 from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import contender, read_split
 from scenarios.campaign.config import load_config
@@ -44,7 +45,7 @@ class Row(msgspec.Struct, frozen=True):
     points: list[tuple[float, float, float]]
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     parser.add_argument("detector", nargs="*", default=DETECTORS, metavar="NAME|FILE.onnx",
                         help="(default: the packaged ones)")  # fmt: skip
     add_data(parser)

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.cli.parser import Parser
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.paper import wilson
 from scenarios.campaign.worker import run_once
@@ -143,7 +144,7 @@ class Row(msgspec.Struct, frozen=True):
     held: bool
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     add_trials(parser, seeds=10)
     parser.add_argument("--profile", default=DEFAULT_PROFILE, metavar="NAME")
     parser.add_argument("--axes", nargs="+", choices=AXES, default=tuple(AXES))

@@ -26,6 +26,7 @@ from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 from grasp.cli.options import whole
+from grasp.cli.parser import Parser
 from studies.runner import Study, add_data, markdown
 
 PIECE_SAMPLES = 416  # of a data set's recordings: the length of the authors' clip, 4.2 s
@@ -247,7 +248,7 @@ def trial(task: Task) -> Row:
     return tell_apart(windows_of(clip.counts[:, 0], clip.slip, task.state), pieces, task)
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     parser.add_argument("--recording", type=Path, required=True, metavar="PATH",
                         help="real, of one fingertip: strokes with pauses, labelled")  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N")

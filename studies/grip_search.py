@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drivers.errors import UsageError
 from drivers.interfaces import Counts3
 from grasp.cli.options import OBJECT_HELP, add_settings, decimal, whole
+from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import twin_onset_s
@@ -74,7 +75,7 @@ class Row(msgspec.Struct, frozen=True):
     lifts: int
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     default = Criteria()
     parser.add_argument("--objects", nargs="+", default=PAPER_OBJECTS, metavar="NAME",
                         help=OBJECT_HELP)  # fmt: skip

@@ -20,6 +20,7 @@ from detector.scores.quantiles import Quantiles
 from detector.training.augment import Augmentation
 from detector.training.settings import DEFAULTS, TrainSettings
 from grasp.cli.options import need, whole
+from grasp.cli.parser import Parser
 from scenarios.benchmark.data_sets import require_whole
 from scenarios.benchmark.scoring import contender, read_split
 from scenarios.trial.result import versions
@@ -73,7 +74,7 @@ class Row(msgspec.Struct, frozen=True):
     compute_us: float  # median of one update
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     add_data(parser)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS],
                         help="(default: all)")  # fmt: skip

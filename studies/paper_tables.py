@@ -24,6 +24,7 @@ from detector.scores.intervals import HIGH, LOW
 from detector.scores.metrics import Confusion, confusion
 from detector.scores.quantiles import quantile, quantiles
 from drivers.errors import UsageError
+from grasp.cli.parser import Parser
 from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
@@ -111,7 +112,7 @@ class Estimate(msgspec.Struct, frozen=True, eq=False):
         return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * x for x in (self.value, *self.interval)))
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     parser.add_argument("detector", nargs="*", default=DETECTORS, metavar="NAME|FILE.onnx",
                         help="(default: the packaged ones)")  # fmt: skip
     add_data(parser)

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from grasp.cli.parser import Parser
 from scenarios.world.contact import Floats
 from scenarios.world.world_settings import Level
 from studies.contact import comparators, mujoco_scene, reference, scene
@@ -123,7 +124,7 @@ def trial(task: Task) -> Row:
     return Row(task.scene, task.curve, task.step_s, least * 1e6, error_m)
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=[*SCENES])
     parser.add_argument("--curves", nargs="+", choices=methods(), default=[*methods()])
 

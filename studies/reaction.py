@@ -18,6 +18,7 @@ import msgspec
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.interfaces import PERIOD_NS
 from grasp.cli.options import decimal, whole
+from grasp.cli.parser import Parser
 from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
 from grasp.controller import GraspController
@@ -85,7 +86,7 @@ class Row(msgspec.Struct, frozen=True):
     check: Check | None = None
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     add_trials(parser, seeds=20)
     add = parser.add_argument
     add("--profile", default=DEFAULT_PROFILE, metavar="NAME")

@@ -16,6 +16,7 @@ import msgspec
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli.options import add_settings, add_workers, progress, whole, workers
+from grasp.cli.parser import Parser
 from grasp.files import save_figure, write_whole
 from scenarios.rigs.workers import results
 from scenarios.trial.result import versions
@@ -27,7 +28,7 @@ PAPER_OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ROWS, TABLE, CHART = "rows.jsonl", "table.md", "chart.svg"
 
 
-def _no_options(parser: argparse.ArgumentParser) -> None:
+def _no_options(parser: Parser) -> None:
     """A study without options of its own."""
 
 
@@ -42,13 +43,11 @@ class Study(Generic[Task, Row]):
     row: type[Row]
     table: Callable[[Sequence[Row]], str]
     chart: Callable[[Sequence[Row], Any], None] | None = None  # draws on a Matplotlib figure
-    options: Callable[[argparse.ArgumentParser], None] = _no_options
+    options: Callable[[Parser], None] = _no_options
     figure_size: tuple[float, float] = (9.0, 6.0)  # inches
 
 
-def add_trials(
-    parser: argparse.ArgumentParser, seeds: int, objects: Sequence[str] = PAPER_OBJECTS
-) -> None:
+def add_trials(parser: Parser, seeds: int, objects: Sequence[str] = PAPER_OBJECTS) -> None:
     """Options of studies that run trials: objects, seeds, detector and settings."""
     parser.add_argument("--objects", nargs="+", default=objects, metavar="NAME")
     parser.add_argument("--seeds", type=whole(1, 100_000), default=seeds, metavar="N",
@@ -63,7 +62,7 @@ def seeds_of(args: argparse.Namespace) -> range:
     return range(args.first_seed, args.first_seed + args.seeds)
 
 
-def add_data(parser: argparse.ArgumentParser) -> None:
+def add_data(parser: Parser) -> None:
     """Option of studies that score detectors on data sets."""
     parser.add_argument(
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
@@ -73,7 +72,7 @@ def add_data(parser: argparse.ArgumentParser) -> None:
 
 def main(name: str, study: Study[Any, Any], words: Sequence[str]) -> int:
     """Run a study from the command line; returns the exit code. Raises GraspError."""
-    parser = argparse.ArgumentParser(f"python -m studies {name}", description=study.summary)
+    parser = Parser(prog=f"python -m studies {name}", description=study.summary)
     study.options(parser)
     parser.add_argument("--out", type=Path, default=Path("build/studies") / name, metavar="DIR",
                         help="folder of the result; rows in it are not run again "

@@ -16,6 +16,7 @@ from detector.interface import SlipDetector
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
+from grasp.cli.parser import Parser
 from grasp.clock import Clock
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
@@ -117,7 +118,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float  # from the start of the lift to its end
 
 
-def options(parser: argparse.ArgumentParser) -> None:
+def options(parser: Parser) -> None:
     add_trials(parser, seeds=20)
     parser.add_argument("--scenes", choices=SCENES, default="all")
     parser.add_argument("--policies", nargs="+", metavar="NAME", help="quoted (default: all)")

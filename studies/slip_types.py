@@ -35,6 +35,7 @@ from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
 from grasp.cli.options import need, network_path, whole
+from grasp.cli.parser import Parser
 from grasp.files import write_whole
 from scenarios.benchmark.data_sets import read_set, require_whole
 from scenarios.trial.result import versions
@@ -92,7 +93,7 @@ class Guess(msgspec.Struct, frozen=True, eq=False):
     sector: Whole | None = None
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: Parser) -> None:
     parser.add_argument("network", nargs="*", default=["tcn", "gru"], help="(default: tcn gru)")
     add_data(parser)
     parser.add_argument("--train", action="store_true", help="train new outputs first")

@@ -18,6 +18,7 @@ import hypothesis
 import pytest
 
 GRACE_S = 2.0  # what is on its way out may take this long
+NIGHTLY = Path(__file__).parent / "nightly"
 CALLERS = 4  # of whoever made a socket that is left behind
 
 hypothesis.settings.register_profile("local", deadline=None, print_blob=True)
@@ -33,6 +34,15 @@ os.environ["MPLBACKEND"] = "Agg"
 # terminal, and so would what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if NIGHTLY in item.path.parents:
+            item.add_marker(pytest.mark.slow)
+            if item.get_closest_marker("timeout") is None:
+                item.add_marker(pytest.mark.timeout(900))
 
 
 def threads() -> set[str]:

@@ -41,7 +41,9 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = 3.0
     stale_after_missed: Annotated[
         int,
-        msgspec.Meta(ge=1, le=20, description="missed samples in a row that make the sensor stale"),
+        msgspec.Meta(
+            ge=1, le=100, description="missed samples in a row that make the sensor stale"
+        ),
     ] = 5
     max_age_ms: Annotated[
         float,

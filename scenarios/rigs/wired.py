@@ -23,6 +23,8 @@ from scenarios.rigs.rig import calibration
 
 DeviceT = TypeVar("DeviceT")
 ANY_BOARD = "any"  # of `usb.serial`
+# of an emulated board, whose process may have to wait for its turn on a busy machine
+EMULATED_READ_MS, EMULATED_CONTROL_MS = 1_000, 10_000
 
 
 @contextmanager
@@ -88,9 +90,13 @@ def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
 def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str | None], UsbLink]:
     """Finds the fingertip board: that with the serial number asked for, else the one that the
     settings name, else any."""
-    bus = backend(config.usb.url) if config.usb.url else None
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
-    return lambda serial: UsbLink.find(serial or named or None, backend=bus, clock=now)
+    if not config.usb.url:
+        return lambda serial: UsbLink.find(serial or named or None, clock=now)
+    bus = backend(config.usb.url)
+    return lambda serial: UsbLink.find(
+        serial or named or None, bus, now, EMULATED_READ_MS, EMULATED_CONTROL_MS
+    )
 
 
 def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:

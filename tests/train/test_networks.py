@@ -14,7 +14,7 @@ from detector.network import run_network  # noqa: E402
 from detector.network_file import Mode, read_network  # noqa: E402
 from detector.training.architecture import ARCHITECTURES  # noqa: E402
 from detector.training.graph import make_model  # noqa: E402
-from detector.training.networks import build, greatest, parameter_count  # noqa: E402
+from detector.training.networks import build, parameter_count  # noqa: E402
 from tests.unit.detector.networks import card, walk  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -105,14 +105,6 @@ def test_torch_and_onnx_agree_on_windows(
     assert np.abs(p[samples - 1 :] - expected).max() < TOLERANCE
 
 
-@pytest.mark.parametrize("samples", [30, 99, 100])
-def test_the_last_step_alone_is_the_last_of_all_steps(samples: int) -> None:
-    made = network("tcn-paper")
-    batch = as_batch(walk(samples))
-    with torch.no_grad():
-        assert torch.allclose(made(batch, last=True), made(batch)[:, -1:], atol=TOLERANCE)
-
-
 def test_the_paper_s_networks_have_the_parameters_their_authors_counted() -> None:
     assert parameter_count(build(ARCHITECTURES["tcn-paper"])) == 10_070
     cnn = build(ARCHITECTURES["freq-cnn-paper"])
@@ -127,20 +119,3 @@ def test_no_output_of_the_tcn_depends_on_more_than_the_window() -> None:
     made(counts)[0, -1].backward()
     touched = counts.grad[0].abs().sum(dim=1).nonzero()[:, 0]
     assert 200 - int(touched.min()) == arch.memory
-
-
-def test_what_was_found_is_held_for_so_many_samples_and_nothing_is_before_the_beginning() -> None:
-    found = torch.tensor([-1.0, 3.0, 1.0, 2.0, 0.0, -5.0, -4.0, -6.0])
-    held = greatest(found[None, :, None], 3)[0, :, 0]
-    assert held.tolist() == [0.0, 3.0, 3.0, 3.0, 2.0, 2.0, 0.0, -4.0]
-
-
-def test_the_tcn_keeps_to_ten_thousand_parameters() -> None:
-    assert parameter_count(build(ARCHITECTURES["tcn"])) <= 10_000
-
-
-def test_the_published_image_mixes_time_and_taxels() -> None:
-    counts = torch.zeros(1, 100, 6)
-    counts[0, :, 1] = 100.0 * torch.sin(torch.arange(100.0))  # the lower row's middle taxel alone
-    image = build(ARCHITECTURES["freq-cnn-paper"]).eval().image(counts)[0].sum(0)
-    assert (image > 1e-2).all()

@@ -1,7 +1,5 @@
 """Objects and surfaces of one's own, by the path of a file."""
 
-import json
-import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,10 +7,8 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.cli.main import main
-from grasp.settings import config_dir, thing_layer
-from scenarios.acquire.config import load_acquire_config
+from grasp.settings import config_dir
 from scenarios.campaign.config import load_config
-from scenarios.campaign.spec import combinations, read_spec
 
 Own = Callable[..., Path]
 
@@ -37,11 +33,6 @@ def test_an_object_of_ones_own_is_named_by_its_path(own: Own) -> None:
     assert config.object.grip_counts == can.object.grip_counts
     heavier = load_config(str(own()), "simulated", "energy", None, ["object.mass_kg=0.4"])
     assert heavier.object.mass_kg == 0.4
-
-
-def test_a_surface_of_ones_own_is_named_by_its_path(own: Own) -> None:
-    file = own("dome", "surfaces", "sphere")
-    assert load_acquire_config(str(file), "simulated").surface.name == "dome"
 
 
 @pytest.mark.parametrize(
@@ -69,59 +60,6 @@ def test_a_file_that_is_no_object_is_refused_by_its_path(
     assert str(file) in said and key in said and problem in said
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no such file"):
-        thing_layer("objects", "object", str(tmp_path / "none.toml"))
-
-
-def test_a_lift_takes_an_object_of_ones_own(
-    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = str(own())
-    words = ["run", "lift", "--object", file, "--rig", "simulated", "--runs", str(tmp_path)]
-    assert main([*words, "--detector", "energy", "--json"]) in (0, 1)
-    assert Path(json.loads(capsys.readouterr().out)["recording"]).parent.name.endswith("-mine")
-
-
-def test_a_campaign_finds_objects_beside_its_own_file(
-    own: Own, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own()
-    file = tmp_path / "c.toml"
-    file.write_text('name = "c"\nobjects = ["can", "./mine.toml"]\n')
-    monkeypatch.chdir("/")
-    places = combinations(read_spec(file))
-    assert [place.config.object.name for place in places] == ["can", "mine"]
-
-
-def test_a_campaign_runs_an_object_of_ones_own_and_goes_on_with_it(
-    own: Own, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    own()
-    monkeypatch.chdir(tmp_path)
-    Path("c.toml").write_text(
-        'name = "c"\nobjects = ["mine.toml"]\ndetectors = ["energy"]\nrepetitions = 1\n'
-    )
-    words = ["campaign", "run", "c.toml", "--out", "c.sqlite", "--jobs", "1", "--json"]
-    assert main(words) == 0
-    with sqlite3.connect("c.sqlite") as db:
-        assert db.execute("SELECT object, status FROM trials").fetchall() == [("mine", "done")]
-    db.close()
-    assert main([*words, "--resume"]) == 0
-
-
-def test_two_objects_of_a_campaign_that_are_called_the_same_are_refused(
-    own: Own, tmp_path: Path
-) -> None:
-    first = own()
-    second = tmp_path / "second.toml"
-    second.write_text(first.read_text())
-    file = tmp_path / "c.toml"
-    file.write_text(f'name = "c"\nobjects = ["{first}", "{second}"]\n')
-    with pytest.raises(ConfigError, match="both called 'mine'"):
-        combinations(read_spec(file))
-
-
 # Rigs
 
 
@@ -129,14 +67,6 @@ def rig_file(folder: Path, like: str, more: str = "") -> str:
     file = folder / f"cell-{like}.toml"
     file.write_text(f'rig = "{like}"\n{more}')
     return str(file)
-
-
-def test_a_rig_of_ones_own_is_opened_as_the_one_that_it_is_like(tmp_path: Path) -> None:
-    file = rig_file(tmp_path, "simulated", "[hand]\nactivation_s = 0.7\n")
-    config = load_config("can", file, "energy")
-    assert (config.rig, config.hand.activation_s) == ("simulated", 0.7)
-    over = load_config("can", file, "energy", None, ["hand.activation_s=0.9"])
-    assert over.hand.activation_s == 0.9
 
 
 @pytest.mark.parametrize(
@@ -160,19 +90,6 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_
 # Files of settings
 
 
-def test_later_files_lie_on_top_of_earlier_ones(
-    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
-    first.write_text("[guard]\nforce_limit_n = 8.0\n[object]\nmass_kg = 0.2\n")
-    second.write_text("[object]\nmass_kg = 0.3\n")
-    config = load_config("can", "simulated", "energy", [first, second])
-    assert (config.guard.force_limit_n, config.object.mass_kg) == (8.0, 0.3)
-    words = ["config", "object", "--rig", "simulated", "--json"]
-    assert main([*words, "--config", str(second), "--config", str(first)]) == 0
-    assert json.loads(capsys.readouterr().out)["object"]["mass_kg"] == 0.2
-
-
 def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) -> None:
     config = tmp_path / "heavy.toml"
     config.write_text("[object]\nmass_kg = 0.2\n")
@@ -187,43 +104,6 @@ def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) ->
     config.write_text("[object]\nmass_kg = 0.25\n")
     assert load_config(thing, rig, "energy", config).files[str(config)] != before
     assert load_config("can", "simulated", "energy").files == {}
-
-
-def test_where_a_file_lies_is_no_part_of_the_hash(tmp_path: Path) -> None:
-    hashes = set()
-    for name in ("a.toml", "b.toml"):
-        (tmp_path / name).write_text("[object]\nmass_kg = 0.2\n")
-        config = load_config("can", "simulated", "energy", tmp_path / name)
-        hashes |= {config.digest(), config.for_lift().digest()}
-    assert len(hashes) == 2
-
-
-def test_nobody_but_the_command_line_says_which_files_there_are(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no setting"):
-        load_config("can", "simulated", "energy", None, ["files.x=y"])
-
-
-def test_a_campaign_takes_files_and_its_rows_tell_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("lab.toml").write_text("[object]\nmass_kg = 0.2\n[guard]\novershoot_n = 1.5\n")
-    Path("top.toml").write_text("[object]\nmass_kg = 0.25\n")
-    Path("c.toml").write_text(
-        'name = "c"\nobjects = ["can"]\ndetectors = ["energy"]\nrepetitions = 1\n'
-        'config = ["lab.toml"]\n'
-    )
-    words = ["campaign", "run", "c.toml", "--out", "c.sqlite", "--jobs", "1", "--json"]
-    assert main([*words, "--config", "top.toml"]) == 0
-    with sqlite3.connect("c.sqlite") as db:
-        (settings,) = db.execute("SELECT settings FROM configs").fetchone()
-        (result,) = db.execute("SELECT result FROM trials").fetchone()
-    db.close()
-    told = json.loads(settings)
-    assert (told["object"]["mass_kg"], told["guard"]["overshoot_n"]) == (0.25, 1.5)
-    assert set(json.loads(result)["files"]) == {"lab.toml", "top.toml"}
-    Path("top.toml").write_text("[object]\nmass_kg = 0.24\n")
-    assert main([*words, "--config", "top.toml", "--resume"]) == 2
 
 
 # `grasp config`
@@ -250,26 +130,6 @@ def test_a_file_is_told_by_what_is_in_it(
     said = capsys.readouterr().out
     assert said.startswith(f"{file}: {told}")
     assert "fingerprint" in said
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "told"),
-    [
-        ("surfaces", "sphere", "a surface"),
-        ("calibrations", "paper", "a calibration"),
-        ("campaigns", "paper", "a campaign"),
-        ("datasets", "confusers", "a data set"),
-        ("layouts", "eight", "settings"),
-    ],
-)
-def test_packaged_files_pass_the_check(
-    kind: str, name: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = (config_dir() / kind / f"{name}.toml").read_text()
-    file = tmp_path / "mine.toml"
-    file.write_text(text.replace(f'name = "{name}"', 'name = "mine"'))
-    assert main(["config", str(file)]) == 0, capsys.readouterr().err
-    assert told in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

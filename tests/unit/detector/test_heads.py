@@ -1,6 +1,5 @@
 """Heads beside a network: what they tell, what they leave as it is, and what is refused."""
 
-import shutil
 from pathlib import Path
 
 import msgspec
@@ -8,25 +7,21 @@ import numpy as np
 import pytest
 
 from detector.heads import (
-    HELD,
     OUTPUTS,
     Dense,
     Heads,
     Teller,
     heads_path,
     inputs_of,
-    made_of,
     width_of,
 )
 from detector.interface import load_detector, motion_told_by
 from detector.network import NetworkSettings, StreamingNetwork, load_network
-from detector.network_file import read_network, weights_digest, weights_path
-from detector.training.architecture import ARCHITECTURES
-from drivers.errors import BadFile, UsageError
+from detector.network_file import read_network, weights_digest
+from drivers.errors import BadFile
 from tests.unit.detector.networks import walk, write_network
 
 HIDDEN = 7
-PACKAGED = ("gru", "tcn")  # that come with heads
 
 
 def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
@@ -100,52 +95,13 @@ def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: 
     assert motion.turning == pytest.approx(1.0 / (1.0 + np.exp(-out[:, 1])))
 
 
-@pytest.mark.parametrize("name", ["freq-cnn-paper", "tcn-paper", "energy"])
-def test_detector_without_heads_goes_on_and_tells_nothing(name: str) -> None:
-    detector = load_detector(name, {}, 3)
-    tell = motion_told_by(detector)
-    for frame in walk(5):
-        detector.update(frame)
-    assert tell() is None
-
-
-def test_heads_of_a_gated_tcn_read_what_its_head_hears_of_now_and_of_late() -> None:
-    held = np.random.default_rng(0).normal(size=(3, HELD, 17)).astype(np.float32)
-    states = {
-        "state0": np.zeros((3, 1360), np.float32), "state1": np.zeros((3, 222), np.float32),
-        "state2": held.reshape(3, -1),
-    }  # fmt: skip
-    found = inputs_of(states, np.zeros((3, 6), np.int16))
-    assert found.shape == (3, 41)
-    assert (found[:, :17] == held[:, -1]).all()
-    assert (found[:, 17:34] == held.max(axis=1)).all()
-    assert ARCHITECTURES["tcn"].held == HELD + 1  # which the next sample is one of
-
-
-def test_packaged_tcn_says_slip_by_a_line_through_what_its_heads_read() -> None:
-    """So they read the features themselves: the line of the packaged weights is found anew."""
-    network = read_network(weights_path("tcn"))
-    counts = walk(2000, 1).astype(np.float32)
-    states = {k: np.zeros((1, *shape), np.float32) for k, shape in network.states.items()}
-    seen, said = [], []
-    for t, frame in enumerate(counts):
-        fed = {"counts": frame, "previous": counts[max(t - 1, 0)], **states}
-        oldest = states["state2"][:, :17]
-        p, *found = network.session.run(["probability", *(f"next_{k}" for k in states)], fed)
-        states = dict(zip(states, found, strict=True))
-        now, late = made_of(states)
-        seen.append(np.concatenate([now[0], np.maximum(late, oldest)[0], [1.0]]))
-        said.append(np.log(p[0] / (1.0 - p[0])))
-    x, y = np.array(seen, np.float64), np.array(said, np.float64)
-    line = np.linalg.lstsq(x, y, rcond=None)[0]
-    assert x @ line == pytest.approx(y, abs=1e-3)
-
-
-def test_network_that_holds_other_samples_has_no_heads() -> None:
-    network = read_network(weights_path("tcn"))
-    other = msgspec.structs.replace(network, states=network.states | {"state2": (17 * 13,)})
-    with pytest.raises(UsageError, match="other samples"):
-        width_of(other)
+def test_detector_without_heads_goes_on_and_tells_nothing() -> None:
+    for name in ["freq-cnn-paper", "tcn-paper", "energy"]:
+        detector = load_detector(name, {}, 3)
+        tell = motion_told_by(detector)
+        for frame in walk(5):
+            detector.update(frame)
+        assert tell() is None, name
 
 
 def test_heads_are_told_by_the_detector_that_has_them(weights: Path) -> None:
@@ -172,26 +128,6 @@ def test_a_file_that_holds_no_heads_is_refused(weights: Path) -> None:
             loaded(weights)
 
 
-def test_damaged_or_missing_heads_of_a_packaged_network_are_to_be_installed_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = weights_path("gru").read_bytes()
-    monkeypatch.setattr("detector.network_file.WEIGHTS", tmp_path)
-    path = weights_path("gru")
-    path.write_bytes(whole)
-    with pytest.raises(BadFile, match="is missing") as refused:
-        load_network("gru", NetworkSettings(), 3)
-    assert refused.value.remedy == "install `grasp` again"
-    heads_path(path).symlink_to(heads_path(path))
-    with pytest.raises(BadFile, match="no heads"):
-        load_network("gru", NetworkSettings(), 3)
-    heads_path(path).unlink()
-    heads_path(path).write_text("{}")
-    with pytest.raises(BadFile, match="no heads") as refused:
-        load_network("gru", NetworkSettings(), 3)
-    assert refused.value.remedy == "install `grasp` again"
-
-
 def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) -> None:
     first, last = heads_of(weights).layers
     wrong = [
@@ -205,26 +141,3 @@ def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) 
         heads_path(weights).write_bytes(msgspec.json.encode(made))
         with pytest.raises(BadFile, match="do not lead"):
             loaded(weights)
-
-
-@pytest.mark.parametrize("name", PACKAGED)
-def test_packaged_network_says_the_same_as_a_copy_of_its_weights_without_heads(
-    name: str, tmp_path: Path
-) -> None:
-    alone = tmp_path / f"{name}.onnx"
-    shutil.copy(weights_path(name), alone)
-    packaged = loaded(weights_path(name))
-    counts = walk(300)
-    said = probabilities(packaged, counts, ask=True)
-    assert packaged.motion() is not None
-    assert (said == probabilities(loaded(alone), counts, ask=False)).all()
-
-
-@pytest.mark.parametrize("name", PACKAGED)
-def test_packaged_heads_say_on_what_they_were_scored(name: str) -> None:
-    content = heads_path(weights_path(name)).read_bytes()
-    heads = msgspec.json.decode(content, type=Heads)
-    assert heads.network == weights_digest(weights_path(name))
-    assert heads.commit and heads.data_digest and heads.samples > 10_000
-    assert all(low <= value <= high for value, low, high in heads.scores.values())
-    assert any("direction" in name for name in heads.scores)

@@ -36,12 +36,6 @@ def test_with_full_evenness_a_rare_cause_is_drawn_as_often_as_a_common_one() -> 
     assert shares(MADE, 1.0)[3] == pytest.approx(0.5)
 
 
-def test_between_the_two_a_cause_counts_by_the_root_of_its_samples() -> None:
-    lengths = np.array([len(r.t_s) for r in MADE], float)
-    common, rare = lengths[:3].sum() ** 0.5, lengths[3] ** 0.5
-    assert shares(MADE, 0.5)[3] == pytest.approx(rare / (common + rare))
-
-
 def test_a_stretch_that_is_drawn_for_a_blow_has_it_where_it_is_learnt_from() -> None:
     blow, warm, crop = 400, 20, 160
     fingers = fingers_of([*toys("train", 3, 0), struck((4.0, 0.003))], "slip")
@@ -58,13 +52,3 @@ def test_a_blow_in_a_recordings_first_samples_is_drawn_from_its_beginning() -> N
     fingers = fingers_of([struck((0.5, 0.003))], "slip")
     batch = crops(fingers, np.random.default_rng(0), 6, 100, 99, fresh=1.0, near_blows=1.0)
     assert (batch.labels.sum(axis=1) == BLOW_SAMPLES).all()
-
-
-def test_where_nothing_was_struck_the_draws_are_as_they_were() -> None:
-    fingers = fingers_of(MADE, "slip")
-    plain, near = (
-        crops(fingers, np.random.default_rng(3), 6, 40, 20, fresh=0.5, near_blows=share)
-        for share in (0.0, 0.9)
-    )
-    assert (plain.counts == near.counts).all()
-    assert (plain.weights == near.weights).all()

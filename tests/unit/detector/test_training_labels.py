@@ -12,7 +12,6 @@ from detector.training.sequences import (
     fingers_of,
     targets,
 )
-from detector.training.settings import DEFAULTS
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toys
 
@@ -20,10 +19,6 @@ MADE = [
     msgspec.structs.replace(r, moved_m=(np.cumsum(r.slip) * r.slip * 1e-4).astype(np.float32))
     for r in toys("train", 2, 0)
 ]
-
-
-def test_every_default_still_learns_the_papers_label() -> None:
-    assert {settings.label for settings in DEFAULTS.values()} == {"slip"}
 
 
 def test_sequences_have_the_label_and_the_distance_that_are_asked_for() -> None:

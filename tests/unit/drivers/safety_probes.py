@@ -169,9 +169,6 @@ def samples_of_rest(v: int) -> int:
     return pumps
 
 
-REFERENCE = ((450,) * 6,) * 3
-
-
 # Gripper: a hand whose positions are believed is held by targets, any other by stopping it
 
 

@@ -3,21 +3,14 @@
 import math
 from typing import Any
 
-import numpy as np
-
-from detector.decision import RuleSettings, make_rule
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
-from grasp.slip import SlipMonitor, SlipSettings
 from grasp.stiffness import Stiffness
-from tests.unit.grasp.answer_probes import resumed
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
-MS = 1_000_000
 ZERO = (0.0, 0.0, 0.0)
-STOOD_N = 2.0  # what the thumb feels unless said otherwise
 
 
 # Guard
@@ -61,16 +54,6 @@ def worst_first_n(v: float) -> float:
 # Controller
 
 
-def stages(**settings: Any) -> list[CloseFast]:
-    """Of the answer to slip."""
-    d = Driver(**settings)
-    d.reach = (58, 57, 57)
-    d.slip()
-    for _ in range(3):
-        d.climb(0.9)
-    return [c for c in d.commands if isinstance(c, CloseFast)]
-
-
 def lifted(**settings: Any) -> Driver:
     """A lift without slip: set down, fingers opened, arm retreating."""
     d = Driver(**settings)
@@ -99,15 +82,6 @@ def near(**settings: Any) -> Driver:
     return d
 
 
-def landing_margin_m(v: float) -> float:
-    """By which the quick way down from a slip at 5 cm ends above that."""
-    d = resumed(landing_margin_m=v, hold_s=0.1)
-    d.height_m = 0.2
-    d.until(Phase.LOWER)
-    down = next(c for c in reversed(d.commands) if isinstance(c, MoveArm))
-    return down.position_m[2] - arm(0, 0.05).position_m[2]
-
-
 def tightened(felt_n: float, **settings: Any) -> Driver:
     """On its way down the thumb feels so much, until the arm is stopped, or for as long as that
     takes to show in the level."""
@@ -131,55 +105,6 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     return d
 
 
-def landing_mps(v: float) -> float:
-    """Of the arm where the object may stand."""
-    return [c for c in near(landing_speed_mps=v).commands if isinstance(c, MoveArm)][-1].speed_mps
-
-
-def goes_on_tighter(v: float, rise: float) -> bool:
-    """Whether the way down goes on though the grip has tightened by this share in all."""
-    felt_n = STOOD_N * (1 + rise)
-    return probed(felt_n, felt_n, landing_most_share=v).controller.phase is Phase.LAND
-
-
-def goes_on_down(v: float, rise_n: float) -> bool:
-    return tightened(STOOD_N + rise_n, landing_rise_n=v).controller.phase is Phase.LAND
-
-
-def landing_step_m(v: float) -> float:
-    d = probed(3.0, 3.0, landing_step_m=v)
-    return arm(0, 0.02).position_m[2] - next(
-        c.position_m[2] for c in d.commands if isinstance(c, MoveArm)
-    )
-
-
-def stood_s(v: float) -> float:
-    """How long the arm stands before it goes a step down."""
-    d = tightened(3.0, landing_still_s=v)
-    begin_ns = d.t_ns
-    d.until(Phase.PROBE, measured_n=bears(3.0))
-    return (d.t_ns - begin_ns) * 1e-9
-
-
-def let_go(v: float, rise_n: float) -> bool:
-    """Whether the hand opens when a step down has added so much."""
-    return probed(3.0, 3.0 + rise_n, landing_check_n=v).controller.phase is Phase.RELEASE
-
-
-def tries(v: int) -> int:
-    """How often the grip may tighten without an answer before the arm stays where it is."""
-    d = probed(3.0, 3.0, landing_tries=v, landing_most_share=2.0)
-    for done in range(1, 20):
-        if d.controller.phase is Phase.LOST:
-            return done
-        felt_n = 3.0 + done
-        d.until(Phase.LAND, measured_n=bears(felt_n - 1.0))
-        d.until(Phase.PROBE, measured_n=bears(felt_n))
-        while d.controller.phase is Phase.PROBE:
-            d.step(measured_n=bears(felt_n))
-    raise AssertionError("never gave up")
-
-
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
     """The first move shapes the hand, the second grasps."""
     d = Driver(**settings)
@@ -194,21 +119,6 @@ def arm_moved(number: int, **settings: Any) -> MoveArm:
 
 def risen_m(number: int, **settings: Any) -> float:
     return arm_moved(number, **settings).position_m[2] - arm().position_m[2]
-
-
-def closed(**settings: Any) -> CloseFast:
-    (close,) = [c for c in Driver(**settings).slip().commands if isinstance(c, CloseFast)]
-    return close
-
-
-def held_s(**settings: Any) -> float:
-    d = Driver(**settings)
-    d.until(Phase.LIFT)
-    d.height_m = 0.2
-    d.until(Phase.HOLD)
-    began_ns = d.t_ns
-    d.until(Phase.LOWER)
-    return (d.t_ns - began_ns) * 1e-9
 
 
 def stopped_at_mps2(v: float) -> float:
@@ -258,36 +168,6 @@ def both_trusted(v: float, age_s: float) -> bool:
     return trusted.pop()
 
 
-def seconds_to_fault(v: float) -> float:
-    d = Driver(phase_timeout_s=v)
-    d.until(Phase.LIFT)
-    began_ns = d.t_ns
-    while d.controller.phase is Phase.LIFT:
-        d.climb()
-    return (d.t_ns - began_ns) * 1e-9
-
-
-def seconds_after_fault(v: float) -> float:
-    d = Driver(safe_state_s=v)
-    d.until(Phase.LIFT)
-    d.climb(trouble="unplugged")
-    began_ns = d.t_ns
-    while not d.controller.finished:
-        d.climb()
-    return (d.t_ns - began_ns) * 1e-9
-
-
-def between_stops_s(v: float) -> float:
-    """Of an arm that goes on after a fault."""
-    d = Driver(repeat_s=v).lift()
-    d.climb(trouble="unplugged")
-    stops_ns = [d.t_ns]
-    while len(stops_ns) < 4:
-        if any(isinstance(c, StopArm) for c in d.climb().commands):
-            stops_ns.append(d.t_ns)
-    return (stops_ns[3] - stops_ns[0]) / 3 * 1e-9
-
-
 def touches(v: float, felt_n: float) -> bool:
     """Whether the arm lifts when the thumb feels so much."""
     d = Driver(contact_n=v)
@@ -295,15 +175,6 @@ def touches(v: float, felt_n: float) -> bool:
     for _ in range(80):
         d.step(measured_n=(felt_n, 0.0, 0.0))
     return d.controller.phase is Phase.LIFT
-
-
-def seconds_to_answer(v: float) -> float:
-    """From the last time that contact was felt."""
-    d = Driver(contact_lost_s=v).lift()
-    began_ns = d.t_ns
-    while d.controller.phase is Phase.LIFT:
-        d.climb(measured_n=ZERO)
-    return (d.t_ns - began_ns) * 1e-9
 
 
 def seconds_of_overload(v: float) -> float:
@@ -323,14 +194,6 @@ def held_under_alarms_s(v: float) -> float:
     while d.controller.phase is not Phase.LOWER:
         d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
     return (d.t_ns - began_ns) * 1e-9 - 0.5
-
-
-def bears_the_cap(hold_by_clock: bool) -> bool:
-    """Whether slip that is still registered at the cap lets the lift go on."""
-    d = Driver(hold_by_clock=hold_by_clock).slip()
-    while d.controller.phase is Phase.COMPENSATE:
-        d.climb(0.9)
-    return d.controller.phase is Phase.LIFT and not d.controller.cap_reached
 
 
 def lowered_after_gap(v: float, gap_s: float) -> bool:
@@ -360,22 +223,14 @@ def kept(keep: bool) -> bool:
     return d.controller.phase is Phase.KEPT
 
 
-def squeezed(firm: bool) -> bool:
-    d = Driver(firm=firm)
-    d.until(Phase.OPPOSE)
-    return d.step().phase is Phase.SQUEEZE
-
-
-def reacts(reactions: bool) -> bool:
-    d = Driver(reactions=reactions).lift()
-    for _ in range(2):
-        d.climb(0.9)
-    return d.controller.phase is Phase.COMPENSATE
-
-
-def masked_s(value: float) -> float:
-    """For how long after our own closing."""
-    m = SlipMonitor(make_rule(RuleSettings(), 3), SlipSettings(mask_after_closing_s=value))
-    m.arm()
-    m.closing(0)
-    return next(k for k in range(3000) if not m.update(k * MS, np.zeros(3)).masked) / 1e3
+def paused_for_nothing_s(v: float) -> float:
+    """In all, while slip comes and goes at the cap."""
+    d = Driver(useless_pause_s=v).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    paused = 0
+    while d.controller.phase in (Phase.LIFT, Phase.COMPENSATE):
+        paused += d.controller.phase is Phase.COMPENSATE
+        d.climb(0.9 if d.t_ns // TICK % 30 < 5 else 0.0)
+    assert d.controller.cap_reached
+    return paused * TICK * 1e-9

@@ -16,23 +16,36 @@ from grasp.phases import Phase
 from tests.unit.grasp.builders import arm, gripper
 
 MS = 1_000_000
-TICK = 10 * MS
+X, Y, Z = arm(0).position_m
 
 
 def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0) -> ArmState:
-    x, y, z = arm(0).position_m
     state = arm(round(t_s * 1e9))
     return msgspec.structs.replace(
-        state, position_m=(x + aside_m, y, z + height_m), velocity_mps=(0.0, 0.0, speed_mps)
+        state, position_m=(X + aside_m, Y, Z + height_m), velocity_mps=(0.0, 0.0, speed_mps)
     )
+
+
+def up(
+    by_m: float, speed_mps: float = 0.1, ramp_mps2: float = 0.5, aside_m: float = 0.0
+) -> MoveArm:
+    """To a point so far above the one at which each arm begins."""
+    return MoveArm((X + aside_m, Y, Z + by_m), speed_mps, ramp_mps2)
+
+
+def sent_up(**settings: Any) -> ArmDoubt:
+    """Of an arm that stood at 0 s, and was told then to rise by 0.2 m."""
+    doubt = ArmDoubt(DoubtSettings(**settings))
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    doubt.told(up(0.2), at(0.0, 0.0))
+    return doubt
 
 
 def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
     """Name of the last doubt; the arm stands at 0 s, and is told to rise then."""
     doubt = ArmDoubt(DoubtSettings(**settings))
     assert doubt.see(at(0.0, 0.0), False) == ""
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + by_m), 0.1, 0.5), at(0.0, 0.0))
+    doubt.told(up(by_m), at(0.0, 0.0))
     said = [doubt.see(state, False) for state in states]
     assert not any(said[:-1])
     return said[-1].partition(":")[0]
@@ -93,8 +106,7 @@ def told_while_moving(up_mps: float, seen: ArmState, aside_m: float = 0.0, **set
     doubt = ArmDoubt(DoubtSettings(**settings))
     moving = at(0.0, 0.0, speed_mps=up_mps)
     assert doubt.see(moving, False) == ""
-    x, y, z = moving.position_m
-    doubt.told(MoveArm((x + aside_m, y, z + 0.2), 0.1, 0.5), moving)
+    doubt.told(up(0.2, aside_m=aside_m), moving)
     return doubt.see(seen, False).partition(":")[0]
 
 
@@ -135,26 +147,20 @@ def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
 
 
 def test_an_arm_that_must_brake_first_is_not_astray() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up()
     rising = at(1.0, 0.1, speed_mps=0.1)
     assert doubt.see(rising, False) == ""
-    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+    doubt.told(up(0.0), rising)
     assert doubt.see(at(1.2, 0.11), False) == ""
     assert doubt.see(at(1.3, 0.15), False).startswith("arm_wrong_way: ")
 
 
 def falling(height_m: float = 0.1) -> ArmDoubt:
     """It was told to go down on its way up, has braked, and comes down."""
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up()
     rising = at(1.0, height_m, speed_mps=0.1)
     assert doubt.see(rising, False) == ""
-    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+    doubt.told(up(0.0), rising)
     assert doubt.see(at(1.2, height_m + 0.01), False) == ""
     assert doubt.see(at(1.3, height_m + 0.005), False) == ""
     return doubt
@@ -170,13 +176,10 @@ def test_an_arm_that_has_turned_round_is_given_nothing_for_braking_any_more() ->
 
 def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() -> None:
     def turning(s: float) -> str:
-        doubt = ArmDoubt(DoubtSettings(arm_frozen_s=0.06))
-        doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        doubt = sent_up(arm_frozen_s=0.06)
         rising = at(1.0, 0.1, speed_mps=0.1)
         doubt.see(rising, False)
-        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+        doubt.told(up(0.0), rising)
         assert doubt.see(at(1.2, 0.11), False) == ""
         return doubt.see(at(1.2 + s, 0.11), False)
 
@@ -188,10 +191,9 @@ def assert_never_doubted(
     end: Vector3, speed_mps: float, ramp_mps2: float, delay_ms: int = 0, phase_ms: int = 0
 ) -> None:
     """An arm that rises is told after 2 s to go to ``end``, from where it is then."""
-    x, y, z = arm(0).position_m
-    model = ArmModel(ArmModelSettings(start_m=(x, y, z)), 0)
+    model = ArmModel(ArmModelSettings(start_m=(X, Y, Z)), 0)
     doubt = ArmDoubt(DoubtSettings())
-    goals = {(0, 0): (x, y, z + 0.5)}  # when told, when it is on its way
+    goals = {(0, 0): (X, Y, Z + 0.5)}  # when told, when it is on its way
     for now_ms in range(phase_ms, 8000, 10):
         now_ns = now_ms * MS
         sample = model.read(now_ns)
@@ -210,26 +212,18 @@ def assert_never_doubted(
                 model.move_l(goal_m, speed_mps, ramp_mps2, now_ns)
 
 
-@pytest.mark.parametrize("ramp_mps2", [0.05, 0.5, 3.0])
-@pytest.mark.parametrize("speed_mps", [0.005, 0.03, 0.1, 0.4])
-@pytest.mark.parametrize("delay_ms", [0, 280])
-@pytest.mark.parametrize("phase_ms", [0, 3, 7])
-def test_an_arm_that_is_turned_round_on_its_way_is_never_doubted(
-    speed_mps: float, ramp_mps2: float, delay_ms: int, phase_ms: int
-) -> None:
-    assert_never_doubted((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
+def test_an_arm_that_is_turned_round_on_its_way_is_never_doubted() -> None:
+    for speed_mps, ramp_mps2 in ((0.005, 0.5), (0.03, 3.0), (0.1, 0.05), (0.4, 0.5), (0.4, 3.0)):
+        for delay_ms, phase_ms in ((0, 3), (280, 0), (280, 7)):
+            assert_never_doubted((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
 
 
-@pytest.mark.parametrize("ramp_mps2", [0.05, 0.3, 0.5, 3.0])
-@pytest.mark.parametrize("speed_mps", [0.1, 0.25, 0.4])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.6, 0.9, 0.99])
-@pytest.mark.parametrize("aside_m", [0.0, 0.002, 0.02])
-def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_doubted(
-    share: float, aside_m: float, speed_mps: float, ramp_mps2: float
-) -> None:
+def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_doubted() -> None:
     """It comes nearer first, and turns round only then."""
-    braking_m = speed_mps**2 / (2.0 * ramp_mps2)
-    assert_never_doubted((aside_m, 0.0, share * braking_m), speed_mps, ramp_mps2)
+    for speed_mps, ramp_mps2 in ((0.1, 0.05), (0.25, 0.3), (0.25, 3.0), (0.4, 0.5)):
+        for share, aside_m in ((0.0, 0.0), (0.1, 0.02), (0.6, 0.0), (0.9, 0.002), (0.99, 0.02)):
+            braking_m = speed_mps**2 / (2.0 * ramp_mps2)
+            assert_never_doubted((aside_m, 0.0, share * braking_m), speed_mps, ramp_mps2)
 
 
 @pytest.mark.parametrize("ramp_mps2", [0.3, 0.5, 3.0])
@@ -243,8 +237,7 @@ def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_doubted(
         doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.3))
         rising = at(0.0, 0.0, speed_mps=0.25)
         assert doubt.see(rising, False) == ""
-        x, y, z = rising.position_m
-        doubt.told(MoveArm((x, y, z + 0.0001), 0.25, ramp_mps2), rising)
+        doubt.told(up(0.0001, 0.25, ramp_mps2), rising)
         return doubt.see(at(0.3, m, speed_mps=0.25), False).partition(":")[0]
 
     assert (gone(room_m - 1e-5), gone(room_m + 1e-5)) == ("", "arm_wrong_way")
@@ -252,13 +245,10 @@ def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_doubted(
 
 def test_an_arm_goes_on_as_before_while_what_it_is_told_is_on_its_way() -> None:
     def rising_on(by_m: float, aside_m: float = 0.0) -> str:
-        doubt = ArmDoubt(DoubtSettings())
-        doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        doubt = sent_up()
         rising = at(1.0, 0.05, speed_mps=0.1)
         doubt.see(rising, False)
-        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+        doubt.told(up(0.0), rising)
         assert doubt.see(at(1.5, 0.1, speed_mps=0.1), True) == ""
         assert doubt.see(at(2.0, 0.14, speed_mps=0.1), True) == ""
         return doubt.see(at(2.3, 0.14 + by_m, aside_m), False)
@@ -294,8 +284,7 @@ def leapt(*states: ArmState) -> list[bool]:
     """At which of them the arm, told to rise by 0.4 m, is said to have."""
     doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.01, arm_fastest_mps=1.0, arm_start_s=0.25))
     assert doubt.see(states[0], False) == ""
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.4), 0.25, 1.0), states[0])
+    doubt.told(up(0.4, 0.25, 1.0), states[0])
     return ["arm_jump" in doubt.see(state, False) for state in states[1:]]
 
 
@@ -345,20 +334,14 @@ def test_a_delay_that_was_made_up_for_makes_room_for_nothing_more() -> None:
 
 
 def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up()
     doubt.see(at(0.5, 0.05), False)
     doubt.told(StopArm(1.0), at(0.5, 0.05))
     assert doubt.see(at(5.0, 0.05), False) == ""
 
 
 def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up()
     assert doubt.see(at(0.5, 0.0), True) == ""
     assert doubt.see(at(0.6, 0.0), False) == ""
     assert doubt.see(at(0.9, 0.0), False).startswith("arm_frozen: ")
@@ -366,10 +349,7 @@ def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
 
 def stopped_and_gone(m: float, moving: bool = False) -> str:
     """Told to stop on its way up, it says that it stands, or does not, and goes on."""
-    doubt = ArmDoubt(DoubtSettings(arm_there_m=0.002))
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up(arm_there_m=0.002)
     assert doubt.see(at(0.1, 0.005), False) == ""
     doubt.told(StopArm(1.0), at(0.1, 0.005))
     assert doubt.see(at(0.11, 0.006), False) == ""
@@ -384,10 +364,7 @@ def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
 
 def told_to_stop(m: float, **settings: float) -> str:
     """Rising at 0.1 m/s it was told to stop at 1 m/s2, and says that it moves that far away."""
-    doubt = ArmDoubt(DoubtSettings(arm_start_s=0.2, arm_there_m=0.001, **settings))
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt = sent_up(arm_start_s=0.2, arm_there_m=0.001, **settings)
     rising = at(1.0, 0.05, speed_mps=0.1)
     assert doubt.see(rising, False) == ""
     doubt.told(StopArm(1.0), rising)
@@ -408,10 +385,7 @@ def test_arm_that_obeys_no_stop_is_doubted_though_it_stays_on_its_way() -> None:
 
 def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
     def gone(m: float) -> str:
-        doubt = ArmDoubt(DoubtSettings(arm_start_s=0.2, arm_there_m=0.001))
-        doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        doubt = sent_up(arm_start_s=0.2, arm_there_m=0.001)
         seen = [
             msgspec.structs.replace(at(t_s, height_m, speed_mps=0.1), moving=True)
             for t_s, height_m in ((1.0, 0.05), (1.5, 0.1), (1.51, 0.1), (1.6, 0.1 + m))
@@ -463,8 +437,7 @@ def stopped_at(height_m: float, deceleration_mps2: float = 1.0) -> ArmDoubt:
     """Told to rise to 0.2 m, and to stop gently when it is there, at 0.1 m/s."""
     doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.3))
     assert doubt.see(at(0.0, 0.0), False) == ""
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 5.0), at(0.0, 0.0))
+    doubt.told(up(0.2, 0.1, 5.0), at(0.0, 0.0))
     rising = going(1.9, height_m, speed_mps=0.1)
     assert doubt.see(rising, False) == ""
     doubt.told(StopArm(deceleration_mps2), rising)
@@ -498,8 +471,7 @@ def test_an_arm_that_still_speeds_up_when_it_is_told_to_stop_may_brake_from_ther
     def ends(at_mps: float, height_m: float) -> str:
         doubt = ArmDoubt(DoubtSettings())
         doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.01), 0.2, 5.0), at(0.0, 0.0))
+        doubt.told(up(0.01, 0.2, 5.0), at(0.0, 0.0))
         rising = going(0.03, 0.0025, speed_mps=at_mps)
         assert doubt.see(rising, False) == ""
         doubt.told(StopArm(1.0), rising)
@@ -509,11 +481,8 @@ def test_an_arm_that_still_speeds_up_when_it_is_told_to_stop_may_brake_from_ther
     assert (ends(0.15, 0.0219), ends(0.15, 0.0221)) == ("", "arm_wrong_way")  # 0.2 m/s, and 2 mm
 
 
-UP = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
-
-
 @pytest.mark.parametrize(
-    ("commands", "says"), [((HoldFingers(), UP), "arm_frozen"), ((HoldFingers(),), "")]
+    ("commands", "says"), [((HoldFingers(), up(0.2)), "arm_frozen"), ((HoldFingers(),), "")]
 )
 def test_what_a_step_tells_the_arm_is_what_it_is_doubted_by(
     commands: tuple[Command, ...], says: str
@@ -552,19 +521,17 @@ def slowed(fraction: float, command: Command, *states: ArmState, **settings: Any
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
 def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction: float) -> None:
-    x, y, z = arm(0).position_m
-    up = MoveArm((x, y, z + 0.2), 0.1, 0.5)
     start_s = (0.25 + SPARE_S) / fraction
 
     def begins(after_s: float) -> str:
-        return slowed(fraction, up, at(start_s + after_s, 0.00005), arm_start_s=0.25)
+        return slowed(fraction, up(0.2), at(start_s + after_s, 0.00005), arm_start_s=0.25)
 
     assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
 
     def stands(after_s: float) -> str:
         on_its_way, there_s = at(0.1, 0.001, speed_mps=0.01), 0.1 + 0.06 / fraction
         still = at(there_s + after_s, 0.001, speed_mps=0.01)
-        return slowed(fraction, up, on_its_way, still, arm_frozen_s=0.06)
+        return slowed(fraction, up(0.2), on_its_way, still, arm_frozen_s=0.06)
 
     assert (stands(-0.01), stands(0.01)) == ("", "arm_frozen")
 
@@ -572,10 +539,9 @@ def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction
 @pytest.mark.parametrize("value", [0.2, 2.0])
 def test_arm_slider_s(value: float) -> None:
     """Turned from a tenth to full: half of that on, half of the pace is there."""
-    x, y, z = arm(0).position_m
     doubt = ArmDoubt(DoubtSettings(arm_slider_s=value, arm_frozen_s=0.06))
     assert doubt.see(paced(0.1, at(0.0, 0.0)), False) == ""
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt.told(up(0.2), at(0.0, 0.0))
     up_s = 0.4 * value
     assert doubt.see(paced(1.0, at(up_s, 0.001, speed_mps=0.05)), False) == ""
     assert doubt.see(paced(0.5, at(up_s + 1e-6, 0.001, speed_mps=0.05)), False) == ""
@@ -589,8 +555,7 @@ def after_standstill(*backlog: ArmState, heard: ArmState, later: tuple[ArmState,
     meanwhile comes in a burst, it is told to stop at the first of it, and ``heard`` is the last."""
     doubt = ArmDoubt(DoubtSettings())
     assert doubt.see(at(0.0, 0.0), False) == ""
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.02, 0.5), at(0.0, 0.0))
+    doubt.told(up(0.2, 0.02, 0.5), at(0.0, 0.0))
     assert doubt.see(at(0.1, 0.002, speed_mps=0.02), False) == ""
     first, *rest = backlog
     doubt.begin_anew(first, round(4.0 * 1e9))

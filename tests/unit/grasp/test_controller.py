@@ -129,14 +129,6 @@ def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() ->
     assert [x.phase for x in decisions if x.anchor] == [Phase.LIFT]
 
 
-def test_lift_is_relative_to_where_the_arm_stood() -> None:
-    d = Driver(lift_height_m=0.15)
-    d.until(Phase.LIFT)
-    command = d.commands[-1]
-    assert isinstance(command, MoveArm)
-    assert command.position_m == pytest.approx((0.3, 0.2, 0.55))
-
-
 def test_finished_lift_sets_down_opens_and_retreats() -> None:
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
@@ -309,25 +301,3 @@ def test_rest_counts_that_are_never_had_are_the_fingertips_fault() -> None:
     assert d.controller.fault_cause == (
         "fingertips_slow: too few samples for rest counts within 1 s"
     )
-
-
-def test_every_transition_is_logged_with_time_and_cause() -> None:
-    d = Driver().slip()
-    log = d.controller.machine.log
-    assert [c.phase for c in log] == [
-        "approach", "rest", "grasp", "oppose", "relax", "listen", "lift", "compensate",
-    ]  # fmt: skip
-    assert all(c.cause for c in log)
-    assert log[-1].t_ns == d.t_ns
-
-
-def test_a_lift_that_nobody_stops_has_no_cause_of_its_end() -> None:
-    d = Driver().lift()
-    assert d.controller.fault_cause == ""
-    d.height_m = HEIGHT
-    d.until(Phase.LOWER)
-    d.height_m = 0.0
-    d.until(Phase.RETREAT)
-    d.height_m = 0.05
-    d.until(Phase.DONE)
-    assert d.controller.fault_cause == ""

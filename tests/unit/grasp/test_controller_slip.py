@@ -91,13 +91,6 @@ def test_second_answer_has_no_reach_left_and_rises_slowly() -> None:
     assert d.commands == [TOP_UP]
 
 
-def test_constant_closing_goes_to_the_cap_in_one() -> None:
-    d = Driver(answer="jump", closing="constant")
-    d.reach = REACH
-    d.slip()
-    assert d.commands == [CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
-
-
 def test_own_closing_cannot_trigger_itself() -> None:
     d = Driver().slip()
     d.commands.clear()
@@ -172,39 +165,12 @@ def test_hold_begins_anew_after_slip_was_answered() -> None:
     assert d.t_ns - began_ns == 500_000_000
 
 
-def test_hold_answers_slip_that_comes_late() -> None:
-    d = Driver(hold_s=5.0).lift()
-    d.height_m = HEIGHT
-    d.until(Phase.HOLD)
-    d.step(0.9)
-    d.step(0.9)
-    assert isinstance(d.commands[0], CloseFast)
-
-
-def test_keep_goes_on_holding() -> None:
-    d = Driver(hold_s=0.1, keep=True).lift()
-    d.height_m = HEIGHT
-    for _ in range(60):
-        d.step()
-    assert d.controller.phase is Phase.KEPT
-    assert d.controller.finished
-    assert d.commands == []
-
-
 def test_reactions_off_notes_slip_and_does_nothing() -> None:
     d = Driver(reactions=False).lift()
     for _ in range(10):
         d.climb(0.9)
     assert d.commands == []
     assert d.controller.monitor.events
-
-
-def test_lost_contact_in_the_lift_is_answered_by_closing() -> None:
-    d = Driver().lift()
-    for _ in range(5):
-        d.climb(measured_n=(0.0, 0.0, 0.0))
-    assert d.controller.phase is Phase.COMPENSATE
-    assert [type(c) for c in d.commands] == [StopArm, CloseFast]
 
 
 def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() -> None:

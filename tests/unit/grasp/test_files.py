@@ -1,7 +1,6 @@
 """Files that are whole or not there."""
 
 import os
-import threading
 from pathlib import Path
 from typing import IO
 
@@ -23,19 +22,6 @@ def test_a_file_takes_the_place_of_what_stood_there_and_leaves_nothing_beside(
         os.umask(before)
     assert (tmp_path / "told.json").stat().st_mode & 0o777 == mode
     assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
-
-
-def test_what_is_no_file_is_written_to_and_stays_what_it_is(tmp_path: Path) -> None:
-    """As /dev/stdout is."""
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    read: list[bytes] = []
-    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()), daemon=True)
-    reader.start()
-    write_whole(pipe, b"told")
-    reader.join(10.0)
-    assert read == [b"told"]
-    assert pipe.is_fifo()
 
 
 def test_a_disk_that_takes_nothing_leaves_what_stood_there(
@@ -60,17 +46,6 @@ class Drawn:
 
     def savefig(self, out: IO[bytes], **asked: object) -> None:
         out.write(repr(asked).encode())
-
-
-@pytest.mark.parametrize(("name", "form", "metadata"), [
-    ("told.svg", "svg", {"Date": None}), ("told.png", "png", None), ("told", None, None),
-])  # fmt: skip
-def test_a_figure_is_written_in_the_format_of_its_name(
-    name: str, form: str | None, metadata: object, tmp_path: Path
-) -> None:
-    save_figure(Drawn(), tmp_path / name, dpi=110)
-    asked = {"format": form, "metadata": metadata, "dpi": 110}
-    assert (tmp_path / name).read_text() == repr(asked)
 
 
 def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) -> None:

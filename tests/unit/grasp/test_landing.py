@@ -93,27 +93,6 @@ def test_rise_counts_whichever_fingers_feel_it() -> None:
     assert d.controller.phase is Phase.TOUCH
 
 
-@pytest.mark.parametrize("relax_s", [0.02, 0.3])
-def test_restless_pads_do_not_stop_the_arm(relax_s: float) -> None:
-    """What they read swings by more than stops it, three samples high and three low."""
-    d = near(relax_s=relax_s)
-    for k in range(120):
-        felt_n = 2.0 + (0.6 if k % 6 < 3 else -0.6)
-        d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.04, moving=True))
-    assert d.controller.phase is Phase.LAND
-
-
-def test_what_moves_the_grip_just_after_the_arm_has_stopped_says_nothing() -> None:
-    """A step shakes the hand: 1 N, gone after a third of the time that the pads relax for."""
-    d = tightened(2.4, landing_most_share=1.0)
-    d.until(Phase.PROBE, measured_n=bears(2.4))
-    for k in range(60):
-        if d.controller.phase is not Phase.PROBE:
-            break
-        d.step(measured_n=bears(3.4 if k < 10 else 2.4))
-    assert d.controller.phase is Phase.LAND
-
-
 def test_grip_that_has_tightened_much_goes_no_further_down_though_no_step_tells() -> None:
     d = probed(2.6, 2.6, landing_most_share=0.25)
     assert d.controller.phase is Phase.LOST

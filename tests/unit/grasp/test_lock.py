@@ -22,11 +22,3 @@ def test_who_comes_second_is_told_which_process_holds_it_and_later_gets_it(tmp_p
     assert not file.exists()
     with locked(file, 0o644, refused):
         assert file.stat().st_mode & 0o777 == 0o644
-
-
-def test_a_holder_that_has_not_said_yet_who_it_is_holds_all_the_same(tmp_path: Path) -> None:
-    file = tmp_path / "cell.lock"
-    with locked(file, 0o600, refused):
-        file.write_bytes(b"{")
-        with pytest.raises(Refused, match="somebody"), locked(file, 0o600, refused):
-            raise AssertionError("held twice")

@@ -7,7 +7,6 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.controller_settings import ControllerSettings
 from grasp.pace import LEAST_PACE, STANDS_NS
 from grasp.phases import Phase
 from tests.unit.grasp.builders import arm
@@ -45,12 +44,6 @@ def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
     assert lasted_s == pytest.approx(factor, abs=0.011)
     assert "phase lower lasted longer" in d.controller.fault_cause
     assert d.controller.excused_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
-
-
-@pytest.mark.parametrize("fraction", [0.5, 0.9])
-def test_way_up_is_waited_for_likewise(fraction: float) -> None:
-    d = Driver(phase_timeout_s=1.0).lift()
-    assert seconds_in(d, Phase.LIFT, fraction, 0.1) == pytest.approx(1.0 / fraction, abs=0.011)
 
 
 def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
@@ -120,19 +113,3 @@ def test_slowest_arm_that_is_waited_for_is_waited_for_so_long_and_no_longer() ->
     d = going_down(phase_timeout_s=1.0)
     lasted_s = seconds_in(d, Phase.LOWER, LEAST_PACE, 0.1)
     assert lasted_s == pytest.approx(1.0 / LEAST_PACE, abs=0.011)
-
-
-def test_slow_way_is_planned_as_at_full_pace() -> None:
-    """The arm makes of it what its slider says, and the time it has is counted so."""
-    plain, slowed = (going_down(), going_down())
-    for d, fraction in ((plain, 1.0), (slowed, 0.3)):
-        d.commands.clear()
-        d.until(Phase.RELEASE, arm=slow(d, fraction, 0.0, moving=False))
-    assert plain.commands == slowed.commands
-
-
-def test_wait_of_a_plain_run_is_the_time_since_the_phase_began() -> None:
-    d = Driver(phase_timeout_s=ControllerSettings().phase_timeout_s).lift()
-    began_ns = d.t_ns
-    seconds_in(d, Phase.LIFT, 1.0, 0.1)
-    assert d.t_ns - began_ns == 30_000_000_000

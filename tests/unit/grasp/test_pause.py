@@ -28,13 +28,6 @@ def test_arm_stops_before_the_hand_closes() -> None:
     assert told(d, StopArm) == [StopArm(4.0)]
 
 
-def test_arm_goes_on_where_the_answer_is_a_jump() -> None:
-    d = Driver(answer="jump").slip()
-    quiet(d, 60)
-    assert d.controller.phase is Phase.LIFT
-    assert told(d, StopArm, MoveArm) == []
-
-
 def test_arm_goes_on_to_the_top_gently_once_slip_has_been_over_for_a_while() -> None:
     d = Driver(lift_acceleration_mps2=1.0, resume_mps2=0.4, resume_quiet_s=0.1).slip()
     d.climb(gripper=d.hand(detections=MOVING))  # still closing
@@ -85,17 +78,6 @@ def test_slip_at_the_top_stops_no_arm() -> None:
     assert told(d, StopArm, MoveArm) == []
 
 
-def test_every_slip_of_a_lift_stops_the_arm() -> None:
-    d = Driver().slip()
-    quiet(d, 40)
-    for _ in range(3):
-        d.climb(0.9)
-    quiet(d, 40)
-    assert d.controller.phase is Phase.LIFT
-    assert len(told(d, StopArm)) == len(told(d, MoveArm)) == 2
-    assert d.controller.closings == 1  # the thumb is at the cap
-
-
 @pytest.mark.parametrize("pattern", [(3, 3), (2, 40), (3, 9)])
 def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     pattern: tuple[int, int],
@@ -126,12 +108,6 @@ def test_it_is_counted_how_long_the_arm_stands_in_pauses_and_not_how_long_it_bra
     goes_on = Driver(answer="jump").slip()
     quiet(goes_on, 40)
     assert goes_on.controller.pause.stood_s == 0.0
-
-
-def test_pause_in_which_the_hand_closes_costs_nothing_of_that_patience() -> None:
-    d = Driver(useless_pause_s=0.1).slip()
-    quiet(d, 40)
-    assert d.controller.phase is Phase.LIFT
 
 
 def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended() -> None:

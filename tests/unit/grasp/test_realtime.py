@@ -28,41 +28,6 @@ def another_thread() -> Iterator[int]:
         thread.join()
 
 
-@pytest.fixture
-def allowed() -> None:
-    with real_time(RealTimeSettings(priority=1)) as granted:
-        pass
-    if not granted:
-        pytest.skip("this user may not ask for SCHED_FIFO")
-
-
-@pytest.mark.usefixtures("allowed")
-def test_all_threads_are_raised_and_put_back() -> None:
-    with another_thread() as other:
-        before = policy(), os.sched_getscheduler(other)
-        with real_time(RealTimeSettings(priority=7)):
-            for thread in (threading.get_native_id(), other):
-                assert os.sched_getscheduler(thread) & os.SCHED_FIFO
-                assert os.sched_getparam(thread).sched_priority == 7
-        assert (policy(), os.sched_getscheduler(other)) == before
-
-
-@pytest.mark.usefixtures("allowed")
-def test_a_thread_begun_inside_is_an_ordinary_one() -> None:
-    with real_time(RealTimeSettings(priority=7)), another_thread() as begun_inside:
-        assert os.sched_getscheduler(begun_inside) == os.SCHED_OTHER
-
-
-@pytest.mark.usefixtures("allowed")
-def test_a_thread_that_ended_meanwhile_is_no_trouble() -> None:
-    with another_thread() as other:
-        inside = real_time(RealTimeSettings(priority=7))
-        inside.__enter__()
-    inside.__exit__(None, None, None)
-    assert not os.path.exists(f"/proc/self/task/{other}")
-    assert policy() == os.SCHED_OTHER
-
-
 def test_every_thread_is_asked_to_run_before_ordinary_ones_and_then_to_be_as_it_was(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -106,9 +71,3 @@ def test_cycles_wait_until_the_run_is_over_even_one_that_fails() -> None:
         fail()
     assert gc.isenabled()
     assert gc.get_freeze_count() == 0
-
-
-def test_collection_goes_on_where_it_is_asked_for() -> None:
-    with real_time(RealTimeSettings(priority=0, collect_garbage=True)):
-        assert gc.isenabled()
-        assert gc.get_freeze_count() == 0

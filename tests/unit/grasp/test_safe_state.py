@@ -28,23 +28,21 @@ def later(**changes: object) -> Observation:
     return seen(LATER_NS, **changes)
 
 
-@pytest.mark.parametrize(
-    ("phase", "before", "asked"),
-    [
-        *((Phase.FAULT, p, (CLOSURE,)) for p in sorted(AIRBORNE_PHASES)),
-        *((Phase.FAULT, p, (HoldFingers(),)) for p in LOOSE),
-        *((Phase.STOPPED, p, ()) for p in sorted(AIRBORNE_PHASES)),
-        *((Phase.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_PHASES)),
-        (Phase.STOPPED, Phase.HOME, (HoldFingers(),)),
-        (Phase.STOPPED, Phase.APPROACH, (HoldFingers(),)),
-        *((Phase.LOST, p, ()) for p in sorted(AIRBORNE_PHASES)),
-        *((p, before, ()) for p in sorted(SAFE_PHASES) for before in sorted(UNMOVED_PHASES)),
-    ],
-)
-def test_hand_closes_only_in_a_fault_in_the_air(
-    phase: Phase, before: Phase, asked: tuple[Command, ...]
-) -> None:
-    assert state(phase, before).of_hand(CLOSURE) == asked
+HANDS: list[tuple[Phase, Phase, tuple[Command, ...]]] = [
+    *((Phase.FAULT, p, (CLOSURE,)) for p in sorted(AIRBORNE_PHASES)),
+    *((Phase.FAULT, p, (HoldFingers(),)) for p in LOOSE),
+    *((Phase.STOPPED, p, ()) for p in sorted(AIRBORNE_PHASES)),
+    *((Phase.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_PHASES)),
+    (Phase.STOPPED, Phase.HOME, (HoldFingers(),)),
+    (Phase.STOPPED, Phase.APPROACH, (HoldFingers(),)),
+    *((Phase.LOST, p, ()) for p in sorted(AIRBORNE_PHASES)),
+    *((p, before, ()) for p in sorted(SAFE_PHASES) for before in sorted(UNMOVED_PHASES)),
+]
+
+
+def test_hand_closes_only_in_a_fault_in_the_air() -> None:
+    for phase, before, asked in HANDS:
+        assert state(phase, before).of_hand(CLOSURE) == asked, (phase, before)
 
 
 @pytest.mark.parametrize(

@@ -64,13 +64,6 @@ def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands(
     assert len(told(d, MoveArm)) == 1
 
 
-def test_without_a_margin_the_arm_goes_on() -> None:
-    d = over(stepping(margin_steps=0))
-    rises(d, 0.1)
-    assert d.controller.phase is Phase.LIFT
-    assert len(told(d, MoveFingers)) == 1
-
-
 def test_margin_that_is_still_due_at_the_top_is_given_there() -> None:
     d = over(stepping(margin_after_m=1.0, lift_height_m=0.06))
     d.height_m = 0.06
@@ -115,14 +108,6 @@ def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
     assert len(told(top, CloseFast)) == 1
 
 
-def test_lost_contact_is_answered_by_the_fastest_closure() -> None:
-    d = Driver(answer="stop_and_step", step_below_m=1.0).lift()
-    while d.controller.phase is Phase.LIFT:
-        d.climb(measured_n=(0.0, 0.0, 0.0))
-    assert told(d, MoveFingers) == []
-    assert len(told(d, CloseFast)) == 1
-
-
 def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None:
     d = over(stepping(margin_steps=0))
     d.commands.clear()
@@ -131,21 +116,6 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
     assert d.controller.phase is Phase.COMPENSATE
     assert told(d, MoveFingers, CloseFast) == []
     assert d.controller.closings == 1
-
-
-def test_slip_in_the_pause_of_a_margin_that_does_not_end_is_answered_by_the_fastest_closure() -> (
-    None
-):
-    d = over(stepping(margin_steps=1, margin_after_m=0.01, step_patience_s=0.25))
-    rises(d, 0.061)
-    assert d.controller.phase is Phase.COMPENSATE
-    for _ in range(50):
-        if not told(d, CloseFast):
-            d.climb(0.9)
-    assert len(told(d, CloseFast)) == 1
-    over(d)
-    assert d.controller.phase is Phase.LIFT
-    assert not d.controller.cap_reached
 
 
 def test_height_of_a_margin_is_none_of_slip() -> None:
@@ -186,12 +156,6 @@ def test_margin_ends_where_the_thumb_must() -> None:
     d = over(held_by(57, margin_steps=2, margin_after_m=0.01).slip())
     rises(d, 0.061)
     assert [c.targets_counts[0] for c in told(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
-
-
-def test_without_room_for_a_margin_the_arm_does_not_pause_for_one() -> None:
-    d = over(held_by(56, margin_steps=2, margin_after_m=0.01).slip())
-    rises(d, 0.061)
-    assert d.controller.phase is Phase.LIFT
 
 
 @pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])

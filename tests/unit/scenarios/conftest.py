@@ -1,6 +1,7 @@
 """Lifts on the simulated rig, in virtual time."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -13,9 +14,11 @@ from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import Rig
+from scenarios.rigs.rig import GraspRig, Rig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from tests.unit.scenarios import checkpoint
 
+AnyRig = Rig[Any, Any]
 QUIET = "fingertip.holding_share=0.1"  # of its range the end at which EAGER is no false alarm
 EAGER = "energy.threshold_counts=3"  # a detector that hears a slip at once
 
@@ -47,14 +50,36 @@ def config(*assignments: str, object_name: str = "can") -> LiftConfig:
     return load_config(object_name, "simulated", "energy", None, told).for_lift()
 
 
+@cache
 def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftResult:
     result = lift.run(config(*assignments, object_name=object_name), seed, None).result
     assert result is not None
     return result
 
 
+class InPhase:
+    """True from the given number of ticks into a phase on."""
+
+    def __init__(self, phase: Phase, after_ticks: int = 10) -> None:
+        self.phase, self._after, self.seen = phase, after_ticks, 0
+
+    def __call__(self, tick: Tick) -> bool:
+        self.seen += tick.decision.phase is self.phase
+        return self.seen > self._after
+
+    @property
+    def at_first(self) -> bool:
+        return self._after == 0
+
+
+in_phase = InPhase
+
+
 class Staged:
-    """One lift in which something is done to the rig at the first tick that meets a condition."""
+    """One lift in which something is done to the rig at the first tick that meets a condition.
+
+    Where that is some ticks into a phase, the lift goes on from a copy of another one there.
+    """
 
     def __init__(
         self, *assignments: str, seed: int = 0, made: Callable[..., LiftConfig] = config
@@ -63,18 +88,47 @@ class Staged:
         self.seed = seed
         self.ticks: list[Tick] = []
         self.done_at_ns: int | None = None
+        self.loop: Any = None
+        self.on_tick: Callable[[Tick], None] = lambda tick: None
+        self._kept = checkpoint.kept(self.config.digest(), seed)
 
-    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> FinishedTrial:
-        with open_rig(self.config, self.seed, paced=False) as rig:
-            self.rig = rig
+    def run(self, when: Callable[[Tick], bool], act: Callable[[AnyRig], None]) -> FinishedTrial:
+        if isinstance(when, InPhase) and not when.at_first and when.phase in self._kept:
+            parts, ticks = self._kept[when.phase]
+            self.ticks, when.seen = [*ticks], 1
+            parts = checkpoint.copied(parts)
+            self.loop = parts[1]
+            with checkpoint.resumed(parts) as rig:
+                return self._run(rig, when, act)
+        with (
+            open_rig(self.config, self.seed, paced=False) as rig,
+            checkpoint.parts_of(rig) as parts_now,
+        ):
 
-            def watch(tick: Tick, truth: Any, controller: Any) -> None:
-                self.ticks.append(tick)
-                if self.done_at_ns is None and when(tick):
-                    self.done_at_ns = tick.t_ns
-                    act(rig)
+            def keep(tick: Tick) -> None:
+                self.loop = parts_now()[1]
+                phase = tick.decision.phase
+                if self.done_at_ns is None and phase not in self._kept:
+                    self._kept[phase] = checkpoint.copied(parts_now()), [*self.ticks]
 
-            return run_trial(self.config, rig, make_guard(self.config), watch)
+            return self._run(rig, when, act, keep if isinstance(when, InPhase) else None)
+
+    def _run(
+        self, rig: GraspRig, when: Callable[[Tick], bool], act: Callable[[AnyRig], None],
+        keep: Callable[[Tick], None] | None = None,
+    ) -> FinishedTrial:  # fmt: skip
+        self.rig = rig
+
+        def watch(tick: Tick, truth: Any, controller: Any) -> None:
+            self.ticks.append(tick)
+            self.on_tick(tick)
+            if keep is not None:
+                keep(tick)
+            if self.done_at_ns is None and when(tick):
+                self.done_at_ns = tick.t_ns
+                act(rig)
+
+        return run_trial(self.config, rig, make_guard(self.config), watch)
 
     def result(self, trial: FinishedTrial) -> LiftResult:
         return lift.judge(self.config, self.seed, trial, None)
@@ -88,18 +142,6 @@ ONE_SPEED = "controller.closing=constant"
 
 def phases_but_landing(result: Any) -> list[str]:
     return [p.phase for p in result.phases if p.phase not in LANDING]
-
-
-def in_phase(phase: Phase, after_ticks: int = 10) -> Callable[[Tick], bool]:
-    """True from the given number of ticks into a phase on."""
-    seen = 0
-
-    def check(tick: Tick) -> bool:
-        nonlocal seen
-        seen += tick.decision.phase is phase
-        return seen > after_ticks
-
-    return check
 
 
 def well_in(phase: Phase) -> Callable[[Tick], bool]:

@@ -21,6 +21,7 @@ def campaign_file(folder: Path, repetitions: int) -> Path:
     path.write_text(
         f'name = "small"\nobjects = ["can", "ball"]\nrepetitions = {repetitions}\n'
         'recordings = "none"\n'
+        'settings = ["controller.hold_s=0.2", "controller.lift_height_m=0.05"]\n'
     )
     return path
 

@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 import numpy as np
 
 from detector.blows import blows_of
@@ -78,23 +77,3 @@ def test_a_rule_that_answers_blows_that_move_nothing_is_not_chosen_however_quick
     assert points[0].mean_delay_ms < points[1].mean_delay_ms
     chosen = best(points, 60.0)
     assert chosen is not None and chosen.rule == careful
-
-
-def test_weak_blows_do_not_thin_the_share_that_a_rule_may_answer() -> None:
-    """One in nine of those that nearly moved it is too many, whatever else was hardly touched."""
-    nearly = struck(*((2.0 + 0.6 * k, 0.0) for k in range(8)), (7.0, 0.003))
-    assert nearly.metadata is not None
-    acts = [
-        msgspec.structs.replace(act, kind="weak" if k > 2 else act.kind)
-        for k, act in enumerate(nearly.metadata.acts)
-    ]
-    mixed = msgspec.structs.replace(
-        nearly, metadata=msgspec.structs.replace(nearly.metadata, acts=tuple(acts))
-    )
-    slip = nearly.slip.copy()
-    slip[800:850] = True
-    shares = [
-        sweep([said(msgspec.structs.replace(r, slip=slip), 203, 703)], [ALARM])[0].false_blows
-        for r in (nearly, mixed)
-    ]
-    assert shares == [1 / 8, 1 / 3]

@@ -4,7 +4,6 @@ import math
 
 import msgspec
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,10 +15,6 @@ def test_quantiles_are_samples_that_occurred() -> None:
     assert quantiles(np.arange(1.0, 101.0)) == Quantiles(100, 10.0, 50.0, 90.0, 99.0, 100.0)
 
 
-def test_no_samples_have_no_quantiles() -> None:
-    assert quantiles([]) is None
-
-
 def test_what_never_came_is_infinity_and_null_in_json() -> None:
     found = quantiles([1.0, 2.0, 3.0, None])
     assert found is not None
@@ -27,11 +22,9 @@ def test_what_never_came_is_infinity_and_null_in_json() -> None:
     assert msgspec.json.decode(msgspec.json.encode(found))["p90"] is None
 
 
-@pytest.mark.parametrize("share, count", [(0.1, 30), (0.07, 100), (0.9, 110), (0.99, 300)])
-def test_a_share_that_is_a_whole_number_of_samples_is_not_rounded_up(
-    share: float, count: int
-) -> None:
-    assert quantile(range(1, count + 1), share) == round(share * count)
+def test_a_share_that_is_a_whole_number_of_samples_is_not_rounded_up() -> None:
+    for share, count in [(0.1, 30), (0.07, 100), (0.9, 110), (0.99, 300)]:
+        assert quantile(range(1, count + 1), share) == round(share * count), (share, count)
 
 
 @given(st.lists(st.floats(-1e9, 1e9), min_size=1), st.floats(0.0, 1.0))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, evaluate_streams
-from detector.scores.sweep import at_the_budget, best, frontier, rules, sweep
+from detector.scores.sweep import best, frontier, rules, sweep
 from tests.unit.detector.scores.test_evaluation import Scripted, flags, times
 
 
@@ -47,21 +47,6 @@ def test_the_best_rule_keeps_to_the_budget_and_no_other_that_does_is_quicker() -
     assert best([], 1.0) is None
 
 
-def test_what_the_steps_leave_of_the_budget_is_tried_too() -> None:
-    points = sweep(STREAMS, rules(RuleSettings()))
-    gained = []
-    for budget in (2.0, 5.0, 20.0, 60.0):
-        more = sweep(STREAMS, at_the_budget(points, budget))
-        assert more
-        coarse, fine = best(points, budget), best([*points, *more], budget)
-        assert coarse is not None and fine is not None
-        assert fine.false_per_min <= budget
-        gained.append(coarse.mean_delay_ms - fine.mean_delay_ms)
-    assert min(gained) >= 0.0
-    assert max(gained) > 1.0
-    assert at_the_budget(points, 1e9) == []  # all are allowed
-
-
 def test_more_false_events_buy_less_delay_along_the_frontier() -> None:
     line = frontier(sweep(STREAMS, rules(RuleSettings())))
     rates, delays = [p.false_per_min for p in line], [p.delay_ms for p in line]
@@ -74,8 +59,3 @@ def test_a_finger_alone_counts_for_a_third_of_a_hand() -> None:
     rule = RuleSettings()
     (alone,), (hand,) = sweep([noisy(0)], [rule]), sweep([noisy(0, fingers=3)], [rule])
     assert alone.false_per_min == pytest.approx(3 * hand.false_per_min)
-
-
-def test_data_without_slip_give_no_point() -> None:
-    still = Recording(times(300), np.zeros((300, 1, 6), np.int16), flags(300), None, "still")
-    assert sweep([Streamed(still, np.zeros((300, 1)), np.empty(0))], [RuleSettings()]) == []

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from detector.decision import RuleSettings, registered_events
-from detector.scores.unlabelled import SETTLED, compared, hold_of, level_of, set_rule
+from detector.scores.unlabelled import SETTLED, hold_of, level_of, set_rule
 from drivers.errors import UsageError
 
 
@@ -19,26 +19,17 @@ def held(n=3000, load=-60, unload_at=2600):
     return counts
 
 
-@pytest.mark.parametrize("rule", [
-    RuleSettings(kind="consecutive", consecutive=1),
-    RuleSettings(kind="consecutive", consecutive=2, fusion="mean"),
-    RuleSettings(kind="cusum", drift=-4.5, threshold=0.0111, release=3),
-])  # fmt: skip
-@pytest.mark.parametrize("budget", [1.0, 4.0])
-def test_on_hours_more_of_the_same_hold_the_rule_keeps_to_about_its_budget(rule, budget):
-    rates = []
-    for seed in range(8):
-        found = set_rule([quiet(3.0, seed)], rule, budget, 300.0)
-        rates.append(len(registered_events(quiet(20.0, 100 + seed), found.rule)) / 20.0)
-    assert 0.4 * budget < np.median(rates) < 2.0 * budget
-
-
-def test_a_budget_of_less_than_was_seen_is_reached_by_the_tail():
-    strict = [set_rule([quiet(3.0, s)], RuleSettings(consecutive=1), 0.05, 300.0) for s in range(6)]
-    seen = max(compared(quiet(3.0, 0), RuleSettings(consecutive=1)))
-    assert np.median([f.level for f in strict]) > seen - 0.3
-    rates = [len(registered_events(quiet(60.0, 50 + i), f.rule)) / 60 for i, f in enumerate(strict)]
-    assert np.median(rates) < 0.3
+def test_on_more_of_the_same_hold_the_rule_keeps_to_about_its_budget() -> None:
+    for rule, budget in (
+        (RuleSettings(kind="consecutive", consecutive=1), 1.0),
+        (RuleSettings(kind="consecutive", consecutive=2, fusion="mean"), 4.0),
+        (RuleSettings(kind="cusum", drift=-4.5, threshold=0.0111, release=3), 4.0),
+    ):
+        rates = []
+        for seed in range(5):
+            found = set_rule([quiet(3.0, seed)], rule, budget, 300.0)
+            rates.append(len(registered_events(quiet(20.0, 100 + seed), found.rule)) / 20.0)
+        assert 0.4 * budget < np.median(rates) < 2.0 * budget, rule
 
 
 def test_the_interval_holds_the_level_and_is_narrower_with_more_minutes():
@@ -49,14 +40,6 @@ def test_the_interval_holds_the_level_and_is_narrower_with_more_minutes():
         assert found.interval[0] <= found.level <= found.interval[1]
     assert np.ptp(long.interval) < 0.6 * np.ptp(short.interval)
     assert long.minutes == pytest.approx(12.0, abs=0.05)
-
-
-def test_a_restless_hand_gets_a_higher_threshold():
-    calm, restless = (
-        set_rule([quiet(3.0, 2, scale)], RuleSettings(), 1.0, 300.0).rule.threshold
-        for scale in (0.5, 2.0)
-    )
-    assert restless > calm
 
 
 def test_the_level_falls_as_the_budget_grows():
@@ -73,21 +56,6 @@ def test_what_cannot_be_told_from_slip_or_is_too_short_is_refused():
         set_rule([quiet(0.3)], RuleSettings(), 1.0, 300.0)
     with pytest.raises(UsageError, match="a tail never ends"):
         set_rule([quiet(3.0)], RuleSettings(), 0.0, 300.0)
-
-
-@pytest.mark.parametrize("kind", ["consecutive", "cusum"])
-@pytest.mark.parametrize("samples", [0, 1, 2])
-def test_a_hold_of_hardly_a_sample_is_too_short_as_well(kind, samples):
-    rule = RuleSettings(kind=kind, consecutive=3)
-    with pytest.raises(UsageError, match="0 s of hold are too few"):
-        set_rule([quiet(3.0)[:samples]], rule, 1.0, 300.0)
-
-
-def test_a_short_hold_has_no_samples_left_and_none_of_what_comes_after_it():
-    counts = np.zeros((300, 3, 6), np.int16)
-    counts[20:60] = -60
-    hold, _ = hold_of(counts)
-    assert len(counts[hold]) == 0
 
 
 def test_a_hold_lies_between_grip_and_unloading():

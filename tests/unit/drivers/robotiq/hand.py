@@ -8,9 +8,6 @@ from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegist
 MS = 1_000_000
 
 
-PERIOD = 10 * MS
-
-
 QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
 
 

@@ -2,11 +2,8 @@
 
 import pytest
 
-from drivers.errors import LinkLost, Refused
-from drivers.interfaces import Detection
-from drivers.robotiq.encoding import finger_states, pinches
-from drivers.robotiq.modes import other_than_basic
-from drivers.robotiq.protocol import AxisCommand, AxisStatus, CommandRegisters, StatusRegisters
+from drivers.errors import Refused
+from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
 from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, QUICK
 from tests.unit.drivers.robotiq.hand import command
@@ -32,14 +29,14 @@ def scissor_of(made: Rig) -> int:
     return StatusRegisters.from_registers(made.model.read(made.now_ns)).scissor.position
 
 
-@pytest.mark.parametrize("mode", [1, 2])
-def test_the_mode_of_an_adopted_hand_is_kept(rig, mode: int) -> None:
-    made = left_in(rig(), mode)
-    assert made.driver.mode == mode
-    made.driver.move_to((50, 50, 50), FAST, 10.0)
-    made.step(20)
-    assert made.written[-1].mode == mode
-    assert made.state.active, "no mode change was provoked"
+def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
+    for mode in [1, 2]:
+        made = left_in(rig(), mode)
+        assert made.driver.mode == mode, mode
+        made.driver.move_to((50, 50, 50), FAST, 10.0)
+        made.step(20)
+        assert made.written[-1].mode == mode, mode
+        assert made.state.active, "no mode change was provoked"
 
 
 def test_nothing_closes_in_scissor_mode(rig) -> None:
@@ -67,85 +64,43 @@ def test_hand_in_scissor_mode_opens_in_that_mode_and_lets_go_of_what_b_and_c_hol
     assert {axis.force for told in made.written for axis in (*told.fingers, told.scissor)} == {0}
 
 
-def test_hand_in_scissor_mode_is_not_open_before_b_and_c_are_apart(rig) -> None:
-    """They are moved by two motors each."""
-    made = left_in(rig(), SCISSOR)
-    assert made.state.is_open
-    made.driver.open(FAST)
-    made.step(20)
-    assert max(made.state.positions) < 20
-    assert scissor_of(made) > 0
-    a, b, c = (finger.detection for finger in made.state.fingers)
-    assert (a, b, c) == (Detection.AT_TARGET, Detection.MOVING, Detection.MOVING)
-    assert not made.state.is_open
-    made.settle()
-    assert made.state.is_open
-
-
-@pytest.mark.parametrize("at", [0, 120])
-def test_what_stands_in_scissor_mode_keeps_its_scissor_too(rig, at: int) -> None:
+def test_what_stands_in_scissor_mode_keeps_its_scissor_too(rig) -> None:
     """Its one position would drive the scissor: to where finger A is."""
-    made = left_in(rig(), SCISSOR, at)
-    stood = scissor_of(made), made.state.positions
-    made.driver.hold()
-    made.step(300)
-    assert (scissor_of(made), made.state.positions) == stood
-    assert made.driver.acknowledged
-    assert {told.scissor.speed for told in made.written} == {0}
+    for at in [0, 120]:
+        made = left_in(rig(), SCISSOR, at)
+        stood = scissor_of(made), made.state.positions
+        made.driver.hold()
+        made.step(300)
+        assert (scissor_of(made), made.state.positions) == stood, at
+        assert made.driver.acknowledged, at
+        assert {told.scissor.speed for told in made.written} == {0}, at
 
 
-def test_one_finger_opens_in_scissor_mode_and_the_others_stay(rig) -> None:
-    made = left_in(rig(), SCISSOR, at=120)
-    made.driver.move_to((120, 100, 120), FAST, 10.0)
-    made.settle()
-    assert made.state.positions == (120, 100, 120)
-    assert scissor_of(made) == SPREAD
+def test_activation_of_an_open_hand_in_another_mode_sets_the_basic_one(rig) -> None:
+    for mode in [1, 2, SCISSOR]:
+        made = left_in(rig(hand=QUICK), mode)
+        assert made.driver.activate().effective, mode
+        made.step(3)
+        assert not made.state.active, "the mode is being changed"
+        made.settle()
+        assert (made.driver.mode, made.state.active, made.state.positions) == (
+            0,
+            True,
+            (6, 6, 6),
+        ), mode
+        assert scissor_of(made) == 137, mode
+        assert made.frames == ["01" + "00" * 15], "no reset, which would open and close it fully"
+        made.driver.move_to((50, 50, 50), FAST, 10.0)
+        made.settle()
+        assert made.state.positions == (50, 50, 50), mode
 
 
-def test_hand_that_opens_in_scissor_mode_stands_when_it_is_told_to(rig) -> None:
-    made = left_in(rig(), SCISSOR, at=120)
-    made.driver.open(FAST)
-    made.step(8)
-    made.driver.hold()
-    made.settle()
-    assert 20 < min(made.state.positions) < 120
-    assert 0 < scissor_of(made) < SPREAD
-
-
-def test_hand_that_was_deaf_in_scissor_mode_is_told_to_stay_as_it_is(rig) -> None:
-    made = left_in(rig(), SCISSOR, at=120)
-    made.driver.move_to((120, 119, 120), FAST, 10.0)
-    made.settle()
-    made.transport.down = True
-    with pytest.raises(LinkLost):
-        made.step()
-    made.transport.down = False
-    made.step(300)
-    assert made.state.positions == (120, 119, 120)
-    assert scissor_of(made) == SPREAD
-
-
-@pytest.mark.parametrize("mode", [1, 2, SCISSOR])
-def test_activation_of_an_open_hand_in_another_mode_sets_the_basic_one(rig, mode: int) -> None:
-    made = left_in(rig(hand=QUICK), mode)
-    assert made.driver.activate().effective
-    made.step(3)
-    assert not made.state.active, "the mode is being changed"
-    made.settle()
-    assert (made.driver.mode, made.state.active, made.state.positions) == (0, True, (6, 6, 6))
-    assert scissor_of(made) == 137
-    assert made.frames == ["01" + "00" * 15], "no reset, which would open and close it fully"
-    made.driver.move_to((50, 50, 50), FAST, 10.0)
-    made.settle()
-    assert made.state.positions == (50, 50, 50)
-
-
-@pytest.mark.parametrize("mode", [1, 2, SCISSOR])
-def test_activation_changes_no_mode_of_a_hand_that_is_not_open(rig, mode: int) -> None:
-    made = left_in(rig(), mode, at=60)
-    with pytest.raises(Refused, match="would drop"):
-        made.driver.activate()
-    assert made.frames == []
+def test_activation_changes_no_mode_of_a_hand_that_is_not_open(rig) -> None:
+    for mode in [1, 2, SCISSOR]:
+        made = left_in(rig(), mode, at=60)
+        with pytest.raises(Refused, match="would drop"):
+            made.driver.activate()
+        assert made.frames == [], mode
 
 
 def test_activation_changes_no_mode_where_b_and_c_have_met_something(rig) -> None:
@@ -158,24 +113,3 @@ def test_activation_changes_no_mode_where_b_and_c_have_met_something(rig) -> Non
     with pytest.raises(Refused, match="would drop"):
         made.driver.activate()
     assert made.driver.activate(dropping=True).effective
-
-
-def test_somebody_elses_scissor_that_moves_is_fingers_that_move() -> None:
-    moving = StatusRegisters(
-        active=True, mode=SCISSOR, go_to=True, initialization=3, a=AxisStatus(detection=3),
-        b=AxisStatus(detection=3), c=AxisStatus(detection=3), scissor=AxisStatus(detection=0),
-    )  # fmt: skip
-    a, b, c = finger_states(moving)
-    assert a.detection is Detection.AT_TARGET
-    assert b.detection is c.detection is Detection.MOVING
-    assert not pinches(moving)
-
-
-@pytest.mark.parametrize(("mode", "name"), [(1, "pinch"), (2, "wide"), (3, "scissor")])
-def test_what_is_to_be_known_of_a_mode_names_it_and_of_the_basic_one_there_is_nothing(
-    mode: int, name: str
-) -> None:
-    assert other_than_basic(mode) == (
-        f"in {name} mode: positions, forces and calibrations here are of basic mode"
-    )
-    assert other_than_basic(0) == ""

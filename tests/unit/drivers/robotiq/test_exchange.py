@@ -48,14 +48,12 @@ def exchange(active: bool = True, log=None) -> tuple[Exchange, Transport]:
     return Exchange(wire, DriverSettings(), log), wire
 
 
-@pytest.mark.parametrize("active", [True, False])
-def test_what_is_wanted_before_the_first_status_is_written_once_that_says_the_hand_is_active(
-    active: bool,
-) -> None:
-    made, _ = exchange(active)
-    made.want(command(60, 60, 60))
-    made.pump(0)
-    assert made.writes == active
+def test_what_is_wanted_at_first_is_written_once_a_status_says_the_hand_is_active() -> None:
+    for active in [True, False]:
+        made, _ = exchange(active)
+        made.want(command(60, 60, 60))
+        made.pump(0)
+        assert made.writes == active, active
 
 
 def test_nothing_is_written_while_no_status_was_understood() -> None:
@@ -123,6 +121,8 @@ def test_writes_are_no_further_apart_than_they_must(rig) -> None:
         made.driver.pump(made.now_ns)
     gaps = [b - a for a, b in zip(made.written_ns, made.written_ns[1:], strict=False)]
     assert min(gaps) == 10 * MS
+    made.step(2)
+    assert made.written[-1].fingers[0].position == 119, "the newest command wins"
 
 
 def test_a_major_fault_that_was_there_before_is_raised_by_the_first_exchange() -> None:
@@ -186,25 +186,6 @@ def test_a_link_that_was_lost_while_the_hand_activated_ends_that(rig) -> None:
     assert made.driver.activate().effective
 
 
-def test_a_reset_is_not_repeated_to_a_hand_that_is_active_meanwhile(rig) -> None:
-    made = rig(hand=QUICK)
-    made.step(2)
-    made.driver.move_to((90, 90, 90), FAST, 10.0)
-    kept = made.model.read(made.now_ns)
-    made.model.power_cycle()
-    made.model.misreport(lambda words: kept)
-    made.step()
-    made.model.misreport(lambda words: words)
-    made.model.swallows = True
-    with pytest.raises(DeviceFault, match="lost its activation"):
-        made.step(3)
-    made.step(40)
-    assert made.state.active
-    made.model.swallows = False
-    made.step(10)
-    assert made.state.active
-
-
 def test_after_a_lost_link_the_fingers_are_held_where_they_are_with_the_least_of_all(rig) -> None:
     made = rig()
     made.driver.move_to((230, 230, 230), FAST, 20.0)
@@ -236,41 +217,33 @@ def leap(made, counts: int) -> None:
     made.step()
 
 
-@pytest.mark.parametrize(("counts", "stays"), [(11, "09"), (12, "01")])
-def test_a_finger_that_is_further_than_a_motor_can_have_brought_it_is_stopped_where_it_is(
-    rig, counts: int, stays: str
+def test_a_finger_further_than_a_motor_can_have_brought_it_is_stopped_where_it_is(
+    rig,
 ) -> None:
-    made = rig()
-    made.driver.move_to((60, 60, 60), FAST, 10.0)
-    made.settle()
-    leap(made, counts)
-    made.driver.hold()
-    made.step(2)
-    assert go(made) == stays
+    for counts, stays in [(11, "09"), (12, "01")]:
+        made = rig()
+        made.driver.move_to((60, 60, 60), FAST, 10.0)
+        made.settle()
+        leap(made, counts)
+        made.driver.hold()
+        made.step(2)
+        assert go(made) == stays, (counts, stays)
 
 
-@pytest.mark.parametrize("late_ms", [30, 90])
-def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig, late_ms: int) -> None:
-    made = rig()
-    made.driver.move_to((250, 250, 250), FAST, 10.0)
-    made.step(40)
-    before = made.state
-    made.answer_late(late_ms)
-    after = made.state
-    assert after.took_ns == late_ms * 1_000_000
-    assert after.t_ns == before.t_ns, "asked for at once"
-    assert late_ms < 90 or after.positions[0] - before.positions[0] > 8, "which would be a leap"
-    made.driver.hold()
-    made.step(2)
-    assert go(made) == "09"
-
-
-def test_an_answer_took_no_time_where_none_passes_meanwhile() -> None:
-    model = GripperModel(QUICK, 0, active=True)
-    driver = RobotiqDriver(Transport(model), DriverSettings(), PAPER)
-    driver.pump(0)
-    state = driver.state
-    assert state is not None and state.took_ns == 0
+def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig) -> None:
+    for late_ms in [30, 90]:
+        made = rig()
+        made.driver.move_to((250, 250, 250), FAST, 10.0)
+        made.step(40)
+        before = made.state
+        made.answer_late(late_ms)
+        after = made.state
+        assert after.took_ns == late_ms * 1_000_000, late_ms
+        assert after.t_ns == before.t_ns, "asked for at once"
+        assert late_ms < 90 or after.positions[0] - before.positions[0] > 8, "which would be a leap"
+        made.driver.hold()
+        made.step(2)
+        assert go(made) == "09", late_ms
 
 
 def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
@@ -295,11 +268,6 @@ def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(
     assert go(made) == "09"
 
 
-def test_hold_while_nothing_is_wanted_says_the_least_speed_and_force(rig) -> None:
-    applied = rig(active=False).driver.hold()
-    assert (applied.speed_mps, applied.force_n) == (LEAST, 10.0)
-
-
 # A status that stands still
 
 
@@ -319,20 +287,18 @@ def still(made, steps: int) -> tuple[int, ...]:
 
 
 # 0.11 s at 28.6 counts a second, and how late it is
-@pytest.mark.parametrize(("steps", "reach"), [(10, 0), (11, 4 + 2)])
-def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_on(
-    rig, steps: int, reach: int
-) -> None:
-    made = rig()
-    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
-    made.step(40)
-    until_changed(made)
-    here = still(made, steps)
-    assert made.state.fingers[0].detection is Detection.MOVING
-    applied = made.driver.hold()
-    assert applied.targets_counts[0] == here[0] + reach
-    made.step(2)
-    assert go(made) == "09"
+def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_on(rig) -> None:
+    for steps, reach in [(10, 0), (11, 4 + 2)]:
+        made = rig()
+        made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+        made.step(40)
+        until_changed(made)
+        here = still(made, steps)
+        assert made.state.fingers[0].detection is Detection.MOVING, (steps, reach)
+        applied = made.driver.hold()
+        assert applied.targets_counts[0] == here[0] + reach, (steps, reach)
+        made.step(2)
+        assert go(made) == "09", (steps, reach)
 
 
 def test_a_finger_goes_on_by_what_it_may_have_moved_since_the_status_changed(rig) -> None:
@@ -345,20 +311,18 @@ def test_a_finger_goes_on_by_what_it_may_have_moved_since_the_status_changed(rig
     assert 8 + 2 <= applied.targets_counts[0] - here[0] <= 10 + 2
 
 
-@pytest.mark.parametrize(("steps", "stays"), [(10, "01"), (11, "09")])
-def test_fingers_whose_answer_is_awaited_are_stopped_while_the_status_lives(
-    rig, steps: int, stays: str
-) -> None:
-    made = rig()
-    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
-    made.step(40)
-    until_changed(made)
-    made.driver.move_to((220, 0, 0), LEAST, 10.0)
-    still(made, steps)
-    assert not made.state.fresh
-    made.driver.hold()
-    made.step(2)
-    assert go(made) == stays
+def test_fingers_whose_answer_is_awaited_are_stopped_while_the_status_lives(rig) -> None:
+    for steps, stays in [(10, "01"), (11, "09")]:
+        made = rig()
+        made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+        made.step(40)
+        until_changed(made)
+        made.driver.move_to((220, 0, 0), LEAST, 10.0)
+        still(made, steps)
+        assert not made.state.fresh, (steps, stays)
+        made.driver.hold()
+        made.step(2)
+        assert go(made) == stays, (steps, stays)
 
 
 def moved_by_another_master(rig):
@@ -378,29 +342,29 @@ def leapt_after_an_activation(rig):
     return made
 
 
-@pytest.mark.parametrize("doubtful", [moved_by_another_master, leapt_after_an_activation])
-def test_fingers_of_which_little_is_known_are_held_where_they_are_and_closed_as_asked(
-    rig, doubtful
-) -> None:
-    made = doubtful(rig)
-    assert made.driver.hold().targets_counts == made.state.positions
-    made = doubtful(rig)
-    assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1
+def test_fingers_of_which_little_is_known_are_held_where_they_are_and_closed_as_asked(rig) -> None:
+    for doubtful in [moved_by_another_master, leapt_after_an_activation]:
+        made = doubtful(rig)
+        assert made.driver.hold().targets_counts == made.state.positions, doubtful
+        made = doubtful(rig)
+        assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1, doubtful
 
 
 # From registers to fingers
 
 
-@pytest.mark.parametrize(
-    ("initialization", "seen"),
-    [(0, Detection.AT_TARGET), (1, Detection.MOVING), (2, Detection.MOVING),
-     (3, Detection.AT_TARGET)],
-)  # fmt: skip
-def test_a_hand_without_a_request_stands_unless_it_activates_or_changes_its_mode(
-    initialization: int, seen: Detection
-) -> None:
-    status = StatusRegisters(active=True, initialization=initialization)
-    assert finger_state(AxisStatus(detection=0), status).detection is seen
+def test_a_hand_without_a_request_stands_unless_it_activates_or_changes_its_mode() -> None:
+    for initialization, seen in [
+        (0, Detection.AT_TARGET),
+        (1, Detection.MOVING),
+        (2, Detection.MOVING),
+        (3, Detection.AT_TARGET),
+    ]:
+        status = StatusRegisters(active=True, initialization=initialization)
+        assert finger_state(AxisStatus(detection=0), status).detection is seen, (
+            initialization,
+            seen,
+        )
 
 
 def finger(at: int, detection: int, requested: int = 0):
@@ -409,36 +373,33 @@ def finger(at: int, detection: int, requested: int = 0):
     return finger_state(axis, status)
 
 
-@pytest.mark.parametrize(("at", "kept"), [(61, 60), (62, 62), (59, 60), (58, 58)])
-def test_a_finger_keeps_a_target_that_it_rests_one_count_beside(at: int, kept: int) -> None:
-    resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
-    assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3
+def test_a_finger_keeps_a_target_that_it_rests_one_count_beside() -> None:
+    for at, kept in [(61, 60), (62, 62), (59, 60), (58, 58)]:
+        resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
+        assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3, (at, kept)
 
 
-@pytest.mark.parametrize(("requested", "at", "kept"), [
-    (60, 65, 60), (60, 55, 60),  # an encoder that is off
-    (50, 65, 65),  # that speaks of another request
-])  # fmt: skip
-def test_a_finger_that_says_that_it_is_at_its_target_keeps_that(
-    requested: int, at: int, kept: int
-) -> None:
-    resting = [finger(at, list(Detection).index(Detection.AT_TARGET), requested)] * 3
-    assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3
+def test_a_finger_that_says_that_it_is_at_its_target_keeps_that() -> None:
+    for requested, at, kept in [
+        (60, 65, 60),
+        (60, 55, 60),  # an encoder that is off
+        (50, 65, 65),  # that speaks of another request
+    ]:
+        resting = [finger(at, list(Detection).index(Detection.AT_TARGET), requested)] * 3
+        assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3, (requested, at, kept)
 
 
-@pytest.mark.parametrize(("at", "kept"), [(55, 55), (60, 60), (66, 60)])
-def test_a_finger_in_contact_is_never_told_further_than_it_was(at: int, kept: int) -> None:
-    latched = [finger(at, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-    assert held_targets(latched, command(60, 60, 60)) == (kept,) * 3
+def test_a_finger_in_contact_is_never_told_further_than_it_was() -> None:
+    for at, kept in [(55, 55), (60, 60), (66, 60)]:
+        latched = [finger(at, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
+        assert held_targets(latched, command(60, 60, 60)) == (kept,) * 3, (at, kept)
 
 
-@pytest.mark.parametrize(("told", "kept"), [(0, 60), (43, 60), (44, 44)])
-def test_a_finger_that_says_contact_for_ever_is_held_where_it_is_on_its_way_open(
-    told: int, kept: int
-) -> None:
+def test_a_finger_that_says_contact_for_ever_is_held_where_it_is_on_its_way_open() -> None:
     """Unless it was told back by no more than an encoder may be off."""
-    latched = [finger(60, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-    assert held_targets(latched, command(told, told, told)) == (kept,) * 3
+    for told, kept in [(0, 60), (43, 60), (44, 44)]:
+        latched = [finger(60, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
+        assert held_targets(latched, command(told, told, told)) == (kept,) * 3, (told, kept)
 
 
 def test_a_finger_in_contact_that_is_told_where_it_stands_is_there() -> None:

@@ -1,6 +1,5 @@
 """What the transport makes of a client's replies and failures, without a wire."""
 
-import logging
 import termios
 from collections.abc import Sequence
 from typing import Any
@@ -141,29 +140,21 @@ def test_serial_port_that_is_gone_is_told_and_let_go_before_anything_is_asked() 
 
 
 @pytest.mark.usefixtures("line")
-@pytest.mark.parametrize(
-    ("reply", "says"),
-    [
+def test_reply_that_is_none_is_told_and_keeps_the_connection() -> None:
+    for reply, says in (
         (Reply(4, 0, 8, error=2), "answered exception 2 to function 4"),
         (Reply(3, 0, 8), "answered function 3 to function 4"),
-    ],
-)
-def test_reply_that_is_none_is_told_and_keeps_the_connection(reply: Reply, says: str) -> None:
-    transport, client = tcp()
-    client.answers = [reply]
-    assert lost(transport) == says
-    assert client.closes == 0
-    assert len(transport.read(0, 8, 0)) == 8
-    assert transport.connections == 1
-
-
-@pytest.mark.usefixtures("line")
-@pytest.mark.parametrize("reply", [Reply(16, 4, 2), Reply(16, 3, 1)])
-def test_write_of_other_registers_is_none(reply: Reply) -> None:
-    transport, client = tcp()
-    client.answers = [reply]
-    with pytest.raises(LinkLost, match="acknowledged registers that were not written"):
-        transport.write(3, (1, 2), 0)
+        (ValueError("odd"), "does not answer"),
+    ):
+        transport, client = tcp()
+        client.answers = [reply]
+        assert lost(transport) == says
+        assert client.closes == 0, says
+        assert len(transport.read(0, 8, 0)) == 8, says
+    for other in (Reply(16, 4, 2), Reply(16, 3, 1)):
+        client.answers = [other]
+        with pytest.raises(LinkLost, match="acknowledged registers that were not written"):
+            transport.write(3, (1, 2), 0)
 
 
 @pytest.mark.usefixtures("line")
@@ -183,14 +174,6 @@ def test_connection_is_given_up_after_three_requests_in_a_row_without_a_reply() 
 
 
 @pytest.mark.usefixtures("line")
-@pytest.mark.parametrize("error", [ValueError("odd"), IndexError("short")])
-def test_reply_that_cannot_be_decoded_is_none(error: Exception) -> None:
-    transport, client = tcp()
-    client.answers = [error]
-    assert lost(transport) == "does not answer"
-
-
-@pytest.mark.usefixtures("line")
 def test_broken_connection_is_let_go_at_once_and_made_anew_by_a_later_call() -> None:
     transport, client = tcp()
     transport.read(0, 8, 0)
@@ -201,29 +184,6 @@ def test_broken_connection_is_let_go_at_once_and_made_anew_by_a_later_call() -> 
     assert client.connects == 1
     transport.read(0, 8, S // 2)
     assert client.connects == transport.connections == 2
-
-
-@pytest.mark.usefixtures("line")
-def test_connection_that_has_gone_between_requests_is_told_before_a_new_one_is_made() -> None:
-    transport, client = tcp()
-    transport.read(0, 8, 0)
-    client.connected = False
-    assert lost(transport, 9 * S) == "closed the connection"
-    assert client.connects == 1
-    transport.read(0, 8, 9 * S)
-    assert client.connects == 2
-
-
-@pytest.mark.usefixtures("line")
-def test_attempts_to_connect_are_so_far_apart() -> None:
-    transport, client = tcp()
-    client.reachable = False
-    assert lost(transport, S) == "cannot be connected"
-    assert lost(transport, S + S // 2 - 1) == "does not answer"
-    assert client.connects == 1
-    assert lost(transport, S + S // 2) == "cannot be connected"
-    assert client.connects == 2
-    assert transport.connections == 0
 
 
 class Socket:
@@ -254,14 +214,3 @@ def test_what_came_unasked_is_dropped_and_a_closed_socket_is_seen() -> None:
     assert client.socket.chunks == []
     client.socket = Socket(b"late", closed=True)
     assert lost(transport) == "closed the connection"
-
-
-def test_what_pymodbus_logs_by_itself_goes_to_nobody_who_has_not_asked_for_it() -> None:
-    assert logging.getLogger("pymodbus").handlers, "without any, warnings go to the terminal"
-
-
-def test_settings_are_as_the_gripper_is_shipped() -> None:
-    shipped = ModbusSettings()
-    assert (shipped.host, shipped.port, shipped.unit) == ("", 502, 2)
-    assert (shipped.serial_port, shipped.slave) == ("", 9)
-    assert (shipped.timeout_s, shipped.reconnect_s) == (0.1, 0.2)

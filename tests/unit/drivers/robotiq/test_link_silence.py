@@ -1,6 +1,5 @@
 """Verbs of the gripper's thread while the hand is silent, on a clock that stands."""
 
-import _thread
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -8,17 +7,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.errors import LinkLost, Refused
+from drivers.errors import Refused
 from drivers.interfaces import Applied
-from drivers.robotiq.link.thread import ThreadedGripper
 from tests.unit.drivers.robotiq.link_cell import (
     BEGIN_NS,
-    FOR_EVER_S,
     MS,
     Cell,
     Made,
     idle,
-    settled,
     until,
 )
 
@@ -94,20 +90,6 @@ def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exch
     assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from when it was given"
 
 
-def test_verb_that_was_put_off_is_done_before_the_next_write_and_not_again(
-    silent: Callable[..., Silence],
-) -> None:
-    hand = silent()
-    hand.gripper.hold()
-    hand.ends()
-    settled(hand.gripper, 3)
-    assert hand.gripper.acknowledged
-    assert hand.cell.verbs == [("hold",)]
-    hand.gripper.open(0.1)
-    settled(hand.gripper, 4)
-    assert hand.cell.verbs == [("hold",), ("open", 0.1)]
-
-
 def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_pump(
     silent: Callable[..., Silence],
 ) -> None:
@@ -123,22 +105,6 @@ def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_pump(
     assert len(hand.cell.verbs) == 1
 
 
-def test_loss_that_ends_the_silence_is_told_before_the_verb_is_done(
-    silent: Callable[..., Silence],
-) -> None:
-    def lost(cell: Cell) -> None:
-        raise LinkLost("gone", "look")
-
-    hand = silent(lost)
-    hand.cell.refuses = True
-    hand.gripper.hold()
-    hand.ends()
-    until(lambda: hand.gripper.acknowledged)
-    for told in (LinkLost, Refused):
-        with pytest.raises(told):
-            hand.gripper.pump(0)
-
-
 def test_activation_alone_waits_for_a_silent_hand(silent: Callable[..., Silence]) -> None:
     hand = silent()
     waiting = threading.Thread(target=hand.gripper.activate)
@@ -148,85 +114,3 @@ def test_activation_alone_waits_for_a_silent_hand(silent: Callable[..., Silence]
     hand.ends()
     waiting.join()
     assert hand.cell.verbs == [("activate", False)]
-
-
-class Lock:
-    """As ``threading.Lock``; while it is taken nobody has it who would not wait for ever."""
-
-    taken = False
-    patience_s = 0.0  # of whoever did not get it
-
-    def __init__(self) -> None:
-        lock = _thread.allocate_lock()
-        self.release, self.locked = lock.release, lock.locked
-        self.__lock = lock
-
-    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        if timeout > 0 and Lock.taken:
-            Lock.patience_s = timeout
-            return False
-        return self.__lock.acquire(blocking, timeout)
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-
-@pytest.fixture
-def late(made: Made, monkeypatch: pytest.MonkeyPatch) -> tuple[Cell, ThreadedGripper]:
-    """A gripper whose thread ended while a verb was being put off, a hold."""
-    with monkeypatch.context() as patched:
-        patched.setattr(threading, "Lock", Lock)
-        cell, gripper = made()
-    gripper.stop()
-    with monkeypatch.context() as patched:
-        patched.setattr(Lock, "taken", True)
-        asked = gripper.hold()
-    assert (asked.targets_counts, asked.note) == ((0, 0, 0), NOT_YET), "no position is known yet"
-    return cell, gripper
-
-
-VERBS: list[tuple[str, Callable[[ThreadedGripper], object]]] = [
-    ("activate", lambda gripper: gripper.activate()),
-    ("open", lambda gripper: gripper.open(0.1)),
-]
-
-
-@pytest.mark.parametrize(("name", "verb"), VERBS)
-def test_verb_that_was_put_off_gives_way_to_the_next(
-    late: tuple[Cell, ThreadedGripper], name: str, verb: Callable[[ThreadedGripper], object]
-) -> None:
-    cell, gripper = late
-    assert not gripper.acknowledged
-    cell.state = State()
-    verb(gripper)
-    assert gripper.state is not None
-    assert gripper.state.fresh, "nothing is put off any more"
-    assert [done for done, *_ in cell.verbs] == [name]
-
-
-def test_verb_that_was_put_off_is_not_done_by_a_thread_that_is_started_later(
-    late: tuple[Cell, ThreadedGripper],
-) -> None:
-    cell, gripper = late
-    gripper.start(within_s=FOR_EVER_S)
-    settled(gripper, 2)
-    assert cell.verbs == []
-    assert gripper.acknowledged
-
-
-def test_verb_that_is_put_off_as_an_exchange_ends_wakes_the_thread_and_is_written_by_the_next(
-    made: Made, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    known = list[int]()
-    with monkeypatch.context() as patched:
-        patched.setattr(threading, "Lock", Lock)
-        _, gripper = made(idle, lambda cell: known.append(len(cell.verbs)))
-    with monkeypatch.context() as patched:
-        patched.setattr(Lock, "taken", True)
-        assert gripper.hold().note == NOT_YET
-    until(lambda: gripper.acknowledged)
-    assert known == [1], "it was done before the exchange"
-    assert Lock.patience_s == 0.002

@@ -1,21 +1,12 @@
 """The modelled hand: activation, registers and their refresh."""
 
 import msgspec
-import numpy as np
-import pytest
 
 from drivers.robotiq.model.gripper import HandSettings
-from drivers.robotiq.protocol import AxisCommand, CommandRegisters
-from tests.unit.drivers.robotiq.hand import QUICK, Hand, command, detections
+from drivers.robotiq.protocol import CommandRegisters
+from tests.unit.drivers.robotiq.hand import QUICK, Hand, command
 
 # Activation
-
-
-def test_nothing_moves_before_activation_and_fault_07_says_so() -> None:
-    hand = Hand(active=False)
-    hand.write(CommandRegisters(go_to=True, a=AxisCommand(255, 255, 255)))
-    status = hand.run(300)
-    assert (status.active, status.fault, status.a.position) == (False, 0x07, 6)
 
 
 def test_activation_takes_its_time_and_ends_ready_and_open() -> None:
@@ -37,25 +28,6 @@ def test_a_motion_asked_during_activation_is_delayed_with_fault_05() -> None:
     assert (status.fault, status.a.position, status.stopped) == (0, 60, 3)
 
 
-def test_a_booting_hand_shows_fault_09_and_takes_up_nothing() -> None:
-    hand = Hand(msgspec.structs.replace(QUICK, boot_s=0.5), active=False)
-    hand.write(CommandRegisters(activate=True))
-    status = hand.run(400)
-    assert (status.fault, status.active) == (0x09, False)
-    assert hand.run(400).ready
-
-
-def test_clearing_ract_resets_and_setting_it_activates_anew() -> None:
-    hand = Hand()
-    hand.write(command(100))
-    hand.run(300)
-    hand.write(CommandRegisters())
-    status = hand.run(20)
-    assert (status.active, status.initialization, detections(status)) == (False, 0, [0, 0, 0])
-    where = hand.model.travel_m
-    assert np.array_equal(hand.run(100) and hand.model.travel_m, where)
-
-
 # Registers and refresh
 
 
@@ -70,25 +42,6 @@ def test_requests_are_taken_up_and_status_is_sampled_on_refresh_ticks_only() -> 
     assert hand.frame_after(1) != held
 
 
-def test_before_the_echo_the_status_still_tells_of_the_motion_before() -> None:
-    hand = Hand()
-    hand.write(command(50))
-    hand.rest()
-    hand.write(command(200))
-    stale = hand.run(1)
-    assert (stale.a.echo, stale.a.detection, stale.stopped) == (50, 3, 3)
-    assert detections(hand.run(10)) == [0, 0, 0]
-
-
-def test_between_take_up_and_motion_the_status_says_moving_while_nothing_moves() -> None:
-    hand = Hand(msgspec.structs.replace(QUICK, command_latency_s=0.05))
-    hand.write(command(200))
-    status = hand.run(54)
-    assert (status.a.echo, status.stopped, status.a.detection) == (200, 0, 0)
-    assert not hand.model.velocity_mps.any()
-    assert hand.run(3) and hand.model.velocity_mps.all()
-
-
 def test_a_short_write_leaves_the_other_bytes_in_force() -> None:
     hand = Hand()
     hand.write(command(80, 70, 60, force=9))
@@ -98,46 +51,6 @@ def test_a_short_write_leaves_the_other_bytes_in_force() -> None:
     assert [axis.position for axis in status.fingers] == [90, 70, 60]
 
 
-@pytest.mark.parametrize("first, count", [(8, 1), (0, 9), (-1, 2), (0, 0)])
-def test_registers_that_do_not_exist_are_a_value_error(first: int, count: int) -> None:
-    with pytest.raises(ValueError, match="do not exist"):
-        Hand().model.write(first, (0,) * count, 0)
-
-
-def test_in_simple_mode_only_finger_a_echoes_and_the_scissor_rests_at_137() -> None:
-    hand = Hand()
-    hand.write(command(120))
-    status = hand.rest()
-    assert [axis.echo for axis in (*status.fingers, status.scissor)] == [120, 0, 0, 0]
-    assert [axis.position for axis in status.fingers] == [120] * 3
-    assert (status.scissor.position, status.scissor.detection) == (137, 3)
-
-
-def test_switching_to_individual_fingers_with_stale_targets_makes_them_jump() -> None:
-    hand = Hand()
-    hand.write(command(150))
-    hand.rest()
-    hand.write(command(150, 0, 0))
-    status = hand.rest()
-    assert [axis.position for axis in status.fingers] == [150, 6, 6]
-    assert [axis.echo for axis in status.fingers] == [150, 0, 0]
-
-
-def test_the_open_frame_of_the_manual_comes_out_whole() -> None:
-    hand = Hand(msgspec.structs.replace(QUICK, offset_counts=(1, 0, 0)))
-    hand.write(command(60))
-    hand.rest()
-    hand.write(command(0))
-    assert hand.rest() and hand.frame() == "f9ff00000700000600000600" + "00890000"
-
-
-def test_software_limits_replace_the_request_and_still_report_at_target() -> None:
-    hand = Hand()
-    hand.write(command(255))
-    status = hand.rest()
-    assert (status.a.echo, status.a.position, status.stopped) == (255, 240, 3)
-
-
 def test_the_closing_frame_shows_running_currents_that_fall_to_zero_at_rest() -> None:
     hand = Hand()
     hand.write(command(255))
@@ -145,26 +58,6 @@ def test_the_closing_frame_shows_running_currents_that_fall_to_zero_at_rest() ->
     assert hand.frame()[:8] == "39c000ff"
     assert all(11 <= axis.current <= 16 for axis in status.fingers)
     assert [axis.current for axis in hand.rest().fingers] == [0, 0, 0]
-
-
-def test_speed_and_force_zero_are_the_minimum_not_nothing() -> None:
-    hand = Hand()
-    hand.write(command(100, speed=0, force=0))
-    hand.run(500)
-    assert hand.model.velocity_mps == pytest.approx([0.022] * 3, rel=1e-3)
-    assert hand.rest().a.position == 100
-
-
-def test_a_new_speed_acts_at_once_but_starts_nothing() -> None:
-    hand = Hand()
-    hand.write(command(200, speed=0))
-    hand.run(300)
-    hand.write(command(200, speed=255))
-    hand.run(250)
-    assert hand.model.velocity_mps[0] == pytest.approx(0.11, rel=0.02)
-    hand.rest()
-    hand.write(command(200, speed=0))
-    assert all(detections(hand.run(1)) == [3, 3, 3] for _ in range(100))
 
 
 def test_nothing_moves_without_rgto_and_clearing_it_stops() -> None:

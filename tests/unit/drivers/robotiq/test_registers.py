@@ -78,36 +78,34 @@ def axes_of(status: StatusRegisters) -> tuple[AxisStatus, ...]:
     return *status.fingers, status.scissor
 
 
-@pytest.mark.parametrize("name", STATUS)
-def test_the_driver_reads_a_status_frame(name: str) -> None:
-    frame, head, axes = STATUS[name]
-    read = StatusRegisters.from_registers(words(frame))
-    assert msgspec.structs.astuple(read)[:6] == head
-    assert tuple(map(msgspec.structs.astuple, axes_of(read))) == axes
+def test_the_driver_reads_a_status_frame() -> None:
+    for name, (frame, head, axes) in STATUS.items():
+        read = StatusRegisters.from_registers(words(frame))
+        assert msgspec.structs.astuple(read)[:6] == head, name
+        assert tuple(map(msgspec.structs.astuple, axes_of(read))) == axes, name
 
 
-@pytest.mark.parametrize("name", STATUS)
-def test_the_model_makes_a_status_frame(name: str) -> None:
-    frame, head, axes = STATUS[name]
-    a, b, c, scissor = (model.AxisStatus(*axis) for axis in axes)
-    assert model.encode(model.HandStatus(*head, (a, b, c, scissor))) == words(frame)
+def test_the_model_makes_a_status_frame() -> None:
+    for name, (frame, head, axes) in STATUS.items():
+        a, b, c, scissor = (model.AxisStatus(*axis) for axis in axes)
+        assert model.encode(model.HandStatus(*head, (a, b, c, scissor))) == words(frame), name
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_the_driver_makes_a_command_frame(name: str) -> None:
-    frame, head, axes = COMMANDS[name]
-    names = CommandRegisters.__struct_fields__[:6]
-    a, b, c, scissor = (AxisCommand(*axis) for axis in axes)
-    made = CommandRegisters(**dict(zip(names, head, strict=True)), a=a, b=b, c=c, scissor=scissor)
-    assert made.to_registers() == words(frame)
+def test_the_driver_makes_a_command_frame() -> None:
+    for name, (frame, head, axes) in COMMANDS.items():
+        names = CommandRegisters.__struct_fields__[:6]
+        a, b, c, scissor = (AxisCommand(*axis) for axis in axes)
+        made = CommandRegisters(
+            **dict(zip(names, head, strict=True)), a=a, b=b, c=c, scissor=scissor
+        )
+        assert made.to_registers() == words(frame), name
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_the_model_reads_a_command_frame(name: str) -> None:
-    frame, head, axes = COMMANDS[name]
-    read = model.decode(words(frame))
-    assert msgspec.structs.astuple(read)[:6] == head
-    assert tuple(map(msgspec.structs.astuple, (*read.fingers, read.scissor))) == axes
+def test_the_model_reads_a_command_frame() -> None:
+    for name, (frame, head, axes) in COMMANDS.items():
+        read = model.decode(words(frame))
+        assert msgspec.structs.astuple(read)[:6] == head, name
+        assert tuple(map(msgspec.structs.astuple, (*read.fingers, read.scissor))) == axes, name
 
 
 @given(
@@ -170,36 +168,40 @@ def test_a_hand_moves_as_it_is_told(rig) -> None:
     assert moves_as_told(rig)
 
 
-@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (3, 5), (3, 6), (6, 9)])
-def test_a_swap_in_the_drivers_command_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
-    right = CommandRegisters.to_registers
-    monkeypatch.setattr(
-        CommandRegisters, "to_registers", lambda self: swapped(right(self), one, other)
+def test_two_bytes_in_each_others_place_are_noticed_in_either_codec(rig, monkeypatch) -> None:
+    """Of the driver's command, of its status and of the model's."""
+    write, read, encode = (
+        CommandRegisters.to_registers,
+        StatusRegisters.from_registers,
+        model.encode,
     )
-    assert not moves_as_told(rig)
+    for one, other in ((0, 1), (3, 4), (3, 5), (3, 6), (6, 9)):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                CommandRegisters,
+                "to_registers",
+                lambda own, a=one, b=other: swapped(write(own), a, b),
+            )
+            assert not moves_as_told(rig), (one, other)
+    for one, other in ((0, 1), (3, 4), (4, 5), (4, 7), (6, 9)):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                StatusRegisters,
+                "from_registers",
+                lambda got, a=one, b=other: read(swapped(got, a, b)),
+            )
+            assert not moves_as_told(rig), (one, other)
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                "drivers.robotiq.model.gripper.encode",
+                lambda report, a=one, b=other: swapped(encode(report), a, b),
+            )
+            assert not moves_as_told(rig), (one, other)
 
 
-@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (4, 5), (4, 7), (6, 9)])
-def test_a_swap_in_the_drivers_status_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
-    right = StatusRegisters.from_registers
-    monkeypatch.setattr(
-        StatusRegisters, "from_registers", lambda registers: right(swapped(registers, one, other))
-    )
-    assert not moves_as_told(rig)
-
-
-@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (4, 5), (4, 7), (6, 9)])
-def test_a_swap_in_the_models_status_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
-    right = model.encode
-    monkeypatch.setattr(
-        "drivers.robotiq.model.gripper.encode", lambda report: swapped(right(report), one, other)
-    )
-    assert not moves_as_told(rig)
-
-
-@pytest.mark.parametrize("values", [(), (0,) * 9, (-1,), (65536,), ("x",)])
-def test_registers_that_do_not_exist_or_do_not_fit_are_not_written(values) -> None:
-    with pytest.raises(ValueError, match="register"):
-        model.written(8 * (0,), 0, values)
-    with pytest.raises(ValueError, match="do not exist"):
-        model.written(8 * (0,), 7, (0, 0))
+def test_registers_that_do_not_exist_or_do_not_fit_are_not_written() -> None:
+    for values in [(), (0,) * 9, (-1,), (65536,), ("x",)]:
+        with pytest.raises(ValueError, match="register"):
+            model.written(8 * (0,), 0, values)
+        with pytest.raises(ValueError, match="do not exist"):
+            model.written(8 * (0,), 7, (0, 0))

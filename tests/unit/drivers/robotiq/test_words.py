@@ -1,7 +1,6 @@
 """Registers in words, and what no hand says."""
 
 import msgspec
-import pytest
 
 from drivers.robotiq.protocol import AxisStatus, StatusRegisters
 from drivers.robotiq.words import doubts, lines
@@ -19,28 +18,6 @@ def test_every_register_of_the_manual_s_example_is_told() -> None:
     assert "scissor: at 137 counts" in told
 
 
-def test_a_hand_that_obeys_no_position_is_not_said_to_move() -> None:
-    """Motion is told by 0, which is only meaningful if gGTO is 1; so says the manual."""
-    off = "\n".join(lines(StatusRegisters()))
-    assert "gSTA 0: says nothing while gGTO is 0" in off
-    assert off.count("says nothing while gGTO is 0 (gDT 0)") == 4
-    assert "move" not in off.replace("gIMC", "")
-    assert "gGTO 0: stands by" in off
-    stopped = replace(OPEN, go_to=False, b=AxisStatus(0, 60, 0, 2))
-    assert any("stopped on contact while closing (gDT 2)" in line for line in lines(stopped))
-
-
-def test_a_hand_that_moves_is_said_to() -> None:
-    moving = StatusRegisters.from_bytes(bytes.fromhex("39C000FF080F00081000080F00890000"))
-    told = "\n".join(lines(moving))
-    assert "gSTA 0: the fingers move" in told
-    assert told.count("moves (gDT 0)") == 3
-
-
-def test_a_fault_is_told_in_its_own_words() -> None:
-    assert any("automatic release in progress" in line for line in lines(replace(OPEN, fault=0x0B)))
-
-
 def test_hands_of_the_manual_are_not_doubted() -> None:
     reset = StatusRegisters()
     moving = StatusRegisters.from_bytes(bytes.fromhex("39C000FF080F00081000080F00890000"))
@@ -55,15 +32,12 @@ def test_hands_of_the_manual_are_not_doubted() -> None:
         assert doubts(there, started) == []
 
 
-@pytest.mark.parametrize(
-    ("said", "word"),
-    [
+def test_what_no_hand_says_is_doubted() -> None:
+    for said, word in [
         (replace(OPEN, active=False), "not activated, and that it obeys"),
         (replace(OPEN, fault=0x03), "unknown fault"),
         (replace(OPEN, a=AxisStatus(0, 7, 255, 3)), "draws 2550 mA"),
         (replace(OPEN, b=AxisStatus(0, 255, 0, 3)), "beyond its mechanical end"),
         (replace(OPEN, c=AxisStatus(0, 60, 0, 3)), "is said to stand"),
-    ],
-)
-def test_what_no_hand_says_is_doubted(said: StatusRegisters, word: str) -> None:
-    assert any(word in doubt for doubt in doubts(said, OPEN))
+    ]:
+        assert any(word in doubt for doubt in doubts(said, OPEN)), (said, word)

@@ -63,32 +63,16 @@ def test_a_press_is_told_with_its_cell_and_with_the_finger_that_has_it() -> None
     assert Fingertips([(10, 30)]).told() == [TaxelPress(1, 4, 30, "B", 4)]
 
 
-def test_a_cell_that_no_finger_has_is_told_without_one() -> None:
-    fingertips = Fingertips([(1, 30)], cells=[(5, 1), (5, 2)])
-    assert fingertips.told() == [TaxelPress(5, 2, 30, None, None)]
-
-
-@pytest.mark.parametrize(
-    ("presses", "told"),
-    [
+def test_a_press_is_told_once_and_again_where_it_is_stronger_or_another() -> None:
+    for presses, told in [
         ([(4, LEAST - 1)], []),
         ([(4, LEAST)], [(0, 4, LEAST)]),
         ([(4, -200)], []),  # a code that rises is no press
         ([(4, 30), (4, 30), (4, 29), (4, 31)], [(0, 4, 30), (0, 4, 31)]),  # stronger than before
         ([(4, 30), (5, 25)], [(0, 4, 30), (0, 5, 25)]),  # another cell
         ([(4, 30), (4, 0), (4, 25)], [(0, 4, 30), (0, 4, 25)]),  # let go between them
-    ],
-)
-def test_a_press_is_told_once_and_again_where_it_is_stronger_or_another(
-    presses: list[Press], told: list[tuple[int, int, int]]
-) -> None:
-    assert of(*presses) == told
-
-
-def test_frames_that_are_lost_are_waited_for() -> None:
-    fingertips = Fingertips([(7, 30)])
-    fingertips.board.time_out(REST_FRAMES)
-    assert fingertips.told() == [TaxelPress(1, 1, 30, "B", 1)]
+    ]:
+        assert of(*presses) == told, (presses, told)
 
 
 def test_it_ends_after_its_time_and_stops_the_board() -> None:
@@ -106,11 +90,3 @@ def test_a_board_without_frames_is_a_fault_after_five_seconds_and_is_stopped() -
     assert fingertips.now_ns * 1e-9 == pytest.approx(5.0, abs=0.1)
     fingertips.board.time_out(0)
     assert fingertips.board.ready_ns is None
-
-
-def test_a_board_without_a_cell_that_answers_is_a_fault() -> None:
-    fingertips = Fingertips()
-    for column in range(6):
-        fingertips.board.kill_column(column)
-    with pytest.raises(DeviceFault, match="not one cell"):
-        fingertips.told()

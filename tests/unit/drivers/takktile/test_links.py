@@ -13,7 +13,6 @@ from drivers.takktile.driver import TakkTileDriver, TakkTileStatistics
 from drivers.takktile.link.thread import ReadingThread
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.takktile.model.link import ModelLink, ModelUsb
-from drivers.takktile.receiver import UsbBoard
 from drivers.takktile.settings import TakkTileSettings
 
 MS = 1_000_000
@@ -141,39 +140,3 @@ def test_core_in_a_thread_and_core_in_a_loop_give_the_same_frames_on_one_script(
     assert counted_too.decimated > counted.decimated
     replace = msgspec.structs.replace
     assert replace(counted, decimated=0) == replace(counted_too, decimated=0)
-
-
-class Halts:
-    """A board that counts how often its endpoint's halt was cleared."""
-
-    def __init__(self, usb: UsbBoard) -> None:
-        self._usb = usb
-        self.cleared = 0
-
-    def clear_halt(self) -> None:
-        self.cleared += 1
-
-    def __getattr__(self, name: str):
-        return getattr(self._usb, name)
-
-
-@pytest.mark.parametrize(("lost", "restarts", "cleared"), [(2, 0, 0), (3, 1, 0), (6, 2, 1)])
-def test_a_halt_is_cleared_only_where_a_restart_alone_has_not_helped(lost, restarts, cleared):
-    board, found = BoardModel(BoardModelSettings(), sample), []
-    link = ModelLink(board, SETTINGS, wrap=lambda usb: found.append(Halts(usb)) or found[-1])
-    link.start()
-    board.time_out(lost)
-    link.advance(1_000 * MS)
-    assert link.counts.timeouts == lost
-    assert (link.counts.restarts, link.counts.reopens) == (restarts, 0)
-    assert [usb.cleared for usb in found] == [cleared]
-
-
-@pytest.mark.parametrize(("waited_ms", "timeouts"), [(99, 0), (100, 1), (299, 2), (300, 3)])
-def test_a_read_is_given_up_after_a_tenth_of_a_second(waited_ms, timeouts):
-    board = BoardModel(BoardModelSettings(), sample)
-    link = ModelLink(board, SETTINGS)
-    link.start()
-    board.time_out(10)
-    link.advance(waited_ms * MS)
-    assert link.counts.timeouts == timeouts

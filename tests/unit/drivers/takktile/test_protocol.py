@@ -1,7 +1,6 @@
 """Golden bytes of the TakkTile board: the firmware's codec, the driver's, and one on the other."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,24 +29,6 @@ def test_every_code_survives_the_frame(values):
     assert parsed[0].tolist() == parsed[1].tolist() == values
 
 
-def test_codes_above_512_are_not_folded_back():
-    pressure, _ = protocol.parse_frame(bytes.fromhex("96007CC0"), 1)
-    assert pressure.tolist() == [600]
-
-
-def test_the_encoder_saturates_as_the_converter_does():
-    frame = codec.bulk_frame(codes(-5, 2000), codes(0, 0))
-    assert protocol.parse_frame(frame, 2)[0].tolist() == [0, 1023]
-
-
-def test_a_chain_frame_has_a_place_for_every_cell_of_two_boards():
-    frame = codec.chain_frame([(0, 1), (7, 4)], codes(410, 1), codes(507, 2))
-    assert len(frame) == 320
-    assert frame[4:8] == bytes.fromhex("66807EC0")
-    assert frame[4 * 39 : 4 * 40] == bytes.fromhex("00400080")
-    assert not any(frame[:4] + frame[8 : 4 * 39] + frame[160:])
-
-
 def test_both_sides_name_the_same_requests_and_ticks():
     assert [*protocol.UsbRequest] == [
         codec.GET_STRING, codec.SCAN, codec.GET_CALIBRATION, codec.CONFIGURE_TIMER
@@ -59,15 +40,6 @@ def test_both_sides_name_the_same_requests_and_ticks():
 def test_a_frame_of_wrong_length_gives_none_and_never_raises(data):
     parsed = protocol.parse_frame(data, 18)
     assert parsed is None or len(data) == 72
-
-
-@pytest.mark.parametrize("bit", range(6))
-def test_a_set_padding_bit_is_impossible(bit):
-    assert protocol.parse_frame(bytes([0x66, 0x80 | 1 << bit, 0x7E, 0xC0]), 1) is None
-
-
-def test_a_released_bus_is_impossible():
-    assert protocol.parse_frame(b"\xff" * 72, 18) is None
 
 
 def test_a_short_scan_has_one_byte_a_row_and_bit_c_for_column_c():
@@ -88,14 +60,17 @@ def test_a_long_scan_has_one_byte_a_cell_of_five_columns_and_frames_of_fixed_len
     assert codec.chain_scan_reply(layout.alive) == reply
 
 
-@pytest.mark.parametrize("length", [0, 1, 7, 9, 39, 41, 64])
-def test_a_scan_of_any_other_length_gives_none(length):
-    assert protocol.parse_scan(bytes(length)) is None
+def test_a_scan_of_any_other_length_gives_none():
+    for length in [0, 1, 7, 9, 39, 41, 64]:
+        assert protocol.parse_scan(bytes(length)) is None, length
 
 
-@pytest.mark.parametrize(
-    ("conversion_ms", "ticks"),
-    [(3.0, 375), (0.8, 100), (3.001, 376), (262.144, 32768), (1e3, 32768)],
-)
-def test_timer_ticks_last_eight_microseconds_and_never_fall_short(conversion_ms, ticks):
-    assert protocol.timer_ticks(conversion_ms) == ticks
+def test_timer_ticks_last_eight_microseconds_and_never_fall_short():
+    for conversion_ms, ticks in [
+        (3.0, 375),
+        (0.8, 100),
+        (3.001, 376),
+        (262.144, 32768),
+        (1e3, 32768),
+    ]:
+        assert protocol.timer_ticks(conversion_ms) == ticks, (conversion_ms, ticks)

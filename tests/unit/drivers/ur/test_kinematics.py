@@ -21,22 +21,6 @@ def test_stretched_arm():
     assert flange[:3, :3] == pytest.approx(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), abs=1e-12)
 
 
-def test_upright_arm():
-    """Shoulder and wrist 1 at -90 degrees: everything above the base."""
-    flange = kinematics.forward([0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0])
-    assert flange[:3, 3] == pytest.approx(
-        (0.0, -0.163941 - 0.0922, 0.1273 + 0.612 + 0.5723 + 0.1157)
-    )
-
-
-@given(angle)
-def test_base_joint_turns_everything_about_z(base):
-    q = [0.3, -1.2, 1.1, -0.5, 0.7, 0.2]
-    turned = kinematics.forward([q[0] + base, *q[1:]])
-    about_z = kinematics.frame((0.0, 0.0, 0.0, 0.0, 0.0, base))
-    assert turned == pytest.approx(about_z @ kinematics.forward(q), abs=1e-9)
-
-
 @given(joints)
 def test_jacobian_against_finite_differences(q):
     h = 1e-6
@@ -51,32 +35,15 @@ def test_jacobian_against_finite_differences(q):
         assert found[:, joint] == pytest.approx(expected, abs=1e-6)
 
 
-def test_from_where_solutions_are_looked_for_the_tool_points_down_half_a_metre_ahead():
-    flange = kinematics.forward(kinematics.ELBOW_UP)
-    assert flange[:3, 2] == pytest.approx((0.0, 0.0, -1.0), abs=0.02)
-    assert flange[:2, 3] == pytest.approx((0.5, 0.0), abs=0.15)
-    assert 0.1 < flange[2, 3] < 0.6
-
-
-@given(st.tuples(*[st.floats(-0.1, 0.1)] * 6))
-def test_inverse_finds_the_way_back(offset):
-    goal = [a + b for a, b in zip(kinematics.ELBOW_UP, offset, strict=True)]
-    found = kinematics.inverse(kinematics.forward(goal), kinematics.ELBOW_UP)
-    assert found == pytest.approx(goal, abs=1e-6)
-
-
-@given(st.tuples(*[st.floats(-3.2, 3.2)] * 6))
-def test_whatever_joints_reach_is_looked_for(q):
-    assert kinematics.inverse(kinematics.forward(q), q) == pytest.approx(q)
-
-
-@pytest.mark.parametrize(
-    "pose",
-    [(0.9, 0.9, 0.9, 1, 2, 3), (0.5, 0.1, 1.6, 0, 0, 0), (0.1, 0.1, 0.5, math.pi, 0, 0),
-     (math.nan, 0, 0, 0, 0, 0), (1e300, 0, 0, 0, 0, 0)],
-)  # fmt: skip
-def test_what_no_wrist_reaches_is_not_looked_for(pose):
-    assert list(kinematics.approach(kinematics.frame(pose), kinematics.ELBOW_UP)) == []
+def test_what_no_wrist_reaches_is_not_looked_for():
+    for pose in [
+        (0.9, 0.9, 0.9, 1, 2, 3),
+        (0.5, 0.1, 1.6, 0, 0, 0),
+        (0.1, 0.1, 0.5, math.pi, 0, 0),
+        (math.nan, 0, 0, 0, 0, 0),
+        (1e300, 0, 0, 0, 0, 0),
+    ]:
+        assert list(kinematics.approach(kinematics.frame(pose), kinematics.ELBOW_UP)) == [], pose
 
 
 @given(st.floats(0.4, 0.8), st.floats(-0.3, 0.4), st.floats(0.1, 0.6))
@@ -87,11 +54,11 @@ def test_working_space_with_the_tool_down(x, y, z):
     assert kinematics.forward(found) == pytest.approx(goal, abs=1e-8)
 
 
-@pytest.mark.parametrize("x", [1.5, 5.0, 1e300, math.inf, math.nan])
-def test_out_of_reach(x):
-    goal = kinematics.frame((0.0, 0.0, 0.0, math.pi, 0.0, 0.0))
-    goal[0, 3] = x
-    assert kinematics.inverse(goal, kinematics.ELBOW_UP) is None
+def test_out_of_reach():
+    for x in [1.5, 5.0, 1e300, math.inf, math.nan]:
+        goal = kinematics.frame((0.0, 0.0, 0.0, math.pi, 0.0, 0.0))
+        goal[0, 3] = x
+        assert kinematics.inverse(goal, kinematics.ELBOW_UP) is None, x
 
 
 @given(rotation_vectors)
@@ -101,14 +68,6 @@ def test_rotation_vector_round_trip(vector):
     back = kinematics.rotation_vector(there)
     assert math.hypot(*back) <= math.pi + 1e-12
     assert kinematics.rotation(back) == pytest.approx(there, abs=1e-9)
-
-
-@given(rotation_vectors.filter(lambda v: math.hypot(*v) > 0.1))
-def test_half_turns_are_well_conditioned(axis):
-    scale = math.pi / math.hypot(*axis)
-    half = kinematics.rotation([part * scale for part in axis])
-    again = kinematics.rotation(kinematics.rotation_vector(half))
-    assert again == pytest.approx(half, abs=1e-9)
 
 
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 6))

@@ -1,243 +1,136 @@
-"""Whatever makes no sense to a verb: one line, a remedy, exit code 2, no traceback."""
+"""Input that makes no sense to a verb: one line with a remedy, exit code 2, nothing written."""
 
 import json
-import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from msgspec import inspect
 
-from detector.network_file import WEIGHTS
 from grasp.cli.main import main
+from scenarios.campaign.config import RunConfig
 
+Capture = pytest.CaptureFixture[str]
 DEEP = 5_000
-BAD_TOML = {
-    "nested arrays": f"a = {'[' * DEEP}{']' * DEEP}",
-    "nested arrays that can be read": f"[guard]\nx = {'[' * 40}{']' * 40}",
-    "dotted keys": f"{'a.' * DEEP}a = 1",
-    "dotted tables": f"[{'a.' * DEEP}a]\nx = 1",
-    "inline tables": f"a = {'{a = ' * DEEP}1{'}' * DEEP}",
-    "a whole number of thousands of digits": f"[guard]\nforce_limit_n = {'9' * 5_000}",
-    "a whole number of hundreds of digits": f"[object]\ngrip_counts = [{'9' * 400}, 1, 1]",
-    "a number beyond all": "[guard]\nforce_limit_n = 1e999",
-    "a control character": "[guard]\nforce_limit_n = '\x01'",
-    "an escaped control character": '[gripper]\ncalibration = "a\\u0000.toml"',
-    "a key of control characters": '["a\\u001b[2J"]\nx = 1',
-    "a huge file": "# nothing\n" * 200_000,
-    "no text": b"\xff\xfe\x00\x00",
-    "nothing but zeros": b"\0" * 100,
-    "a date": "[guard]\nforce_limit_n = 1979-05-27",
-    "a table for a number": "[guard.force_limit_n]\nx = 1",
-    "a number for a table": "guard = 1",
-    "a profile": 'profile = "zzz"',
-    "a rig": 'rig = "emulated"',
-    "a detector": 'detector_name = "psd"',
-    "twice the same": "[guard]\n[guard]\n",
-}
+BAD_TOML = [
+    f"a = {'[' * DEEP}{']' * DEEP}", f"[{'a.' * DEEP}a]\nx = 1",
+    f"a = {'{a = ' * DEEP}1{'}' * DEEP}", f"[guard]\nforce_limit_n = {'9' * 5_000}",
+    "[guard]\nforce_limit_n = '\x01'", '[gripper]\ncalibration = "a\\u0000.toml"',
+    '["a\\u001b[2J"]\nx = 1', "# nothing\n" * 200_000, b"\xff\xfe\x00\x00", b"\0" * 100,
+    "[guard.force_limit_n]\nx = 1", "guard = 1", 'profile = "zzz"', "[guard]\n[guard]\n",
+]  # fmt: skip
 BAD_SETTINGS = [
-    f"{'a.' * DEEP}a=1",
-    f"guard.force_limit_n={'[' * DEEP}",
-    f"guard.force_limit_n={'9' * 5_000}",
-    f"controller.preshape_margin_counts={'9' * 400}",
-    "guard.force_limit_n=inf",
-    "guard.force_limit_n=nan",
-    "guard.force_limit_n=\x1b[2J",
-    "profile=zzz",
-    "detector_name=zzz",
-    "rig=emulated",
-    "object.grip_counts=[300,0,0]",
-    "object.grip_counts=[-1,0,0]",
-    "object.name=../../../out",
-    "object.name=a/b",
-    "object.name=a..b",
-    "object.name=.hidden",
-    'object.name="a\\nb"',
-    'object.name="can\\n"',
-    "object.name=",
-    f"object.name={'a' * 300}",
-    "hand.offset_counts=[0,0,9]",
-    "tactile.cells=[[9]]",
-    "arm.max_payload_kg=1.0",
-    "tactile.rest_min_counts=1023",
-    "gripper.calibration=/dev/zero",
-    "gripper.calibration=/",
-    "a\nb=1",
-    "=",
-    "",
-]
-# of every verb, words that it must refuse; FILE is a path that does not exist, DIR an empty folder
-BAD_WORDS = [
-    "",
-    "nonsense",
-    "run",
-    "run fly",
-    "run lift --object",
-    "run lift --seed 99999999999999999999999",
-    f"run lift --seed {'9' * 5_000}",
-    "run lift --detector=",
-    "run lift --object=",
-    "run lift --profile=",
-    "run lift --profile zzz",
-    "run lift --rig=",
-    "run lift --config=",
-    "run lift --config DIR",
-    "run lift --config /dev/zero",
-    "run tap --taps -1",
-    "run acquire --surface=",
-    "run acquire --surface moon",
-    "run acquire --direction=",
-    "run acquire --direction 44",
-    "run acquire --speed nan",
-    "run acquire --rig emulated --set surface.name=../x",
-    "campaign run FILE.toml",
-    "campaign run nonsense",
-    "campaign run paper --detector=",
-    "campaign run paper --detector zzz",
-    "campaign run paper --jobs 0",
-    "campaign run paper --repetitions 0",
-    "runs FILE",
-    "runs DIR",
-    "runs /dev/null",
-    "replay",
-    "replay FILE",
-    "replay DIR",
-    "replay --tactile FILE",
-    "replay --tactile FILE --detector=",
-    "runs --runs FILE --json=1",
-    "report FILE --to svg",
-    "dataset build FILE.toml --out DIR",
-    "dataset build FILE.toml --out DIR --share 2",
-    "detector evaluate energy --recording FILE",
-    "detector evaluate zzz --recording FILE",
-    "detector evaluate energy --data DIR",
-    "detector tune zzz --data FILE",
-    "detector tune energy --budget -1",
-    "detector compare --data DIR",
-    "detector card zzz",
-    "detector card FILE.onnx",
-    "detector card /dev/zero.onnx",
-    "detector train zzz --data DIR",
-    "tactile identify --url nonsense --seconds 1",
-    "tactile identify --seconds nan",
-    "calibrate fingertip --recording FILE",
-    "config zzz",
-    "config --object zzz",
-    "emulate --object zzz",
-    "emulate --gripper-port 70000",
-    "emulate --host nonsense",
-    "release --rig zzz",
-]
+    f"{'a.' * DEEP}a=1", f"guard.force_limit_n={'[' * DEEP}", "guard.force_limit_n=nan",
+    "guard.force_limit_n=inf", "guard.force_limit_n=\x1b[2J", "guard.force_limit_n=900",
+    f"controller.preshape_margin_counts={'9' * 400}", "rig=emulated", "profile=zzz",
+    "object.grip_counts=[300,0,0]", "object.name=../../../out", "object.name=.hidden",
+    'object.name="can\\n"', f"object.name={'a' * 300}", "hand.offset_counts=[0,0,9]",
+    "tactile.cells=[[9]]", "arm.max_payload_kg=1.0", "gripper.calibration=/dev/zero",
+    "gripper.calibration=/", "a\nb=1", "=", "",
+]  # fmt: skip
+# FILE is a path that does not exist, DIR an empty folder
+BAD_WORDS = """
+nonsense | run | run fly | run lift --object | run lift --seed -1 | run lift --detector=
+run lift --config DIR | run lift --config /dev/zero | run tap --taps -1 | run acquire --speed nan
+run acquire --surface moon | campaign run FILE.toml | campaign run paper --jobs 0 | replay
+campaign summary DIR | campaign summary /dev/null | campaign export FILE | replay FILE | replay DIR
+grip-search --least 5 --most 1 | replay --tactile FILE | runs --runs FILE --json=1 | chart run FILE
+dataset build FILE.toml --out DIR | dataset describe DIR | detector evaluate energy --data DIR
+detector evaluate zzz --recording FILE | detector card /dev/zero.onnx | detector train zzz
+tactile identify --url nonsense --seconds 1 | tactile identify --seconds nan
+world calibrate --recording FILE | config show zzz | emulate --gripper-port 70000
+release --rig zzz
+"""
 
 
-def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line; the same words give one JSON object where the verb knows --json."""
+def refused(words: list[str], capsys: Capture) -> str:
+    """The one line that is told."""
     code = main(words)
     out, err = capsys.readouterr()
-    assert code == 2, err[-500:]
-    assert out == ""
-    assert err.startswith("grasp: ") and err.endswith(")\n"), err  # with a remedy
-    assert err.count("\n") == 1
-    assert all(c.isprintable() for c in err[:-1])
-    assert len(err) < 4_000
+    assert (code, out) == (2, ""), (words, err[-500:])
+    assert err.startswith("grasp: ") and err.endswith(")\n") and err.count("\n") == 1, err
+    assert all(c.isprintable() for c in err[:-1]) and len(err) < 4_000, err
     return err
 
 
-@pytest.mark.parametrize("what", BAD_TOML)
-def test_a_file_of_settings_that_cannot_be_used_is_refused_by_name(
-    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """All settings in a type, with what they may be."""
+    if isinstance(kind, inspect.Metadata):
+        yield from leaves(kind.type, way)
+    elif isinstance(kind, inspect.UnionType):
+        for part in kind.types:
+            if isinstance(part, inspect.StructType):
+                yield from leaves(part, way)
+    elif isinstance(kind, inspect.StructType):
+        for field in kind.fields:
+            yield from leaves(field.type, (*way, field.encode_name))
+    elif not isinstance(kind, inspect.DictType) and len(way) > 1:
+        yield ".".join(way), kind
+
+
+def wrong(kind: Any) -> list[str]:
+    """What such a setting cannot be, as TOML: another type, no number, a number out of bounds."""
+    found = ["{ a = 1 }", "[[[]]]", "1979-05-27", "nan"]
+    if isinstance(kind, inspect.IntType | inspect.FloatType):
+        step = 1 if isinstance(kind, inspect.IntType) else 1e-3
+        found += ["inf", "-inf", "true", '"1"', "9" * 400]
+        found += [str(kind.ge - step)] if kind.ge is not None else []
+        found += [str(kind.gt)] if kind.gt is not None else []
+        found += [str(kind.le + step)] if kind.le is not None else []
+        found += [str(kind.lt)] if kind.lt is not None else []
+    elif isinstance(kind, inspect.BoolType):
+        found += ["0", '"true"']
+    return found
+
+
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_setting_that_cannot_be_is_refused_in_one_line(
+    data: st.DataObject, tmp_path: Path, capsys: Capture
 ) -> None:
-    file = tmp_path / "lab.toml"
-    content = BAD_TOML[what]
-    file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    for words in (["config", "--config"], ["dataset", "build", "--out", "x"],
-                  ["campaign", "run", "--out", str(tmp_path / "x")]):  # fmt: skip
-        assert "lab.toml" in refused([*words, str(file)], capsys)
-    assert list(tmp_path.iterdir()) == [file]
+    way, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
+    value = data.draw(st.sampled_from(wrong(kind)))
+    if data.draw(st.booleans()):
+        words = ["--set", f"{way}={value}"]
+    else:
+        (tmp_path / "lab.toml").write_text(f"{way} = {value}\n")
+        words = ["--config", str(tmp_path / "lab.toml")]
+    refused(["config", *words], capsys)
 
 
-@pytest.mark.parametrize("text", BAD_SETTINGS, ids=lambda text: ascii(text)[:40])
-def test_a_setting_that_cannot_be_is_refused_before_anything_moves(
-    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_files_settings_and_words_that_cannot_be_used_are_refused_before_anything_is_written(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["run", "lift", "--rig", "simulated", "--runs", str(tmp_path / "in")]
-    refused([*words, "--set", text], capsys)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("text", BAD_WORDS, ids=lambda text: text[:60] or "nothing")
-def test_every_verb_refuses_what_it_cannot_do_in_one_line(
-    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    work, empty = tmp_path / "work", tmp_path / "empty"
-    work.mkdir()
-    empty.mkdir()
+    work, empty, file = tmp_path / "work", tmp_path / "empty", tmp_path / "lab.toml"
+    work.mkdir(), empty.mkdir()
     monkeypatch.chdir(work)
-    named = text.replace("FILE", str(tmp_path / "none")).replace("DIR", str(empty)).split()
-    refused(named, capsys)
+    for content in BAD_TOML:
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+        for words in (["config", "--config"], ["campaign", "run", "--out", "x"]):
+            assert "lab.toml" in refused([*words, str(file)], capsys)
+    for text in BAD_SETTINGS:
+        refused(["run", "lift", "--rig", "simulated", "--runs", "in", "--set", text], capsys)
+    for text in BAD_WORDS.strip().replace("\n", "|").split("|"):
+        named = text.replace("FILE", str(tmp_path / "none")).replace("DIR", str(empty))
+        refused(named.split(), capsys)
     assert list(work.iterdir()) == list(empty.iterdir()) == []
 
 
-def test_a_refusal_in_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_refusal_in_json_is_one_object(capsys: Capture) -> None:
     code = main(["config", "--json", "--set", f"{'a.' * DEEP}a=1"])
     out, err = capsys.readouterr()
-    answer = json.loads(out)
     assert (code, err, out.count("\n")) == (2, "", 1)
-    assert set(answer["error"]) == {"kind", "message", "remedy"}
+    assert set(json.loads(out)["error"]) == {"kind", "message", "remedy"}
 
 
-def test_json_that_is_no_text_is_refused_by_whoever_reads_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_names_that_no_file_can_have_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    (tmp_path / "scores.json").write_bytes(b'{"format":"\xdf"}')
-    (tmp_path / "a.heads.json").write_bytes(b'{"network":"\xdf"}')
-    shutil.copy(WEIGHTS / "tcn.onnx", tmp_path / "a.onnx")
-    (tmp_path / "run").mkdir()  # where the observer's recordings lie
-    for folder in (tmp_path, tmp_path / "run"):
-        (folder / "dataset.json").write_bytes(b'{"digest":"\xdf"}')
-    for words in (
-        ["report", str(tmp_path / "scores.json")],
-        ["detector", "card", str(tmp_path / "a.onnx")],
-        ["detector", "robustness", "energy", "--data", str(tmp_path)],
-        ["dataset", "build", "observer", "--share", "0.01", "--out", str(tmp_path)],
-    ):
-        assert main(words) == 2, words
-        assert capsys.readouterr().err.startswith("grasp: "), words
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("replay", "NAME"), ("report", "NAME"), ("report", "--to=csv", "NAME"),
-        ("runs", "NAME"), ("runs", "--runs=NAME"), ("run", "lift", "--runs=NAME"),
-        ("run", "lift", "--rig", "simulated", "--trials", "2", "--out=NAME"),
-    ],
-    ids=" ".join,
-)  # fmt: skip
-@pytest.mark.parametrize("name", ["a" * 300, "\0", "\ud83d", "\udcff"], ids=ascii)
-def test_what_no_file_can_be_called_is_refused_as_usage(
-    words: tuple[str, ...], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    assert main([word.replace("NAME", name) for word in words]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.startswith("grasp: ") and err.count("\n") == 1
-    assert "disk" not in err and list(tmp_path.iterdir()) == []
-
-
-def test_a_name_beside_which_nothing_longer_can_lie_is_refused_as_usage(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["run", "lift", "--rig", "simulated", "--trials", "2", "--runs", str(tmp_path / "runs")]
-    assert main([*words, "--out", str(tmp_path / ("a" * 250))]) == 2
-    assert "File name too long" in capsys.readouterr().err and list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "words", [("run", "tap", "--taps=\x1b[2Jx\ny"), ("runs", "--runs=\x1b[2J\n")]
-)
-def test_words_that_are_told_back_do_nothing_to_a_terminal(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(list(words))
-    told = "".join(capsys.readouterr())
-    assert told.count("\n") == 1 and told[:-1].isprintable() and r"\x1b[2J" in told
+    for words in ("replay NAME", "report NAME", "campaign summary NAME", "run lift --runs=NAME"):
+        for name in ("a" * 300, "\0", "\ud83d", "\udcff"):
+            refused([word.replace("NAME", name) for word in words.split()], capsys)
+    assert list(tmp_path.iterdir()) == []

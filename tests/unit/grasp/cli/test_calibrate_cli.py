@@ -2,16 +2,12 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from detector.recordings import Metadata, Recording, write
-from grasp.cli import exits, fingertip
 from grasp.cli.main import main
-from scenarios.acquire import fingertip_fit
 
 CHECK = ("calibrate", "fingertip", "--check", "--clips", "2")
 
@@ -44,22 +40,6 @@ def test_judgement_in_json_is_one_object_with_every_figure(
     assert found["misfit"] > 0.0 and not found["fitted"]
 
 
-def test_judgement_for_a_person_leaves_out_the_ratio_to_a_figure_that_is_nought(
-    clip: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    row = {"simulated": 0.2, "low": 0.1, "high": 0.3, "within_aim": True}
-    rows = [SimpleNamespace(name="kurtosis", real=0.4, **row),
-            SimpleNamespace(name="hiss", real=0.0, **row)]  # fmt: skip
-    for name, found in {"figures": None, "mean": None, "misfit": 1.5, "compare": rows}.items():
-        monkeypatch.setattr(fingertip_fit, name, lambda *_, found=found: found)
-    assert main([*CHECK, "--recording", str(clip)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].endswith("ratio") and lines[1].split()[-1] == "0.50"
-    assert lines[2].split() == ["hiss", "0", "0.2", "0.1", "0.3"]
-    assert {len(line) for line in lines[:3]} == {len(lines[0])}
-    assert "misfit 1.50 (1: on average just within the aims)" in lines
-
-
 def test_nothing_but_a_fit_of_its_own_is_written_over(
     clip: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -67,23 +47,3 @@ def test_nothing_but_a_fit_of_its_own_is_written_over(
     assert main(["calibrate", "fingertip", "--recording", str(clip), "--out", str(clip)]) == 2
     assert "is there already" in capsys.readouterr().err
     assert clip.read_bytes() == before
-
-
-def test_check_that_is_to_write_fitted_values_is_refused(clip: Path, tmp_path: Path) -> None:
-    out = tmp_path / "x.toml"
-    assert main([*CHECK, "--recording", str(clip), "--out", str(out)]) == 2
-    assert not out.exists()
-
-
-@pytest.mark.parametrize("error", [
-    RuntimeError("cannot cache function 'f': no locator available for file 'laws.py'"), EOFError(),
-])  # fmt: skip
-def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
-    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = "/usr/lib/python3/site-packages/numba/core/caching.py"
-    scope: dict[str, Any] = {"error": error}
-    exec(compile("def fails(args): raise error", file, "exec"), scope)
-    monkeypatch.setattr(fingertip, "calibrate", scope["fails"])
-    assert main([*CHECK, "--recording", "clip.csv"]) == exits.USAGE
-    assert "NUMBA_CACHE_DIR" in capsys.readouterr().err

@@ -40,9 +40,7 @@ def struck(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
 
 @pytest.mark.parametrize(
     "place",
-    [1, 2, 40, 150, 400, 700, "grasp.cli.run", "numpy._core.multiarray",
-     "onnxruntime.capi.onnxruntime_pybind11_state", "onnxruntime.capi._pybind_state",
-     "scenarios.campaign.config"],
+    [1, 150, "numpy._core.multiarray"],
 )  # fmt: skip
 def test_ctrl_c_at_any_import_ends_with_130_and_no_traceback(
     place: int | str, tmp_path: Path
@@ -61,13 +59,5 @@ def test_after_the_command_ctrl_c_is_python_s_own_again() -> None:
         "assert signal.getsignal(signal.SIGINT) is _quit\n"
         "sys.argv = ['grasp', 'runs', '--runs', '/nowhere']; assert main() == 0\n"
         "assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-
-
-def test_who_ignores_ctrl_c_goes_on_doing_so() -> None:
-    code = (
-        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import grasp.cli.entry\n"
-        "assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

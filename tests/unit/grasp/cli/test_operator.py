@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.errors import UsageError
-from grasp.cli.operator import LINE, TerminalOperator
+from grasp.cli.operator import TerminalOperator
 
 
 @pytest.fixture
@@ -48,21 +48,6 @@ def test_what_was_typed_before_a_question_is_no_answer(
     person.say("How far?")
     assert person.poll() is None
     assert capsys.readouterr().err == ">>> How far?\n"
-
-
-def test_program_that_types_without_end_keeps_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open("/dev/zero") as endless:
-        monkeypatch.setattr(sys, "stdin", endless)
-        person = TerminalOperator()
-        for _ in range(100):
-            assert person.poll() is None
-        assert len(person.typed) <= LINE
-
-
-def test_bytes_that_are_no_text_are_a_line_all_the_same(typed: int) -> None:
-    os.write(typed, b"\xff\x00\x1b[2J\n")
-    line = TerminalOperator().poll()
-    assert line is not None and line.startswith("\ufffd\x00")
 
 
 def test_end_of_the_input_counts_as_ctrl_c_once(

@@ -8,7 +8,6 @@ import pytest
 from detector.network_file import weights_path
 from grasp.cli.main import main
 from tests.unit.detector.test_own import weights
-from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 Capture = pytest.CaptureFixture[str]
 PACKAGED = "is heard by the rule of the packaged tcn, tuned for other weights"
@@ -32,27 +31,6 @@ def test_settings_that_are_shown_warn_of_a_rule_of_other_weights(lab: str, capsy
     assert capsys.readouterr().err == ""
 
 
-def test_a_run_and_scores_warn_in_the_same_words(lab: str, tmp_path: Path, capsys: Capture) -> None:
-    under = ["--set", f"network.weights={lab}"]
-    lift = ["run", "lift", "--rig", "simulated", "--pace", "max", "--runs", str(tmp_path / "runs")]
-    main([*lift, *under])
-    told = capsys.readouterr()
-    assert PACKAGED in told.err and f"tcn ({lab}): slip is registered" in told.out
-    recording = str(stroke_csv(tmp_path / "strokes.csv"))
-    assert main(["detector", "evaluate", "tcn", "--recording", recording, *under]) == 0
-    assert PACKAGED in capsys.readouterr().err
-
-
-def test_a_rule_of_which_only_the_release_is_ones_own_is_the_packaged_one_still(
-    lab: str, tmp_path: Path, capsys: Capture
-) -> None:
-    spaced = shutil.copy(lab, tmp_path / "my lab.onnx")
-    words = ["--set", f"network.weights={spaced}", "--set", "rule.release=5"]
-    assert main([*SHOW, *words]) == 0
-    said = capsys.readouterr().err
-    assert PACKAGED in said and f"tune tcn --set 'network.weights={spaced}' --data DIR" in said
-
-
 def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
     lab: str, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -72,19 +50,3 @@ def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
     rule.rename(tmp_path / "lab.toml")
     assert main([*SHOW, "--detector", lab]) == 0
     assert capsys.readouterr().err == ""
-
-
-def test_no_rule_is_spoken_of_where_the_run_is_refused(
-    lab: str, tmp_path: Path, capsys: Capture
-) -> None:
-    rows, narrow = tmp_path / "rows.sqlite", weights(tmp_path / "narrow.onnx", ["n", 4])
-    rows.touch()
-    run = ["run", "tap", "--rig", "simulated", "--runs", str(tmp_path / "runs")]
-    for words, told in (
-        (["--detector", lab, "--out", str(rows)], "exists already"),
-        (["--detector", lab, "--resume"], "--resume goes on with a file"),
-        (["--detector", str(narrow)], "4 taxels"),
-    ):
-        assert main([*run, *words]) == 2
-        said = capsys.readouterr()
-        assert told in said.err and "is heard by" not in said.err and said.out == ""

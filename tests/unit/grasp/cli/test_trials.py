@@ -1,7 +1,6 @@
 """What a series of trials says with its exit code, and at its end."""
 
 import signal
-import sqlite3
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -10,8 +9,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.errors import CouldNotRecord
-from grasp.cli import view
 from grasp.cli.main import main
 from scenarios.campaign import experiment as experiments
 from scenarios.trial.ending import End
@@ -20,27 +17,8 @@ from scenarios.trial.result import Failure
 DEAF = ("--detector", "energy", "--set", "energy.threshold_counts=400")
 
 
-@pytest.mark.parametrize(("scenario", "code"), [("lift", 1), ("tap", 0)])
-def test_lift_that_fails_has_exit_code_1_and_missed_tap_0_also_when_nothing_is_left_to_run(
-    scenario: str, code: int, tmp_path: Path
-) -> None:
-    words = ["run", scenario, "--rig", "simulated", "--trials", "1", *DEAF]
-    words += ["--runs", str(tmp_path), "--out", str(tmp_path / "rows.sqlite"), "--json"]
-    assert main(words) == code
-    assert main([*words, "--resume"]) == code
-
-
 LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
 CLOSED = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
-
-
-def test_series_told_as_json_says_of_each_trial_what_became_of_it_beside_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*LIFTS, "--runs", str(tmp_path), "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert msgspec.json.decode(out)["summary"]["trials"] == 2
-    assert [line.split()[:2] for line in err.splitlines()] == [["seed", "0"], ["seed", "1"]]
 
 
 def test_series_that_was_complete_says_so_and_why_it_failed(
@@ -54,46 +32,6 @@ def test_series_that_was_complete_says_so_and_why_it_failed(
     said = capsys.readouterr().err
     assert "1 trial is in" in said and "none is left to run" in said and "--resume" not in said
     assert "1 of 1 trials did not succeed: exit code 1" in said
-
-
-def test_a_panel_says_which_of_all_trials_is_shown_also_of_those_that_are_gone_on_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[str] = []
-
-    class Panel:
-        """In place of what draws."""
-
-        def take(self, message: Any) -> None:
-            if isinstance(message, view.Glimpse) and told[-1:] != [message.trial]:
-                told.append(message.trial)
-
-        def close(self) -> None:
-            pass
-
-    monkeypatch.setattr(view, "make", lambda _: Panel())
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    words = [
-        *LIFTS,
-        *DEAF,
-        "--pace",
-        "max",
-        "--runs",
-        str(tmp_path),
-        "--out",
-        str(tmp_path / "rows.sqlite"),
-    ]
-    assert main(words) == 1
-    assert told == ["trial 1 of 2", "trial 2 of 2"]
-    with sqlite3.connect(tmp_path / "rows.sqlite") as db:
-        db.execute("DELETE FROM trials WHERE trial = 1")
-    db.close()
-    told.clear()
-    assert main([*words, "--resume"]) == 1
-    assert told == ["trial 2 of 2"]
-    told.clear()
-    main(["run", "lift", "--rig", "simulated", *DEAF, "--pace", "max", "--runs", str(tmp_path)])
-    assert told == [""]
 
 
 def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
@@ -135,47 +73,6 @@ def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 4
     said = capsys.readouterr().err
     assert CLOSED.advice in said and "--resume" in said and "interrupted" not in said
-
-
-def test_finished_lift_on_the_lab_rig_says_how_high_the_arm_stands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    altered(monkeypatch)
-    main([*LIFTS, *DEAF[:2], "--runs", str(tmp_path)])
-    assert "the arm stands 50 mm above where it let go" in capsys.readouterr().out
-
-
-def test_each_trial_of_several_is_a_line_and_a_single_lift_has_its_verdict_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = [*DEAF, "--runs", str(tmp_path)]
-    main([*LIFTS, *words])
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:2] for line in lines if line.startswith("seed ")] == [
-        ["seed", "0"], ["seed", "1"],
-    ]  # fmt: skip
-    main([*LIFTS[:-2], *words])
-    assert "\nseed " not in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("trials", [0, 1])
-def test_disk_that_fails_between_trials_is_told_with_what_is_kept(
-    trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = experiments.run
-
-    def told(*asked: Any) -> Iterator[Any]:
-        if trials:
-            yield next(iter(run(*asked)))
-        raise CouldNotRecord("the disk is full", "free it")
-
-    monkeypatch.setattr(experiments, "run", told)
-    out = tmp_path / "rows.sqlite"
-    assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 5
-    said = capsys.readouterr()
-    assert "grasp: the disk is full (free it)" in said.err
-    assert (f"1 trial is in {out}: go on with" in said.err) == bool(trials)
-    assert ("dropped" in said.out) == bool(trials)
 
 
 def test_log_of_a_lift_tells_its_phases_in_turn_and_ends_with_what_became_of_it(

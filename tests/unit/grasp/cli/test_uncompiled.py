@@ -51,11 +51,6 @@ for command in json.loads(sys.argv[1]):
         code = left.code
     print("exit", code, flush=True, file=sys.stderr)
 """
-NOTHING_KEPT = {
-    "HOME": "/nonexistent",
-    "NUMBA_CACHE_DIR": "/dev/null/cache",
-    "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",  # nor beside the sources
-}
 
 
 @pytest.fixture
@@ -85,20 +80,3 @@ def test_a_command_of_devices_imports_nothing_that_compiles(lab: Path) -> None:
     assert len(told) == len(COMMANDS), done.stderr
     for (command, code, problem), text in zip(COMMANDS, told, strict=True):
         assert text.endswith(f"exit {code}\n") and problem in text, (command, text)
-
-
-@pytest.mark.parametrize(
-    ("command", "code", "problem"),
-    [
-        STOP, RELEASE,
-        ("run lift --rig simulated --runs {folder}", 2, "compiled functions cannot be kept"),
-    ],
-)  # fmt: skip
-def test_only_a_simulated_world_needs_a_place_for_what_is_compiled(
-    command: str, code: int, problem: str, lab: Path
-) -> None:
-    main = "import sys; from grasp.cli.main import main; sys.exit(main())"
-    if "simulated" in command:
-        lab.write_text("[controller]\nhold_s = 0.3\n")
-    done = python(main, *words_of(command, lab), **NOTHING_KEPT)
-    assert (done.returncode, problem in done.stderr) == (code, True), done.stderr

@@ -23,27 +23,11 @@ def test_a_stroke_counts_from_where_it_began_until_it_has_rested() -> None:
     assert after[STILL:].max() == 0.0
 
 
-def test_what_swings_back_has_moved_and_then_has_not() -> None:
-    swing = 0.8 * np.sin(np.linspace(0.0, np.pi, 7))
-    found = along(np.zeros(50), swing, np.zeros(50))
-    assert found[50:57].max() > 0.75
-    assert found[57:].max() < REST_M * 1e3
-
-
 def test_creep_slower_than_the_bound_is_rest_and_slip_is_not() -> None:
     t = np.arange(200) * 0.01
     slow, fast = (along(speed * t) for speed in (0.5, 3.0))
     assert slow.max() == 0.0
     np.testing.assert_allclose(fast[20:], 3.0 * t[20:], atol=0.2)
-
-
-def test_two_strokes_there_and_back_without_a_rest_between_are_one_motion() -> None:
-    there = np.linspace(0.0, 5.0, 26)
-    back = there[::-1]
-    paused = along(np.zeros(20), there, np.full(STILL + 1, 5.0), back)
-    assert paused[-1] > 4.8
-    at_once = along(np.zeros(20), there, back)
-    assert at_once[-1] < 0.1
 
 
 def test_a_turn_counts_by_the_lever_of_the_papers_label() -> None:

@@ -1,7 +1,6 @@
 """Data sets that are not all there, folders of several, and labelled recordings by their folder."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -10,15 +9,11 @@ from detector.recordings import write
 from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import INDEX
-from scenarios.benchmark.data_sets import read_set, require_whole
+from scenarios.benchmark.data_sets import require_whole
 from tests.unit.detector.toys import toy, toys
 
 THERE = 9
 GO_ON = "`grasp dataset build` goes on with it"
-VERBS = [
-    ["detector", "evaluate", "energy", "--data"],
-    ["detector", "tune", "energy", "--budget", "60", "--data"],
-]
 
 
 def filled(folder: Path) -> Path:
@@ -39,18 +34,6 @@ def built(folder: Path, of: int) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[1])
-def test_what_is_not_there_of_a_data_set_is_told_in_one_line(
-    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole, half = built(tmp_path / "whole", THERE), built(tmp_path / "half", 84)
-    assert main([*verb, str(whole)]) == 0
-    assert "are there" not in capsys.readouterr().err
-    assert main([*verb, str(half)]) == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if "are there" in line]
-    assert [line.strip() for line in told] == [f"{half}: 9 of 84 recordings are there: {GO_ON}"]
-
-
 def test_nothing_learns_from_a_data_set_that_is_not_all_there(tmp_path: Path) -> None:
     whole, half = built(tmp_path / "whole", THERE), built(tmp_path / "half", 84)
     require_whole([whole])
@@ -59,52 +42,6 @@ def test_nothing_learns_from_a_data_set_that_is_not_all_there(tmp_path: Path) ->
     assert GO_ON in refused.value.remedy
     (half / INDEX).unlink()
     require_whole([whole, half])
-
-
-@pytest.mark.parametrize("index", ["", "[]", "{}", '{"recordings": "many"}'])
-def test_a_data_set_that_does_not_say_how_much_it_is_is_taken_as_it_is(
-    index: str, tmp_path: Path
-) -> None:
-    folder = filled(tmp_path)
-    if index:
-        (folder / INDEX).write_text(index)
-    told: list[str] = []
-    require_whole([folder])
-    assert len(read_set(folder, tell=told.append)) == THERE and told == []
-    assert len(read_set(folder, "test")) == THERE // 3
-
-
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[1])
-def test_a_folder_of_data_sets_is_refused_with_their_names(
-    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One that was collected, which has no index, beside those that were built."""
-    names = [built(tmp_path / "deep" / "a", THERE), built(tmp_path / "b", 84), tmp_path / "own"]
-    filled(tmp_path / "own")
-    listed = " ".join(sorted(str(path) for path in names))
-    assert main([*verb, str(tmp_path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == f"grasp: {tmp_path}: holds 3 data sets (name them: {listed})"
-    shutil.rmtree(tmp_path / "b")
-    shutil.rmtree(tmp_path / "own")
-    assert main([*verb, str(tmp_path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith(f"holds a data set (name it: {names[0]})")
-    with pytest.raises(BadFile, match="holds a data set"):
-        require_whole([tmp_path])
-
-
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[1])
-def test_a_data_set_with_another_one_in_it_is_refused(
-    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    outer = built(tmp_path, THERE)
-    inner = built(tmp_path / "deep" / "inner", THERE)
-    assert main([*verb, str(outer)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == f"grasp: {outer}: has another data set in it, {inner} (move that one out)"
-    with pytest.raises(BadFile, match="another data set"):
-        require_whole([outer])
 
 
 def test_an_acquisition_is_scored_by_its_folder(
@@ -139,3 +76,17 @@ def test_a_folder_or_a_run_without_labels_is_refused_with_what_to_give(
         assert "recording of a run, which has no labels" in line
         assert f"its labelled samples are {run / 'samples.npz'}" in line
     assert "give it with --data" in refused(*evaluate, str(filled(tmp_path / "own")))
+
+
+def test_a_folder_of_data_sets_or_one_within_another_is_refused_with_their_names(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "several"
+    first, second = built(folder / "deep" / "a", THERE), built(folder / "b", 84)
+    with pytest.raises(BadFile, match="holds 2 data sets") as refused:
+        require_whole([folder])
+    assert all(str(each) in str(refused.value.remedy) for each in (first, second))
+    outer = built(tmp_path / "outer", THERE)
+    built(outer / "deep" / "inner", THERE)
+    with pytest.raises(BadFile, match="another data set"):
+        require_whole([outer])

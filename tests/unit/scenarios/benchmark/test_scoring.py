@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import Recording, write
-from detector.scores.sweep import rules
-from drivers.errors import BadFile, UsageError
-from grasp.cli.main import main
+from drivers.errors import BadFile
 from scenarios.benchmark.scoring import contender, evidence, read_split
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy, toys
@@ -39,34 +37,6 @@ def test_a_recording_too_short_to_be_scored_is_left_out_and_told(folder: Path) -
     assert found.source.endswith("whole.npz")
     (line,) = told
     assert "1 recordings of at most 100 samples" in line
-
-
-def test_a_set_with_a_short_recording_is_evaluated_but_for_that(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test", "--json"]
-    assert main(words) == 0
-    said = capsys.readouterr()
-    assert msgspec.json.decode(said.out)["recordings"] == 1
-    assert "left out" in said.err
-
-
-def test_a_set_of_nothing_but_short_ones_is_refused(folder: Path) -> None:
-    (folder / "whole.npz").unlink()
-    with pytest.raises(UsageError, match="the split test: 1 recordings of at most 100 samples"):
-        read_split([folder], "test")
-    words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test"]
-    assert main(words) == 2
-
-
-def test_whoever_waits_is_told_of_each_recording_and_of_each_rule() -> None:
-    heard, swept = [], []
-    recordings = toys("test", 3, 0)
-    made = contender("energy", recordings, "test", tell=lambda *done: heard.append(done))
-    assert heard == [(1, 3), (2, 3), (3, 3)]
-    made.points(lambda *done: swept.append(done))
-    every = len(list(rules(made.config.rule)))
-    assert swept == [(n, every) for n in range(1, every + 1)]
 
 
 def test_a_folder_that_is_not_there_is_not_said_to_be_without_recordings(tmp_path: Path) -> None:

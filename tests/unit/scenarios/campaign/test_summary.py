@@ -5,8 +5,8 @@ import math
 import msgspec
 import pytest
 
-from grasp.cli.campaign_view import _shown, _three
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
+from grasp.cli.campaign_view import _shown
+from scenarios.campaign.paper import TABLE_IV, wilson
 from scenarios.campaign.summary import summarize
 from scenarios.campaign.worker import Row
 
@@ -22,31 +22,24 @@ def row(number: int, name: str, outcome: str, slip_m: float | None = 0.02, **mor
     return msgspec.convert(values, Row)
 
 
-def test_averages_are_those_that_the_paper_prints() -> None:
-    cells = TABLE_IV.values()
-    assert sum(cell.lift for cell in cells) / (6 * TRIALS) == 0.725
-    assert sum(cell.tap for cell in cells) / (6 * TRIALS) == 0.875
-
-
-@pytest.mark.parametrize(
-    "successes, n, low, high", [(7, 20, 0.181, 0.567), (20, 20, 0.839, 1.0), (0, 20, 0.0, 0.161)]
-)
-def test_wilson_interval(successes: int, n: int, low: float, high: float) -> None:
-    assert wilson(successes, n) == pytest.approx((low, high), abs=5e-4)
+def test_wilson_interval() -> None:
+    for successes, n, low, high in [
+        (7, 20, 0.181, 0.567),
+        (20, 20, 0.839, 1.0),
+        (0, 20, 0.0, 0.161),
+    ]:
+        assert wilson(successes, n) == pytest.approx((low, high), abs=5e-4), (
+            successes,
+            n,
+            low,
+            high,
+        )
 
 
 def test_a_lost_object_counts_as_infinitely_far() -> None:
     rows = [row(0, "ball", "held"), row(1, "ball", "dropped", slip_m=0.3)]
     (cell,) = summarize("x", rows).variants[0].cells
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, math.inf)
-
-
-def test_delays_are_shown_to_the_99th_of_a_hundred_with_what_was_missed_at_their_end() -> None:
-    late = [row(i, "ball", "held", detection_latency_ms=float(i), peak_force_n=9.0)
-            for i in range(1, 99)]  # fmt: skip
-    missed = [row(i, "ball", "undetected", peak_force_n=9.0) for i in (99, 100)]
-    (cell,) = summarize("x", late + missed).variants[0].cells
-    assert _three(cell.detection_latency_ms) == "50 / 90 / inf"
 
 
 def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
@@ -57,13 +50,6 @@ def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
     (cell,) = summarize("x", [*held, early]).variants[0].cells
     for q, least in ((cell.detection_latency_ms, 5.0), (cell.reaction_latency_ms, 60.0)):
         assert q is not None and (q.p10, q.max) == (least, math.inf)
-
-
-def test_how_long_the_arm_stood_for_answers_is_told_of_every_object() -> None:
-    rows = [row(i, "ball", "held", paused_s=s) for i, s in enumerate((0.0, 0.5, 1.0))]
-    (cell,) = summarize("x", rows).variants[0].cells
-    assert cell.paused_s is not None
-    assert (cell.paused_s.p50, cell.paused_s.max) == (0.5, 1.0)
 
 
 def test_rotation_is_told_either_way_and_not_of_real_devices() -> None:
@@ -79,16 +65,6 @@ def test_rotation_is_told_either_way_and_not_of_real_devices() -> None:
     assert real.turned_deg is None
 
 
-def test_taps_that_moved_nothing_are_counted_apart() -> None:
-    tap = {"scenario": "tap", "slip_m": 0.005}
-    rows = [row(0, "ball", "registered", success=True, moved=True, **tap)]
-    rows.append(row(1, "ball", "undetected", moved=True, **tap))
-    rows += [row(i, "ball", "unmoved_registered", moved=False, **tap) for i in (2, 3)]
-    (cell,) = summarize("x", rows).variants[0].cells
-    assert (cell.trials, cell.successes) == (2, 1)
-    assert cell.outcomes["unmoved_registered"] == 2
-
-
 def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     tap = {"scenario": "tap", "slip_m": 0.005}
     rows = [row(i, "ball", "registered", success=True, moved=True, **tap) for i in range(3)]
@@ -102,13 +78,6 @@ def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     shown = _shown(cell)
     assert "n 3 of 5: 60% of all" in shown
     assert "1 never_nominal, apart" in shown and "1 unmoved_registered, apart" in shown
-
-
-def test_lifts_that_were_held_with_an_alarm_that_stayed_are_told() -> None:
-    rows = [row(0, "ball", "held", alarm_stayed=True), row(1, "ball", "held", alarm_stayed=False)]
-    (cell,) = summarize("x", rows).variants[0].cells
-    assert (cell.successes, cell.alarms_stayed, cell.apart) == (2, 1, {})
-    assert "1 held, alarm stayed" in _shown(cell)
 
 
 def test_errors_are_counted_apart_from_failures() -> None:
@@ -132,9 +101,3 @@ def test_long_objects_are_split_at_6_and_12_cm() -> None:
     assert (cells["cardboard"].within_6cm, cells["cardboard"].within_12cm) == (9, 8)
     assert cells["ball"].within_6cm is None
     assert variant.average == pytest.approx(0.725)
-
-
-def test_variants_are_kept_apart() -> None:
-    rows = [row(0, "ball", "held"), row(1, "ball", "dropped", profile="paper")]
-    variants = summarize("x", rows).variants
-    assert [(v.profile, v.average) for v in variants] == [("default", 1.0), ("paper", 0.0)]

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.main import main
-from scenarios.lab.find import Asked, ask, settings_of
+from scenarios.lab.find import ask
 
 
 @pytest.mark.parametrize(
@@ -20,19 +20,3 @@ def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixtur
     shown = capsys.readouterr()
     assert [line.split()[0] for line in shown.out.splitlines()] == ["no"] * 5
     assert "nobody answers" in shown.err
-
-
-def test_file_of_what_answered_leaves_the_rest_out() -> None:
-    found = [
-        Asked("gripper", "", True, "", (("modbus", "host", "h"), ("modbus", "port", 502))),
-        Asked("arm", "", False, "", (("ur", "host", "h"),)),
-    ]
-    assert settings_of(found) == '[modbus]\nhost = "h"\nport = 502\n'
-
-
-def test_shortest_question_waits_a_twentieth_of_a_second(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["doctor", "tcp://127.0.0.99:9", "--timeout", "0.05"]) == 3
-    assert main(["doctor", "tcp://127.0.0.99:9", "--timeout", "0.04"]) == 2
-    assert "--timeout" in capsys.readouterr().err

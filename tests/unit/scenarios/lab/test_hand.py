@@ -7,7 +7,6 @@ from drivers.interfaces import Detection, FingerState, GripperState
 from grasp.commands import MoveFingers
 from scenarios.lab.arm import checked_step, step_arm
 from scenarios.lab.hand import (
-    Moved,
     activate_hand,
     guard_of,
     open_hand,
@@ -39,12 +38,6 @@ def test_step_moves_the_fingers_asked_for_within_their_range() -> None:
 def test_step_of_the_arm_is_short(mm: tuple[float, float, float]) -> None:
     with pytest.raises(UsageError):
         checked_step((mm[0] * 1e-3, mm[1] * 1e-3, mm[2] * 1e-3))
-
-
-def test_a_motion_says_what_fault_the_gripper_reports() -> None:
-    ended = Moved((240, 240, 240), "", None, fault="too warm")
-    assert ended.in_words().endswith("the gripper reports a fault: too warm")
-    assert "fault" not in Moved((240, 240, 240), "", None).in_words()
 
 
 @pytest.mark.parametrize(("up_to_n", "bytes_"), [(14.9, (0,)), (16.0, (0, 255)), (61.0, (0,))])

@@ -34,25 +34,3 @@ def test_what_fails_for_ever_is_given_up() -> None:
 
     assert not insist(fails, VirtualClock(lambda t_ns: None))
     assert len(asked) == TRIES
-
-
-def test_what_takes_long_to_fail_is_not_asked_for_again() -> None:
-    clock, asked = VirtualClock(lambda t_ns: None), list[int]()
-
-    def fails_late() -> None:
-        asked.append(1)
-        clock.sleep_until_ns(clock.now_ns + 3 * 10**9)
-        raise LinkLost("gone", "look")
-
-    assert not insist(fails_late, clock)
-    assert len(asked) == 1
-
-
-def test_what_ctrl_c_cuts_off_is_asked_for_again() -> None:
-    cuts: list[BaseException] = [KeyboardInterrupt(), KeyboardInterrupt()]
-
-    def stops() -> None:
-        if cuts:
-            raise cuts.pop()
-
-    assert insist(stops, VirtualClock(lambda t_ns: None)) and not cuts

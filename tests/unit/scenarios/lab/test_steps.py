@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from drivers.errors import GraspError, LinkLost
+from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
@@ -83,15 +83,6 @@ def test_frozen_link_leaves_no_more_than_one_short_step(targets: AllThree) -> No
     assert bench.places == tuple(map(int, told[1].split(", ")))
 
 
-def test_frozen_link_stops_an_opening_as_well() -> None:
-    bench = Bench()
-    bench.close(100, OPEN, OPEN)
-    bench.freeze = lambda at: at[0] <= 60
-    with pytest.raises(LinkLost):
-        bench.close(0, OPEN, OPEN)
-    assert bench.frozen_at[0] - bench.later()[0] <= LEAD
-
-
 def test_frozen_link_stops_a_press_on_its_way_to_the_scale() -> None:
     bench = Bench(SCALE, freeze=lambda at: at[0] >= 90)
     with pytest.raises(LinkLost):
@@ -99,16 +90,6 @@ def test_frozen_link_stops_a_press_on_its_way_to_the_scale() -> None:
     assert bench.later()[0] <= 90 + LEAD
     bench.presser.back_off(bench.heard.append, "grasp release")
     assert "NOT SEEN TO BACK OFF" in bench.heard[0]
-
-
-def test_fingers_do_not_stop_between_two_steps() -> None:
-    bench = Bench()
-    bench.close(200, 200, 200)
-    assert bench.places == (200, 200, 200)
-    speeds = np.array(bench.speeds)
-    (moving,) = np.nonzero(speeds > 0.0)
-    within = speeds[moving[0] + 200 : moving[-1] - 200]
-    assert within.min() > 0.95 * PAPER.least_speed_mps
 
 
 def test_closing_goes_all_the_way_where_nothing_is_and_opening_back() -> None:
@@ -143,28 +124,9 @@ def test_finger_that_touches_something_stands_there() -> None:
     assert abs(bench.later()[0] - 60) <= LATE
 
 
-def test_what_a_fault_of_the_hand_stops_ends_in_time() -> None:
-    bench = Bench()
-
-    def jam(at: AllThree) -> bool:
-        if at[0] >= 50:
-            bench.rig.model.swallows = True
-        return False
-
-    bench.freeze = jam
-    begun_ns = bench.clock.now_ns
-    with pytest.raises(GraspError, match="did not come to rest"):
-        bench.close(200, OPEN, OPEN)
-    assert bench.clock.now_ns - begun_ns < 20_000 * MS
-
-
 def test_step_goes_neither_back_nor_past_its_target() -> None:
     rig = Rig(HandSettings(), PAPER)
     rig.driver.pump(0)
     steps = Steps((OPEN, OPEN, OPEN), (8, 0, OPEN), LEAD)
     assert steps.next(rig.state) == (8, 1, OPEN)
     assert steps.next(rig.state) is None
-
-
-def test_lead_is_a_count_at_least() -> None:
-    assert [lead_counts(m) for m in (0.00077, 0.0012, 0.004, 0.01)] == [5, 3, 1, 1]

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +14,6 @@ from drivers.errors import ConfigError, UsageError
 from scenarios.library.html import picture, table
 from scenarios.library.results import Lift
 from scenarios.rigs import hardware as hardware_room
-from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 ROOT = Path(__file__).parents[4]
 LAB = {
@@ -72,28 +70,6 @@ def test_nothing_of_a_result_can_be_changed(lift: Lift) -> None:
             array[0] = 0
 
 
-def test_the_same_seed_is_the_same_lift(lift: Lift) -> None:
-    again = grasp.lift(object="can", detector="energy", seed=3)
-    assert np.array_equal(lift.probabilities, again.probabilities)
-    assert lift.result.config_hash == again.result.config_hash
-
-
-def test_a_run_that_nobody_keeps_goes_with_its_result() -> None:
-    lift = grasp.lift(detector="energy")
-    folder = lift.folder
-    assert (folder / "recording.mcap").is_file()
-    del lift
-    assert not folder.exists()
-
-
-def test_a_run_that_is_kept_stays(tmp_path: Path) -> None:
-    lift = grasp.lift(detector="energy", runs=tmp_path)
-    folder = lift.folder
-    assert lift.page(tmp_path / "lift.html").read_text().startswith("<!doctype html>")
-    del lift
-    assert (folder / "result.json").is_file()
-
-
 def test_settings_are_those_of_the_command_line(tmp_path: Path) -> None:
     file = tmp_path / "heavy.toml"
     file.write_text("[object]\nmass_kg = 0.25\n")
@@ -106,14 +82,6 @@ def test_settings_are_those_of_the_command_line(tmp_path: Path) -> None:
         grasp.lift(object="elephant")
 
 
-def test_a_notebook_shows_the_verdict_and_a_picture(lift: Lift) -> None:
-    shown = lift._repr_html_()
-    assert lift.verdict in shown
-    assert shown.count("<svg") == 2
-    assert "limit 10" in shown
-    assert len(shown) < 60_000
-
-
 def test_what_a_notebook_shows_is_escaped_and_has_gaps_where_nothing_is_known() -> None:
     assert "<b>" not in table("<b>", ("<b>",), [("<b>",)])
     values = np.array([[0.0] * 3, [np.nan] * 3, [1.0] * 3, [1.0] * 3])
@@ -123,25 +91,12 @@ def test_what_a_notebook_shows_is_escaped_and_has_gaps_where_nothing_is_known() 
     assert drawn.count("M") == 6
 
 
-def test_a_tap_is_one_blow() -> None:
-    tap = grasp.tap(object="ball", detector="energy", settings={"tap.direction": "top"})
-    assert tap.result.direction == "top"
-    assert "blow (top)" in tap._repr_html_()
-
-
 def test_a_replay_says_whether_all_is_as_recorded(lift: Lift) -> None:
     again = grasp.replay(lift.folder)
     assert again.same  # type: ignore[union-attr]
     assert "as recorded" in again._repr_html_()
     with pytest.raises(UsageError, match="recorded with"):
         grasp.replay(lift.folder, settings={"rule.threshold": 0.9})
-
-
-def test_a_fingertip_s_recording_is_heard(tmp_path: Path) -> None:
-    heard = grasp.replay(stroke_csv(tmp_path / "s.csv"), detector="energy")
-    assert len(heard.probabilities) == len(heard.recording.t_s)  # type: ignore[union-attr]
-    assert not heard.probabilities.flags.writeable  # type: ignore[union-attr]
-    assert "energy on" in heard._repr_html_()
 
 
 def test_a_campaign_gives_rows_and_columns(tmp_path: Path) -> None:
@@ -156,13 +111,6 @@ def test_a_campaign_gives_rows_and_columns(tmp_path: Path) -> None:
     assert done.file is None
     kept = grasp.campaign(file, jobs=0, out=tmp_path / "c.sqlite")
     assert kept.file == tmp_path / "c.sqlite"
-
-
-def test_a_detector_is_fed_frames() -> None:
-    detector = grasp.detector("energy", fingers=1)
-    assert detector.update(np.zeros((1, 6), np.int16)).shape == (1,)
-    with pytest.raises(ConfigError, match="did you mean 'energy'"):
-        grasp.detector("energi")
 
 
 # No way to a real device
@@ -190,15 +138,3 @@ def test_no_call_opens_a_real_device(call: Any, opened: list[str], tmp_path: Pat
         call(rig="hardware", settings=LAB, permit=object())
     assert opened == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_results_are_frozen_structs() -> None:
-    from scenarios.library import results
-
-    kinds = [
-        k
-        for k in vars(results).values()
-        if isinstance(k, type) and k.__module__ == results.__name__
-    ]
-    assert kinds
-    assert all(issubclass(k, msgspec.Struct) and k.__struct_config__.frozen for k in kinds)

@@ -1,14 +1,17 @@
 """What can be wrong with the devices of a simulated rig, each a function of the rig."""
 
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
 from detector.energy import EnergyDetector
+from drivers.errors import LinkLost
 from scenarios.rigs.rig import Rig
 from scenarios.world.cell import SimulatedCell
+from scenarios.world.contact import initial_state
 
 Act = Callable[[Rig], None]
 FINGER = slice(0, 6)  # of the 18 codes: finger A
@@ -17,6 +20,44 @@ FINGER = slice(0, 6)  # of the 18 codes: finger A
 def cell(rig: Rig) -> SimulatedCell:
     assert isinstance(rig.cell, SimulatedCell)
     return rig.cell
+
+
+def interrupt(rig: Rig) -> None:
+    raise KeyboardInterrupt
+
+
+def take_object_away(rig: Rig) -> None:
+    cell(rig).contact.state[:] = initial_state(present=False)
+
+
+# Links
+
+
+def lost(*_: object) -> None:
+    raise LinkLost("gripper: no answer", "check cable, power and address")
+
+
+def unplug_fingertips(rig: Rig) -> None:
+    cell(rig).board.unplug()
+
+
+def silence_fingertips(rig: Rig) -> None:
+    cell(rig).board.time_out(10_000)
+
+
+def trip_arm(rig: Rig) -> None:
+    cell(rig).arm.trip(rig.clock.now_ns)
+
+
+def fault_gripper(rig: Rig) -> None:
+    cell(rig).gripper.inject_fault(0x0E)
+
+
+def cut_gripper(rig: Rig) -> None:
+    rig.devices.gripper.pump = lost  # type: ignore[method-assign]
+
+
+LINKS = (unplug_fingertips, trip_arm, fault_gripper, silence_fingertips, cut_gripper)
 
 
 # Fingertips
@@ -42,10 +83,11 @@ def freeze_taxels(of_thumb: int) -> Act:
 
 def _keep(rig: Rig, cells: slice) -> None:
     """The next codes of these cells are repeated for ever."""
-    kept: list[np.ndarray] = []
+    kept: list[Any] = []
 
     def lie(codes: np.ndarray) -> np.ndarray:
-        kept.append(codes[cells].copy()) if not kept else None
+        if not kept:
+            kept.append(codes[cells].copy())
         out = codes.copy()
         out[cells] = kept[0]
         return out
@@ -185,6 +227,22 @@ def let_arm_leap(rig: Rig) -> None:
         return msgspec.structs.replace(sample, position_m=(x, y, z + 0.05))
 
     cell(rig).arm.misreport(lie)
+
+
+def lose_stops(rig: Rig, times: int) -> list[int]:
+    """The arm's controller never hears so many stops; gives when it heard one."""
+    arm, left, heard = cell(rig).arm, [times], list[int]()
+    whole = arm.stop_l
+
+    def stop_l(deceleration_mps2: float, now_ns: int) -> None:
+        if left[0] > 0:
+            left[0] -= 1
+            return
+        heard.append(now_ns)
+        whole(deceleration_mps2, now_ns)
+
+    arm.stop_l = stop_l  # type: ignore[method-assign]
+    return heard
 
 
 # Loop

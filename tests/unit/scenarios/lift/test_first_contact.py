@@ -9,15 +9,13 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
-from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.contact import initial_state
 from scenarios.world.truth import Truth
-from tests.unit.scenarios.conftest import HAND_ALONE, Staged, config, in_phase
+from tests.unit.scenarios.conftest import HAND_ALONE, InPhase, Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -26,54 +24,40 @@ BOUND_N = 11.0  # limit and stated overshoot
 
 def lifted(name: str, wider_m: float, *assignments: str, seed: int = 0) -> LiftResult:
     half_m = config(object_name=name).object.half_width_m + wider_m
-    settings = config(f"object.half_width_m={half_m}", *assignments, object_name=name)
-    result = lift.run(settings, seed, None).result
-    assert result is not None
-    return result
+    return judged(f"object.half_width_m={half_m}", *assignments, seed=seed, object_name=name)
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-@pytest.mark.parametrize("wider_mm", [0.0, 2.0, 5.0, 8.0])
-def test_no_finger_passes_the_limit_on_an_object_that_is_wider_than_expected(
-    name: str, wider_mm: float
-) -> None:
-    result = lifted(name, wider_mm * 1e-3)
-    assert result.peak_force_n is not None  # also when the run ends in a fault
-    assert max(result.peak_force_n.values()) <= BOUND_N
+def test_no_finger_passes_the_limit_on_an_object_of_another_width_than_expected(name: str) -> None:
+    for wider_mm in (0.0, 5.0, 8.0):
+        result = lifted(name, wider_mm * 1e-3)
+        assert result.peak_force_n is not None  # also when the run ends in a fault
+        assert max(result.peak_force_n.values()) <= BOUND_N, wider_mm
+        phases = [p.phase for p in result.phases]
+        if wider_mm == 0.0:  # gripped by position and lifted
+            assert "fault" not in phases
+            assert phases[4:7] == ["relax", "listen", "lift"]
+    if name != "foam":
+        missed = lifted(name, -2e-3)
+        assert [p.phase for p in missed.phases][-2:] == ["listen", "fault"]  # before the arm lifts
+        assert "feels nothing" in missed.phases[-1].cause
 
 
-@pytest.mark.parametrize("name", ["box", "cardboard", "can"])
-def test_where_each_motor_keeps_the_limit_the_thumb_bears_two_of_them(name: str) -> None:
+def test_where_each_motor_keeps_the_limit_the_thumb_bears_two_of_them() -> None:
     """And two motors' overshoot: each passes the limit by up to its own."""
-    result = lifted(name, -0.24e-3, 'guard.cap_mode="each_motor"', "hand.debounce_s=0.001", seed=24)
+    each = ('guard.cap_mode="each_motor"', "hand.debounce_s=0.001")
+    result = lifted("cardboard", -0.24e-3, *each, seed=24)
     assert result.peak_force_n is not None
     thumb_n, *others_n = result.peak_force_n.values()
     assert max(others_n) <= BOUND_N
     assert BOUND_N < thumb_n <= 2 * BOUND_N
 
 
-@pytest.mark.parametrize("name", OBJECTS)
-def test_object_as_expected_is_gripped_by_position_and_lifted(name: str) -> None:
-    phases = [p.phase for p in lifted(name, 0.0).phases]
-    assert "fault" not in phases
-    assert phases[4:7] == ["relax", "listen", "lift"]
-
-
-@pytest.mark.parametrize("name", ["ball", "box", "can", "cardboard", "football"])
-@pytest.mark.parametrize("narrower_mm", [1.0, 2.0])
-def test_missing_touch_is_noticed_before_the_arm_lifts(name: str, narrower_mm: float) -> None:
-    result = lifted(name, -narrower_mm * 1e-3)
-    assert [p.phase for p in result.phases][-2:] == ["listen", "fault"]
-    assert "feels nothing" in result.phases[-1].cause
-
-
 SLIPPERY = ("object.friction_static=0.25", "object.friction_kinetic=0.2")
 
 
 def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> None:
-    settings = config(*SLIPPERY, HAND_ALONE, object_name="ball")
-    result = lift.run(settings, 0, None).result
-    assert result is not None
+    result = judged(*SLIPPERY, HAND_ALONE, object_name="ball")
     assert result.phases[-1].phase == "lost"
     assert result.outcome in ("dropped", "expelled")
     assert result.peak_force_n is not None
@@ -100,18 +84,12 @@ def test_hand_that_gripped_again_where_the_object_had_fallen_is_not_driven_down_
     assert max(result.peak_force_n.values()) <= BOUND_N
 
 
-def taken_away(rig: GraspRig) -> None:
-    assert rig.cell is not None
-    rig.cell.contact.state[:] = initial_state(present=False)
-
-
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
 def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(phase, 3), taken_away)
+    trial = staged.run(in_phase(phase, 3), fault.take_object_away)
     assert trial.controller.phase is Phase.LOST
-    last = staged.ticks[-1]
-    assert not last.arm.moving
+    assert not staged.ticks[-1].arm.moving
     assert trial.controller.unreached == ()
     lost_ns = trial.controller.machine.log[-1].t_ns
     closing_ns = 3_500_000_000  # a thumb that has a long way to close
@@ -120,26 +98,22 @@ def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
 
 
 @pytest.mark.parametrize("broken", [fault.stick_one_taxel_at_the_rail, fault.freeze_taxels(3)])
-@pytest.mark.parametrize("phase", [Phase.HOLD, Phase.LOWER])
 def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
-    phase: Phase, broken: fault.Act
+    broken: fault.Act,
 ) -> None:
-    staged = Staged()
-    break_them = in_phase(Phase.LIFT, 20)
+    for phase in (Phase.HOLD, Phase.LOWER):
+        staged, gone = Staged(), in_phase(phase, 3)
 
-    def both(tick: Tick) -> bool:
-        if break_them(tick) and not struck:
-            struck.append(tick.t_ns)
-            broken(staged.rig)
-        return gone(tick)
+        def take_away(tick: Tick, staged: Staged = staged, gone: InPhase = gone) -> None:
+            if gone(tick) and gone.seen == 4:
+                fault.take_object_away(staged.rig)
 
-    struck: list[int] = []
-    gone = in_phase(phase, 3)
-    trial = staged.run(both, taken_away)
-    assert trial.controller.phase is Phase.LOST
-    assert max(staged.ticks[-1].measured_n) > 0.5
-    end = trial.end(staged.config)
-    assert end is not None and "feels nothing" in end.hand
+        staged.on_tick = take_away
+        trial = staged.run(in_phase(Phase.LIFT, 20), broken)
+        assert trial.controller.phase is Phase.LOST
+        assert max(staged.ticks[-1].measured_n) > 0.5
+        end = trial.end(staged.config)
+        assert end is not None and "feels nothing" in end.hand
 
 
 def test_lifts_on_one_open_rig_begin_and_end_at_one_height() -> None:
@@ -179,31 +153,52 @@ def risen(rig: GraspRig, settings: LiftConfig, home: Vector3 | None) -> Risen:
     return Risen(trial.controller.home, (heights_m[0], max(heights_m)), slips_m[0])
 
 
-@pytest.mark.parametrize(
-    ("assignments", "key"),
-    [
-        (("guard.overshoot_n=0.1",), "overshoot_n"),
-        (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
-        (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
-        (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
-        (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
-        (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
+REFUSED = [
+    (("guard.overshoot_n=0.1",), "overshoot_n"),
+    (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
+    (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
+    (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
+    (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
+    (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
+    (
         (
-            (
-                "controller.resume_mps2=0.05",
-                "controller.lower_speed_mps=0.1",
-                "controller.phase_timeout_s=3",
-            ),
-            "lift_speed_mps",
+            "controller.resume_mps2=0.05",
+            "controller.lower_speed_mps=0.1",
+            "controller.phase_timeout_s=3",
         ),
-    ],
-)
-def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves(
-    assignments: tuple[str, ...], key: str
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        make_guard(config(*assignments))
-    assert caught.value.key == key
+        "lift_speed_mps",
+    ),
+    (("controller.lower_speed_mps=0.26",), "lower_speed_mps"),
+    (("controller.lift_speed_mps=0.2", "arm.max_speed_mps=0.15"), "lift_speed_mps"),
+    (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
+    (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
+    (("arm.max_stop_mps2=7.9",), "answer_stop_mps2"),
+    (
+        (
+            "controller.landing_speed_mps=0.1",
+            "controller.lift_speed_mps=0.05",
+            "arm.max_speed_mps=0.09",
+        ),
+        "landing_speed_mps",
+    ),
+    (("controller.lift_height_m=0.51",), "lift_height_m"),
+    (("controller.lift_height_m=0.3", "arm.max_jump_m=0.29"), "lift_height_m"),
+    (("controller.lift_height_m=0.5", "controller.answer_stop_mps2=0.4"), "answer_stop_mps2"),
+    (("controller.lift_height_m=0.46",), "retreat_m"),
+    (("arm.workspace_low_m=[0.2,-0.5,0.1]",), "workspace_low_m"),
+    (("arm.workspace_low_m=[-0.1,-0.1,0.001]",), "workspace_low_m"),
+    (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
+    (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
+    (("doubt.arm_there_m=0.002",), "arm_there_m"),
+    (("controller.at_height_m=0.0005",), "arm_there_m"),
+]
+
+
+def test_settings_that_cannot_be_kept_are_refused_before_anything_moves() -> None:
+    for assignments, key in REFUSED:
+        with pytest.raises(ConfigError) as caught:
+            make_guard(config(*assignments))
+        assert caught.value.key == key, assignments
 
 
 @pytest.mark.parametrize(("phase_s", "refused"), [(22.06, True), (22.08, False)])
@@ -217,81 +212,14 @@ def test_way_down_takes_no_longer_than_a_phase_may_last(phase_s: float, refused:
         make_guard(slow)
 
 
-@pytest.mark.parametrize(
-    ("assignments", "key"),
-    [
-        (("controller.lower_speed_mps=0.26",), "lower_speed_mps"),
-        (("controller.lift_speed_mps=0.2", "arm.max_speed_mps=0.15"), "lift_speed_mps"),
-        (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
-        (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
-        (("arm.max_stop_mps2=7.9",), "answer_stop_mps2"),
-        (
-            (
-                "controller.landing_speed_mps=0.1",
-                "controller.lift_speed_mps=0.05",
-                "arm.max_speed_mps=0.09",
-            ),
-            "landing_speed_mps",
-        ),
-        (("controller.lift_height_m=0.51",), "lift_height_m"),
-        (("controller.lift_height_m=0.3", "arm.max_jump_m=0.29"), "lift_height_m"),
-        (("controller.lift_height_m=0.5", "controller.answer_stop_mps2=0.4"), "answer_stop_mps2"),
-        (("controller.lift_height_m=0.46",), "retreat_m"),
-        (("arm.workspace_low_m=[0.2,-0.5,0.1]",), "workspace_low_m"),
-        (("arm.workspace_low_m=[-0.1,-0.1,0.001]",), "workspace_low_m"),
-        (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
-        (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
-        (("doubt.arm_there_m=0.002",), "arm_there_m"),
-        (("controller.at_height_m=0.0005",), "arm_there_m"),
-    ],
-)
-def test_settings_that_the_arm_cannot_keep_are_refused_before_anything_moves(
-    assignments: tuple[str, ...], key: str
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        make_guard(config(*assignments))
-    assert caught.value.key == key
-
-
-def test_settings_at_the_limits_of_the_arm_are_kept() -> None:
-    make_guard(
-        config(
-            "controller.lower_speed_mps=0.25", "controller.lift_speed_mps=0.25",
-            "controller.lift_acceleration_mps2=1.2", "controller.stop_deceleration_mps2=1.2",
-            "arm.max_stop_mps2=8",
-        )
-    )  # fmt: skip
-    make_guard(config("controller.answer=jump", "arm.max_stop_mps2=1"))  # it stops for no answer
-
-
-def test_with_closing_bounded_by_travel_the_object_is_still_held() -> None:
-    result = lift.run(config("guard.travel_bound=true"), 0, None).result
-    assert result is not None
-    assert result.success
-    assert result.settled_force_n is not None
-    assert result.settled_force_n["A"] > 5.0
-
-
-def test_force_is_reported_in_a_fault_too() -> None:
-    result = lifted("can", 0.006)
-    assert result.outcome == "fault"
-    assert result.peak_force_n is not None and result.peak_force_n["A"] > 5.0
-    assert msgspec.to_builtins(result)["peak_force_n"] is not None
-    assert result.peak_measured_n["A"] > 5.0
-
-
-@pytest.mark.parametrize("speed_mps", [0.11, 0.064])
-def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused(
-    speed_mps: float,
-) -> None:
+def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused() -> None:
     with pytest.raises(ConfigError, match="wider than expected") as refused:
-        make_guard(config(f"controller.grip_speed_mps={speed_mps}"))
+        make_guard(config("controller.grip_speed_mps=0.064"))
     assert refused.value.remedy.endswith("<= 0.063, or a guard.overshoot_n that allows it")
 
 
-@pytest.mark.parametrize("wider_mm", [0.0, 7.8])
-@pytest.mark.parametrize("name", ["cardboard", "can", "ball"])
-def test_fastest_first_grasp_that_is_allowed_keeps_the_limit(name: str, wider_mm: float) -> None:
-    result = lifted(name, wider_mm * 1e-3, "controller.grip_speed_mps=0.063")
+@pytest.mark.parametrize("name", ["cardboard", "ball"])
+def test_fastest_first_grasp_that_is_allowed_keeps_the_limit(name: str) -> None:
+    result = lifted(name, 7.8e-3, "controller.grip_speed_mps=0.063")
     assert result.peak_force_n is not None
     assert max(result.peak_force_n.values()) <= BOUND_N

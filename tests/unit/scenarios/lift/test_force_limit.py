@@ -20,7 +20,7 @@ from drivers.robotiq.driver import RegisterTransport
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.controller import GraspController
 from grasp.guard import GuardSettings
-from grasp.loop import ControlLoop, Tick
+from grasp.loop import ControlLoop
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
@@ -29,11 +29,11 @@ from scenarios.rigs.rig import Rig, calibration
 from scenarios.rigs.simulated import Wires, simulated
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import grip_plan, make_controller, make_guard, run_trial
+from tests.unit.scenarios import checkpoint
 from tests.unit.scenarios.conftest import by_default, changed
 
 FORCE_BYTES = (5, 8, 11)
 LIMIT_N = 10.0
-TICK_NS = 10_000_000
 
 
 def paper_force_n(byte: int) -> float:
@@ -97,42 +97,45 @@ def greedy(config: TrialConfig, asked_n: float) -> GraspController:
     return GraspController(config.controller, plan, monitor)
 
 
+def stressed(asked_n: float, mode: str, bound: bool) -> TrialConfig:
+    base = changed(by_default("hand.activation_s=0.5"), "guard", cap_mode=mode, travel_bound=bound)
+    return changed(base, "controller", grip_force_n=asked_n)
+
+
+_begun: dict[tuple[str, bool], checkpoint.Parts] = {}
+
+
+def begun(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
+    """Rig, loop, controller, detector and wire, before the first step or at the start of the
+    lift."""
+    key = config.digest(), to_lift
+    if key not in _begun:
+        rig, wire = watched(config, 0)
+        detector, controller = FixedDetector(), greedy(config, config.controller.grip_force_n)
+        step = GraspStep(detector, controller, make_guard(config))
+        loop = ControlLoop(rig.devices, rig.clock, step, config.loop)
+        for _ in range(400 * to_lift):
+            if loop.tick() and controller.phase is Phase.LIFT:
+                break
+        assert (controller.phase is Phase.LIFT) == to_lift
+        _begun[key] = (rig, loop, controller, detector, wire)
+    return _begun[key]
+
+
 class GraspUnderStress(RuleBasedStateMachine):
     """A lift on the simulated rig, steered by hypothesis; one rule an event."""
 
-    limit_n = LIMIT_N
-
     @initialize(
-        asked_n=st.sampled_from([10.0, 10.01, 10.2, 12.0, 60.0]),
+        asked_n=st.sampled_from([10.0, 10.2, 60.0]),
         mode=st.sampled_from(["every_finger", "each_motor"]),
         bound=st.booleans(),
-        seed=st.integers(0, 50),
         to_lift=st.booleans(),
     )
-    def start(self, asked_n: float, mode: str, bound: bool, seed: int, to_lift: bool) -> None:
-        base = by_default("hand.activation_s=0.5")
-        base = changed(base, "guard", cap_mode=mode, travel_bound=bound)
-        self.config = changed(base, "controller", grip_force_n=asked_n)
+    def start(self, asked_n: float, mode: str, bound: bool, to_lift: bool) -> None:
+        self.config = stressed(asked_n, mode, bound)
         self.asked_n = asked_n
-        self.rig, self.wire = watched(self.config, seed)
-        rig = self.rig
-        self.detector = FixedDetector()
-        self.controller = greedy(self.config, self.asked_n)
-        self.last: Tick | None = None
-        self.loop = ControlLoop(
-            rig.devices, rig.clock,
-            GraspStep(self.detector, self.controller, make_guard(self.config)),
-            self.config.loop, self._remember,
-        )  # fmt: skip
-        if to_lift:
-            for _ in range(400):
-                self.loop.tick()
-                if self.controller.phase is Phase.LIFT:
-                    return
-            raise AssertionError("never lifted")
-
-    def _remember(self, tick: Tick) -> None:
-        self.last = tick
+        kept = checkpoint.copied(begun(self.config, to_lift))
+        self.rig, self.loop, self.controller, self.detector, self.wire = kept
 
     @rule(ticks=st.integers(1, 40))
     def time_passes(self, ticks: int) -> None:
@@ -192,18 +195,18 @@ class GraspUnderStress(RuleBasedStateMachine):
         self.loop = ControlLoop(
             self.rig.devices, self.rig.clock,
             GraspStep(self.detector, self.controller, make_guard(self.config)),
-            self.config.loop, self._remember,
+            self.config.loop,
         )  # fmt: skip
         self.loop.tick()
 
     @invariant()
     def no_force_byte_is_above_the_limit(self) -> None:
         if hasattr(self, "wire"):
-            assert self.wire.highest_force_n() <= self.limit_n
+            assert self.wire.highest_force_n() <= LIMIT_N
 
 
 TestForceLimit = GraspUnderStress.TestCase
-TestForceLimit.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestForceLimit.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 
 
 def test_the_stress_would_find_a_guard_that_lets_forces_through(
@@ -212,31 +215,33 @@ def test_the_stress_would_find_a_guard_that_lets_forces_through(
     """The check can fail: without the guard the same machine finds a byte above the limit."""
     monkeypatch.setattr("grasp.guard.ForceGuard.admit", lambda self, command, *_: command)
     machine = GraspUnderStress()
-    machine.start(60.0, "every_finger", bound=False, seed=0, to_lift=True)
+    machine.start(60.0, "every_finger", bound=False, to_lift=True)
     machine.slip_is_felt()
     machine.time_passes(5)
     with pytest.raises(AssertionError):
         machine.no_force_byte_is_above_the_limit()
 
 
-@pytest.mark.parametrize("limit_n", [10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0])
-def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
-    for asked_n in (limit_n - 0.2, limit_n - 1e-9, limit_n, limit_n + 1e-9, limit_n + 0.2, 200.0):
+def test_bytes_keep_any_limit_sampled_densely() -> None:
+    for limit_n in (10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0):
         base = changed(by_default("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
         rig, wire = watched(base, 0)
         step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
         loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
         loop.tick()
-        wire.images.clear()
-        loop.submit(CloseFast(max(asked_n, 10.0), (True, True, True), (255, 255, 255), 0.11))
-        loop.tick()
-        assert wire.images
-        assert wire.highest_force_n() <= limit_n
+        at = 100
+        for beyond_n in (-0.2, -1e-9, 0.0, 1e-9, 0.2, 150.0):
+            asked_n = limit_n + beyond_n
+            wire.images.clear()
+            at += 10  # so that there is something to write
+            loop.submit(CloseFast(max(asked_n, 10.0), (True, True, True), (at, at, at), 0.11))
+            loop.tick()
+            assert wire.images, (limit_n, asked_n)
+            assert wire.highest_force_n() <= limit_n, (limit_n, asked_n)
 
 
-@pytest.mark.parametrize("name", ["can", "foam"])
-def test_what_the_default_detector_hears_commands_no_byte_above_the_limit(name: str) -> None:
-    made = by_default(object_name=name)
+def test_what_the_default_detector_hears_commands_no_byte_above_the_limit() -> None:
+    made = by_default()
     rig, wire = watched(made, 0)
     trial = run_trial(made, rig, make_guard(made), lambda *_: None)
     assert Phase.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip was heard

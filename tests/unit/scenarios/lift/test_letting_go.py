@@ -27,7 +27,7 @@ def stand(rig: Rig, detections: int) -> None:
 
 @pytest.mark.parametrize("says", [MET_WHILE_OPENING, THERE])
 def test_object_is_not_taken_up_again_by_a_hand_that_does_not_open(says: int) -> None:
-    staged = Staged("controller.lift_height_m=0.05")
+    staged = Staged()
     trial = staged.run(in_phase(Phase.RELEASE, 1), lambda rig: stand(rig, says))
     truth = staged.rig.truth()
     assert truth is not None

@@ -2,14 +2,13 @@
 
 from typing import Any
 
-import msgspec
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
-from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
+from scenarios.trial.person import HOLD_S, TapeMark, read_mark
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import changed, config
 from tests.unit.scenarios.safety_probes import lift_verdict
@@ -41,19 +40,14 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
     return LiftFacts(**(known | others), mark=mark)
 
 
-@pytest.mark.parametrize(("let_go_m", "verdict"), [
-    (0.0, LiftOutcome.HELD_WITHIN_6CM), (0.0049, LiftOutcome.HELD_WITHIN_6CM),
-    (0.005, LiftOutcome.DROPPED), (0.18, LiftOutcome.DROPPED),
-])  # fmt: skip
-def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped(
-    let_go_m: float, verdict: LiftOutcome
-) -> None:
-    assert lift_verdict({}, {}, let_go_m=let_go_m) is verdict
+def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped() -> None:
+    for let_go_m, dropped in ((0.0, False), (0.0049, False), (0.005, True), (0.18, True)):
+        verdict = LiftOutcome.DROPPED if dropped else LiftOutcome.HELD_WITHIN_6CM
+        assert lift_verdict({}, {}, let_go_m=let_go_m) is verdict
 
 
-@pytest.mark.parametrize(
-    ("facts_", "verdict"),
-    [
+def test_what_was_read_decides_where_no_world_knows() -> None:
+    for known, verdict in (
         (facts(None), LiftOutcome.HELD),
         (facts(TapeMark(0.06, True)), LiftOutcome.HELD_WITHIN_6CM),
         (facts(TapeMark(0.061, True)), LiftOutcome.HELD_WITHIN_12CM),
@@ -65,52 +59,22 @@ def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped(
         (facts(TapeMark(0.01, True), fault="x", peak_force_n=11.1), LiftOutcome.OVER_FORCE),
         (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),
         (facts(TapeMark(0.0, True), registered_s=None), LiftOutcome.NEVER_SLIPPED),
-    ],
-)
-def test_what_was_read_decides_where_no_world_knows(
-    facts_: LiftFacts, verdict: LiftOutcome
-) -> None:
-    assert outcome(facts_, config().object, ScoringSettings()) is verdict
+    ):
+        assert outcome(known, config().object, ScoringSettings()) is verdict, verdict
 
 
-@pytest.mark.parametrize(
-    ("typed", "mark"),
-    [("12.5", TapeMark(0.0125, True)), (" 3,5 ", TapeMark(0.0035, True)),
-     ("0", TapeMark(0.0, True)), ("11 mm", TapeMark(0.011, True)),
-     ("3,5MM", TapeMark(0.0035, True)),
-     ("L", TapeMark(0.0, False)), ("lost", TapeMark(0.0, False))],
-)  # fmt: skip
-def test_length_is_read_in_millimetres(typed: str, mark: TapeMark) -> None:
-    read = read_mark(Typist(), typed)
-    assert read is not None
-    assert read.moved_m == pytest.approx(mark.moved_m) and read.held is mark.held
-
-
-@pytest.mark.parametrize("phase", sorted(SAFE_PHASES))
-def test_question_that_stands_is_taken_back_before_what_happened_is_told(phase: Phase) -> None:
-    ticks: list[Tick] = []
-    lift.run(config("hand.activation_s=0.5"), 0, None, on_tick=ticks.append)
-    held = next(t for t in ticks if t.decision.phase is Phase.HOLD and not t.arm.moving)
-    ended = msgspec.structs.replace(
-        held, decision=msgspec.structs.replace(held.decision, phase=phase)
-    )
-    typist = Typist("12", after=1)
-    asked = SlipReading(typist, 0.0)
-    assert not asked.take(held)
-    assert "How far" in typist.questions[0]
-    for _ in range(3):
-        assert not asked.take(ended)
-    assert [q.startswith("Never mind") for q in typist.questions] == [False, True]
-    unasked = Typist("12")
-    assert not SlipReading(unasked, 0.0).take(ended)
-    assert unasked.questions == []
-
-
-@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf", "1_0", "mm", "11 cm"])
-def test_what_is_no_length_is_asked_again(typed: str) -> None:
-    typist = Typist()
-    assert read_mark(typist, typed) is None
-    assert "is no length" in typist.questions[0]
+def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None:
+    for typed, moved_m, held in (
+        ("12.5", 0.0125, True), (" 3,5 ", 0.0035, True), ("0", 0.0, True), ("11 mm", 0.011, True),
+        ("3,5MM", 0.0035, True), ("L", 0.0, False), ("lost", 0.0, False),
+    ):  # fmt: skip
+        read = read_mark(Typist(), typed)
+        assert read is not None
+        assert read.moved_m == pytest.approx(moved_m) and read.held is held
+    for typed in ("", "much", "-1", "501", "nan", "inf", "1_0", "mm", "11 cm"):
+        typist = Typist()
+        assert read_mark(typist, typed) is None, typed
+        assert "is no length" in typist.questions[0], typed
 
 
 def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyPatch) -> None:

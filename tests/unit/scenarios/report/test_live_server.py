@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -14,7 +13,6 @@ from scenarios.report.live.server import Story, read_lines
 
 BEGIN = msgspec.json.encode(Begin(1, 2, None, {}))
 ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]
-MUCH_BYTES = 128 * 1024  # a line is shorter than a 32nd of it
 
 
 @pytest.fixture
@@ -62,26 +60,3 @@ def test_half_a_line_of_a_run_that_died_is_left_out(pipe: tuple[int, int]) -> No
         os.close(to)
 
     assert read(pipe, tell) == [BEGIN, ROWS[0]]
-
-
-def test_to_take_a_line_nothing_asks_for_much_memory_in_one_piece(pipe: tuple[int, int]) -> None:
-    """Asked for 25 times a second between lines that are kept, it makes the heap grow for hours."""
-    grown = list[int]()
-
-    class Weighed(Story):
-        def add(self, line: bytes, begins: bool) -> None:
-            grown.append(tracemalloc.get_traced_memory()[1])
-            super().add(line, begins)
-
-    async def reading() -> None:
-        os.write(pipe[1], BEGIN + b"\n" + ROWS[0] + b"\n")
-        os.close(pipe[1])
-        tracemalloc.start()
-        await read_lines(Weighed(), pipe[0])
-
-    try:
-        asyncio.run(reading())
-    finally:
-        tracemalloc.stop()
-    assert len(grown) == 2
-    assert max(grown) < MUCH_BYTES

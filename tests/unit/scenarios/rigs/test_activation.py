@@ -29,11 +29,12 @@ def made(active: bool) -> tuple[Rig, VirtualClock]:
     return rig, VirtualClock(advance)
 
 
-@pytest.mark.parametrize("begin", [activate, take_over])
-@pytest.mark.parametrize("at", [6, 60])
-@pytest.mark.parametrize("code", [0x05, 0x06, 0x09, 0x0A, 0x0B, 0x0C])
+@pytest.mark.parametrize(
+    ("begin", "at", "code"),
+    [(activate, 6, 0x05), (activate, 60, 0x0A), (take_over, 6, 0x06), (take_over, 60, 0x0B)],
+)
 def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_told(
-    code: int, at: int, begin: Begin
+    begin: Begin, at: int, code: int
 ) -> None:
     """Also one that holds by position: it reports no contact."""
     rig, clock = made(active=True)
@@ -63,8 +64,7 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
     assert rig.state.positions == (at, at, at)
 
 
-@pytest.mark.parametrize("begin", [activate, take_over])
-@pytest.mark.parametrize("code", [0x0D, 0x0E, 0x0F])
+@pytest.mark.parametrize(("code", "begin"), [(0x0D, activate), (0x0E, take_over), (0x0F, activate)])
 def test_fault_that_needs_activation_is_told_with_the_verb_and_nothing_is_moved(
     code: int, begin: Begin
 ) -> None:

@@ -4,10 +4,10 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivers.robotiq.emulator.faults import MOST_PLANNED, WireFaults
-from drivers.ur.emulator.controller import Controller, RuntimeState
+from drivers.robotiq.emulator.faults import WireFaults
+from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.settings import PROFILES
-from scenarios.rigs.cell_faults import KNOWN, MOST_WAITING, CellFaults, all_in_words
+from scenarios.rigs.cell_faults import KNOWN, CellFaults
 
 
 class Gripper:
@@ -22,14 +22,6 @@ def arm(profile: str) -> Mock:
     motion.update.return_value = ""
     settings = Mock(controller=PROFILES[profile], unlock_delay_s=5.0)
     return Mock(controller=Controller(settings, motion, 0))
-
-
-def test_every_fault_is_told_with_its_settings_their_defaults_and_units() -> None:
-    said = all_in_words().splitlines()
-    assert [line.partition(" ")[0].rstrip(":") for line in said[:-1]] == list(KNOWN)
-    assert "gripper_delay times=1 (requests or reads hit) " in said[1]
-    assert "seconds=0.1 (s, to 60): replies come later by so long" in said[1]
-    assert "after_s=0 (s from now, to 600)" in said[-1]
 
 
 def test_every_fault_that_is_told_of_is_taken_and_answered_in_words() -> None:
@@ -58,43 +50,6 @@ def test_fault_that_is_none_is_refused_with_what_it_takes(
         faults.order(request_, 0)
 
 
-def test_fault_of_the_gripper_is_taken_back_by_code_0() -> None:
-    gripper = Gripper()
-    CellFaults(Mock(), arm("cb3"), gripper).order(  # type: ignore[arg-type]
-        {"name": "gripper_fault", "code": 0}, 0
-    )
-    gripper.hand.model.inject_fault.assert_called_once_with(0)
-
-
-def test_local_control_ends_the_program_of_an_e_series_and_cb3_has_none() -> None:
-    e_series = arm("e-series")
-    e_series.controller.load("while True:\n sync()\nend\n")
-    e_series.controller.step(0, {})
-    assert e_series.controller.runtime_state is RuntimeState.PLAYING
-    faults = CellFaults(Mock(), e_series, None)
-    faults.order({"name": "remote_control", "on": False}, 0)
-    faults.strike_arm()
-    assert not e_series.controller.remote_control
-    assert e_series.controller.runtime_state is RuntimeState.STOPPED
-    assert "local control" in e_series.controller.messages[-1]
-    faults.order({"name": "remote_control", "on": True}, 0)
-    faults.strike_arm()
-    assert e_series.controller.remote_control
-    cb3 = CellFaults(Mock(), arm("cb3"), None)
-    with pytest.raises(ValueError, match=r"CB3.* no remote and no local control"):
-        cb3.order({"name": "remote_control", "on": False}, 0)
-
-
-def test_frozen_arm_is_left_no_more_faults_than_may_wait() -> None:
-    faults = CellFaults(Mock(), Mock(), None)
-    for _ in range(MOST_WAITING):
-        faults.order({"name": "protective_stop"}, 0)
-    with pytest.raises(ValueError, match="1000 faults are waiting"):
-        faults.order({"name": "protective_stop"}, 0)
-    faults.strike_arm()
-    faults.order({"name": "protective_stop"}, 0)
-
-
 def test_fault_of_the_arm_has_struck_after_its_next_cycle_and_not_before() -> None:
     faults = CellFaults(Mock(), Mock(), None)
     assert faults.struck(0.0)  # nothing was ordered
@@ -120,27 +75,3 @@ def test_faults_strike_in_the_order_of_their_times() -> None:
         struck.append([call[0] for call in board.mock_calls])
         board.reset_mock()
     assert struck == [["replug"], ["unplug"], [], ["replug", "time_out"]]
-
-
-def test_no_more_faults_are_ordered_than_may_wait() -> None:
-    faults = CellFaults(Mock(), Mock(), None)
-    for _ in range(MOST_WAITING):
-        faults.order({"name": "unplug", "after_s": 1.0}, 0)
-    with pytest.raises(ValueError, match="1000 faults are waiting"):
-        faults.order({"name": "unplug", "after_s": 1.0}, 0)
-    faults.order({"name": "unplug"}, 0)  # at once
-    faults.strike(1_000_000_000)
-    faults.order({"name": "unplug", "after_s": 1.0}, 0)
-
-
-def test_gripper_is_given_no_more_faults_than_it_may_plan_and_the_cell_goes_on() -> None:
-    board, gripper = Mock(), Gripper()
-    faults = CellFaults(board, Mock(), gripper)  # type: ignore[arg-type]
-    faults.order({"name": "gripper_drop", "after_s": 1.0}, 0)
-    faults.order({"name": "unplug", "after_s": 1.0}, 0)
-    for _ in range(MOST_PLANNED):
-        faults.order({"name": "gripper_drop"}, 0)
-    with pytest.raises(ValueError, match="1000 faults are planned"):
-        faults.order({"name": "gripper_drop"}, 0)
-    faults.strike(1_000_000_000)
-    board.unplug.assert_called_once()

@@ -86,25 +86,9 @@ def test_file_that_was_left_means_nothing(device: str, left: bytes) -> None:
     assert not lock_path(device).exists()
 
 
-def test_holder_that_has_not_said_its_name_yet_is_refused_all_the_same(device: str) -> None:
-    with another(device):
-        lock_path(device).write_bytes(b"\xff")
-        with pytest.raises(Refused, match="another process"), driving(device):
-            pass
-
-
 def test_same_process_drives_a_device_once(device: str) -> None:
     with driving(device), pytest.raises(Refused, match=str(os.getpid())), driving(device):
         pass
-
-
-def test_what_was_taken_before_the_one_that_is_refused_is_let_go(device: str) -> None:
-    arm = device.replace("gripper", "arm")
-    with another(arm):
-        with pytest.raises(Refused, match="arm"), driving(device, arm):
-            pass
-        with driving(device):
-            pass
 
 
 def test_processes_that_contend_never_drive_at_once(device: str, tmp_path: Path) -> None:

@@ -14,8 +14,6 @@ from grasp.cli.main import main
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs import opening, own_devices
-from scenarios.rigs.cell_lock import devices_of
-from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import MotionPermit, check_devices
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
@@ -101,13 +99,9 @@ def test_what_it_raises_as_it_is_closed_hides_nothing_and_is_told(
     assert f"gripper 'acme' does not let go: {type(raised).__name__}" in caplog.text
 
 
-def test_a_device_that_is_left_out_is_still_ours() -> None:
-    with pytest.raises(ConfigError, match="real devices have no default"):
-        check_devices(lab("devices.gripper=acme", "gripper.calibration=manual"))
-
-
-@pytest.mark.parametrize("device", ["gripper", "arm", "fingertips"])
-@pytest.mark.parametrize("rig", ["simulated", "emulated"])
+@pytest.mark.parametrize(
+    ("device", "rig"), [("gripper", "simulated"), ("arm", "emulated"), ("fingertips", "simulated")]
+)
 def test_it_counts_as_real_whatever_it_is(
     device: str, rig: str, tmp_path: Path, opened: list[Any]
 ) -> None:
@@ -158,26 +152,3 @@ def test_what_goes_wrong_as_it_is_opened_is_one_line(
         opening.open_rig(config, 0, False, MotionPermit("x")),
     ):
         pass
-
-
-def test_each_is_locked_by_its_name_and_settings() -> None:
-    a = devices_of(lab(*ALL, 'devices.gripper_settings={port="a"}'))
-    b = devices_of(lab(*ALL, 'devices.gripper_settings={port="b"}'))
-    assert a[0] != b[0]
-    assert "acme(port=a)" in a[0]
-    assert a[1] == b[1]
-
-
-def test_which_they_are_is_in_the_hash_and_where_they_are_is_not() -> None:
-    plain = load_config("can", "hardware", "energy", None, ["gripper.calibration=manual"])
-    named = lab(*ALL)
-    placed = lab(*ALL, 'devices.gripper_settings={port="a"}')
-    assert named.digest() == placed.digest()
-    assert named.digest() != plain.digest()
-
-
-def test_doctor_says_that_it_does_not_ask_them(opened: list[Any]) -> None:
-    found = {check.name: check for check in ask_devices(lab(*ALL), lambda config: None)}
-    assert found["gripper"].status == found["arm"].status == found["fingertips"].status == "warn"
-    assert "of another package, not asked" in found["gripper"].detail
-    assert opened == []

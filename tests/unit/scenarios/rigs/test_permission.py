@@ -2,34 +2,25 @@
 else, whatever files and settings say."""
 
 import argparse
-import ast
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 import grasp
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import build_parser, main
-from scenarios.acquire.acquire import run as acquire
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.press import motion
-from scenarios.acquire.rig import open_acquire_rig
 from scenarios.campaign.config import load_config
-from scenarios.campaign.spec import CampaignSpec, Combination, combinations, trials
-from scenarios.campaign.worker import run_trial
 from scenarios.lift import lift
 from scenarios.rigs import hardware as hardware_room
 from scenarios.rigs import opening
-from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
+from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap import tap
 from scenarios.trial.series import Bench
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
-ROOT = Path(__file__).parents[4]
 # addresses where nobody is; a test that came so far would fail for that reason, not move anything
 LAB = """
 [gripper]
@@ -140,92 +131,34 @@ def test_only_verbs_made_for_a_lab_can_be_confirmed() -> None:
     assert confirmed == LAB_VERBS
 
 
-def test_only_verbs_made_for_a_lab_ask_for_a_permit() -> None:
-    asking = set()
-    for package in ("grasp", "drivers", "detector", "scenarios"):
-        for path in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                name = getattr(getattr(node, "func", None), "id", "")
-                if name in ("permit", "motion_permit", "leave_to_move", "MotionPermit"):
-                    asking.add(str(path.relative_to(ROOT)))
-    # where they are made
-    own = {"scenarios/rigs/permission.py", "grasp/cli/options.py", "grasp/cli/lab.py"}
-    modules = LAB_VERBS - {"release"}  # which is in that of the gripper
-    assert asking - own == {f"grasp/cli/{verb}.py" for verb in modules}
-
-
-def test_every_verb_with_settings_of_one_s_own_is_tried_here() -> None:
-    assert set(with_own_settings()) == set(LINES)
-
-
-@pytest.mark.parametrize("choice", CHOICES)
-@pytest.mark.parametrize("words", LINES, ids=" ".join)
 @pytest.mark.parametrize("layer", ["--config", "GRASP_CONFIG", "--set"])
 def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
-    layer: str, words: tuple[str, ...], choice: str, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], devices: list[str],
+    layer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], devices: list[str],
 ) -> None:  # fmt: skip
-    options = with_own_settings()[words]
-    if layer != "GRASP_CONFIG" and layer not in options:
-        pytest.skip("has no such option")
-    if layer == "GRASP_CONFIG" and "--config" not in options:
-        pytest.skip("reads no file")
+    settable = with_own_settings()
     file = tmp_path / "lab.toml"
-    file.write_text(f"{choice}\n{LAB}")
     stroke_csv(tmp_path / "strokes.csv")
     (tmp_path / "c.toml").write_text('name = "c"\nobjects = ["can"]\nrepetitions = 1\n')
     monkeypatch.chdir(tmp_path)
-    more = {"--config": ["--config", str(file)], "GRASP_CONFIG": [], "--set": ["--set", choice]}
-    if layer == "GRASP_CONFIG":
-        monkeypatch.setenv("GRASP_CONFIG", str(file))
-    code = main([*LINES[words], *more[layer]])
-    said = "".join(capsys.readouterr())
-    assert code == 2, said
-    assert "is no setting" in said
-    assert "choose it with --" in said
-    assert devices == []
+    lift = ("run", "lift")
+    cases = [*((words, CHOICES[0]) for words in LINES), *((lift, choice) for choice in CHOICES)]
+    for words, choice in cases:
+        if ("--set" if layer == "--set" else "--config") not in settable[words]:
+            continue
+        file.write_text(f"{choice}\n{LAB}")
+        more = {"--config": ["--config", str(file)], "GRASP_CONFIG": [], "--set": ["--set", choice]}
+        if layer == "GRASP_CONFIG":
+            monkeypatch.setenv("GRASP_CONFIG", str(file))
+        code = main([*LINES[words], *more[layer]])
+        said = "".join(capsys.readouterr())
+        assert code == 2, (words, choice, said)
+        assert "is no setting" in said, (words, choice)
+        assert "choose it with --" in said, (words, choice)
+        assert devices == [], (words, choice)
 
 
 # Campaigns
-
-
-def campaign(**fields: Any) -> CampaignSpec:
-    return CampaignSpec(name="c", objects=("can",), detectors=("energy",), **fields)
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [{"settings": ('rig="hardware"', *LAB_WORDS)}, {"sweep": {"rig": ("simulated", "hardware")}},
-     {"settings": ("detector_name=psd",)}, {"sweep": {"profile": ("paper",)}}],
-)  # fmt: skip
-def test_campaign_file_chooses_no_rig(fields: Any) -> None:
-    with pytest.raises(ConfigError, match="is no setting"):
-        combinations(campaign(**fields))
-
-
-def test_campaign_does_not_follow_the_environment_to_real_devices(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, devices: list[str]
-) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text('rig = "hardware"\n' + LAB)
-    monkeypatch.setenv("GRASP_CONFIG", str(file))
-    (tmp_path / "c.toml").write_text('name = "c"\nobjects = ["can"]\nrepetitions = 1\n')
-    out = tmp_path / "c.sqlite"
-    assert main(["campaign", "run", str(tmp_path / "c.toml"), "--out", str(out)]) == 2
-    assert devices == []
-
-
-@pytest.mark.parametrize("scenario", ["lift", "tap"])
-def test_trial_of_a_campaign_refuses_real_devices_though_its_settings_name_them(
-    scenario: str, devices: list[str]
-) -> None:
-    whole = hardware_lift()
-    config = whole.for_lift() if scenario == "lift" else whole.for_tap()
-    task = next(trials(campaign(repetitions=1), [Combination(scenario, {}, config)]))
-    row = run_trial(task).row
-    assert row.status == "error"
-    assert "may not open the rig hardware" in (row.error or "")
-    assert devices == []
 
 
 @pytest.mark.parametrize("said", ["config", "rig"])
@@ -295,32 +228,17 @@ def test_every_verb_that_takes_a_rig_is_tried_here() -> None:
     assert found == set(WITH_A_RIG)
 
 
-@pytest.mark.parametrize("words", WITH_A_RIG, ids=" ".join)
 def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
-    words: tuple[str, ...], lab_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    lab_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     devices: list[str], capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    code = main([*words, *WITH_A_RIG[words], "--rig", lab_rig])
-    assert "Traceback" not in "".join(capsys.readouterr())
     expected = {("config",): 0, **dict.fromkeys(LOOKS, 3)}
-    assert code == expected.get(words, 2)
-    assert devices == []
-
-
-def test_a_rig_file_with_a_lab_s_addresses_that_is_like_a_simulated_one_reaches_nobody(
-    tmp_path: Path, devices: list[str]
-) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text('rig = "simulated"\n' + LAB)
-    assert grasp.lift(rig=str(file), detector="energy").result.rig == "simulated"
-    assert devices == []
-
-
-def test_the_way_out_names_the_rig_s_file(lab_rig: str) -> None:
-    leave = permit(load_config("can", lab_rig, "energy"), True, None, (), lab_rig)
-    assert leave is not None
-    assert leave.release == f"grasp release --rig {lab_rig} --confirm-motion"
+    for words, more in WITH_A_RIG.items():
+        code = main([*words, *more, "--rig", lab_rig])
+        assert "Traceback" not in "".join(capsys.readouterr()), words
+        assert code == expected.get(words, 2), words
+        assert devices == [], words
 
 
 # Library calls
@@ -341,31 +259,9 @@ def test_library_call_without_a_permit_opens_no_real_device(call: Any, devices: 
     assert devices == []
 
 
-def test_acquisition_without_a_permit_opens_no_real_device(
-    tmp_path: Path, devices: list[str]
-) -> None:
-    words = [word for word in LAB_WORDS if word.startswith(("usb", "ur"))]
-    config = load_acquire_config("planar", "hardware", None, words)
-    with pytest.raises(UsageError, match="may not open"):
-        open_acquire_rig(config, 0, paced=False).__enter__()
-    with pytest.raises(UsageError, match="may not open"):
-        acquire(config, motion("0", 0.05, 1.0), 0, 1.0, tmp_path, False, lambda sample: None)
-    assert devices == []
-
-
 @pytest.mark.parametrize("pretended", [True, "yes", object()])
 def test_what_is_no_permit_does_not_pass_for_one(pretended: Any, devices: list[str]) -> None:
     with pytest.raises(UsageError), opening.open_rig(hardware_lift(), 0, False, pretended):
-        pass
-    assert devices == []
-
-
-def test_rig_that_nobody_knows_is_not_taken_for_hardware(devices: list[str]) -> None:
-    config = msgspec.structs.replace(hardware_lift(), rig="zzz")
-    with (
-        pytest.raises(ConfigError, match="unknown"),
-        opening.open_rig(config, 0, False, MotionPermit("x")),
-    ):
         pass
     assert devices == []
 
@@ -395,14 +291,12 @@ def test_hardware_moves_on_a_confirmation_alone(
 
 
 @pytest.mark.parametrize("left_out", ["gripper", "modbus", "usb", "ur"])
-@pytest.mark.parametrize("profile", ["default", "paper"])
-@pytest.mark.parametrize("name", ["can", "ball", "football", "foam", "box", "cardboard"])
 def test_hardware_has_no_default_address_and_no_default_calibration(
-    left_out: str, profile: str, name: str, devices: list[str]
+    left_out: str, devices: list[str]
 ) -> None:
     left = ("gripper", "calibration") if left_out == "gripper" else (left_out,)
     given = [word for word in LAB_WORDS if not word.startswith(left)]
-    config = load_config(name, "hardware", None, None, given, profile)
+    config = load_config("can", "hardware", None, None, given)
     with pytest.raises(ConfigError) as told:
         check_devices(config)
     assert left_out in told.value.message
@@ -411,26 +305,7 @@ def test_hardware_has_no_default_address_and_no_default_calibration(
     assert devices == []
 
 
-def test_serial_line_has_no_default_either() -> None:
-    words = ("gripper.link=rtu", *LAB_WORDS)
-    with pytest.raises(ConfigError, match="serial_port"):
-        check_devices(load_config("can", "hardware", "energy", None, words))
-
-
-def test_acquisition_needs_no_gripper() -> None:
-    words = [word for word in LAB_WORDS if word.startswith(("usb", "ur"))]
-    check_devices(load_acquire_config("planar", "hardware", None, words))
-
-
 # The way out
-
-
-def test_command_that_opens_the_hand_names_rig_file_and_the_settings_that_matter() -> None:
-    words = ("modbus.host=10.0.0.7", "object.half_width_m=0.04", "gripper.link=tcp")
-    assert release_command("hardware", Path("my lab.toml"), words) == (
-        "grasp release --rig hardware --confirm-motion --config 'my lab.toml' "
-        "--set modbus.host=10.0.0.7 --set gripper.link=tcp"
-    )
 
 
 def test_simulated_rigs_need_no_permit_and_advise_nothing() -> None:

@@ -2,15 +2,13 @@
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
-from scenarios.rigs.world_of_seed import cell_settings, make_cell
+from scenarios.rigs.world_of_seed import make_cell
 from scenarios.world import laws
-from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
@@ -42,15 +40,6 @@ def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
 
 
-def test_blow_in_no_known_scenario_is_followed_at_the_fullest_level() -> None:
-    made = cell_settings(config(), 0)[0]
-    assert (made.level, made.blow_level) == (Level.SLIDER, Level.BRUSH)
-    told = cell_settings(config("world.level=L3"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SPIN, Level.SPIN)
-    told = cell_settings(config("world.blow_level=L3"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SLIDER, Level.SPIN)
-
-
 def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, felt = make_cell(config(), 0), {}
     for turn_rad in (0.0, 0.1):
@@ -60,32 +49,6 @@ def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.M
         cell.compile()  # the pads are asked once
         felt[turn_rad] = told[-1][3]
     assert felt[0.1] - felt[0.0] == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
-
-
-def test_gripped_higher_means_that_less_of_the_body_is_above_the_pads() -> None:
-    c = config()
-    for trial in drawn(VariationSettings(), 5):
-        body = trial.body
-        assert body.grip_height_m + body.body_above_grip_m == pytest.approx(
-            c.object.grip_height_m + c.object.body_above_grip_m
-        )
-
-
-def test_zero_spreads_leave_the_object_as_it_is() -> None:
-    off = VariationSettings(
-        friction_cv=0, mass_cv=0, start_height_m=0, finger_scatter_m=0, force_stop_fraction=0,
-        command_latency_s=0, aside_m=0,
-    )  # fmt: skip
-    c = config()
-    trial = drawn(off, 1)[0]
-    assert trial.body == c.object
-    assert trial.finger_offset_m.tolist() == [0.0, 0.0, 0.0]
-    assert msgspec.structs.replace(trial.hand, tick_phase_s=c.hand.tick_phase_s) == c.hand
-
-
-def test_rest_counts_differ_from_trial_to_trial() -> None:
-    first, again, other = (make_cell(config(), seed).fingertips.rest.tolist() for seed in (0, 0, 1))
-    assert first == again != other
 
 
 def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
@@ -103,8 +66,3 @@ def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
 def test_object_that_the_open_hand_cannot_take_is_refused(told: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError, match="half_width_m"):
         config(*told)
-
-
-def test_object_that_slides_harder_than_it_begins_to_is_refused() -> None:
-    with pytest.raises(ConfigError, match="friction_kinetic"):
-        config("object.friction_kinetic=1.2")

@@ -1,6 +1,5 @@
 """Workers: the same results from any number of them, and what a dying or failing task costs."""
 
-import gc
 import os
 import signal
 from contextlib import closing
@@ -26,24 +25,11 @@ def test_results_are_the_same_from_any_number_of_workers(processes: int) -> None
     assert sorted(results(squared, range(5), Workers(processes))) == [0, 1, 4, 9, 16]
 
 
-def test_nothing_to_do_starts_nobody() -> None:
-    assert list(results(squared, [], Workers(2, cluster="tcp://127.0.0.1:9"))) == []
-
-
 @pytest.mark.parametrize("processes", [0, 2])
 def test_a_task_that_fails_costs_no_other(processes: int) -> None:
     found = sorted(outcomes(failing_on_three, range(5), Workers(processes)), key=lambda o: o.task)
     assert [o.result for o in found] == [0, 1, 2, None, 4]
     assert isinstance(found[3].error, ZeroDivisionError)
-
-
-@pytest.mark.parametrize("processes", [0, 2])
-def test_the_first_error_is_raised_where_results_are_asked_for(processes: int) -> None:
-    with (
-        closing(results(failing_on_three, range(3, 99), Workers(processes))) as found,
-        pytest.raises(ZeroDivisionError, match="on purpose"),
-    ):
-        list(found)
 
 
 def test_a_task_that_kills_its_worker_is_the_only_one_lost() -> None:
@@ -64,11 +50,6 @@ def test_workers_have_one_thread_and_leave_ctrl_c_to_their_parent() -> None:
         return limits == ONE_THREAD, signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
     assert list(results(asked, [0], Workers(1))) == [(True, True)]
-
-
-def test_workers_look_for_cycles_in_memory_less_often_than_their_parent() -> None:
-    (often,) = results(lambda _: gc.get_threshold()[0], [0], Workers(1))
-    assert often > gc.get_threshold()[0]
 
 
 def test_who_stops_listening_ends_the_workers() -> None:

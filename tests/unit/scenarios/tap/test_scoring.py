@@ -1,15 +1,11 @@
 """Each rule of the tap's verdict, on facts made by hand."""
 
-import math
-
 import msgspec
 import pytest
 
-from grasp.cli.live import print_taps
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.tap.summary import count, summarise
 from tests.unit.scenarios.tap.test_tap import result_of
 from tests.unit.scenarios.tap.windows import sensitivity, verdict_again
 
@@ -32,22 +28,11 @@ def test_registered_in_time_and_nominal_again_is_the_success() -> None:
     assert verdict(facts((10.03, 10.16)), WINDOWS) is TapOutcome.REGISTERED
 
 
-@pytest.mark.parametrize(("at_s", "expected"), [(10.499, "registered"), (10.501, "late")])
-def test_slip_must_be_registered_within_the_window_from_first_motion(
-    at_s: float, expected: str
-) -> None:
-    assert verdict(facts((at_s, at_s + 0.1)), WINDOWS) == expected
-
-
-@pytest.mark.parametrize(("off_s", "expected"), [(11.01, "registered"), (11.03, "alarm_stayed")])
-def test_status_must_be_nominal_within_the_window_from_the_end_of_motion(
-    off_s: float, expected: str
-) -> None:
-    assert verdict(facts((10.03, off_s)), WINDOWS) == expected
-
-
-def test_alarm_that_never_ends_is_no_success() -> None:
-    assert verdict(facts((10.03, None)), WINDOWS) is TapOutcome.ALARM_STAYED
+def test_slip_must_be_registered_and_nominal_again_within_its_windows() -> None:
+    for at_s, expected in ((10.499, "registered"), (10.501, "late")):
+        assert verdict(facts((at_s, at_s + 0.1)), WINDOWS) == expected
+    for off_s, expected in ((11.01, "registered"), (11.03, "alarm_stayed")):
+        assert verdict(facts((10.03, off_s)), WINDOWS) == expected
 
 
 @pytest.mark.parametrize(("again_s", "expected"), [(10.59, "alarm_stayed"), (10.61, "registered")])
@@ -60,14 +45,6 @@ def test_status_that_flaps_counts_from_its_last_return() -> None:
     flapping = facts((10.03, 10.1), (10.2, 10.3))
     assert nominal_again_s(flapping, 10.02, 0.5) == 10.3
     assert verdict(flapping, WINDOWS) is TapOutcome.REGISTERED
-
-
-def test_nothing_registered_is_undetected() -> None:
-    assert verdict(facts(), WINDOWS) is TapOutcome.UNDETECTED
-
-
-def test_alarm_before_the_blow_is_no_detection_of_it() -> None:
-    assert verdict(facts((8.0, 8.2)), WINDOWS) is TapOutcome.UNDETECTED
 
 
 def test_registration_between_blow_and_gross_slip_counts() -> None:
@@ -120,34 +97,3 @@ def test_verdict_under_other_windows_needs_no_second_run() -> None:
     assert verdict_again(result, TapScoringSettings(moved_m=0.1)) is TapOutcome.UNMOVED_REGISTERED
     rows = sensitivity([result], [TapScoringSettings(), TapScoringSettings(clear_s=1e-3)])
     assert [(ok, moved) for _, ok, moved in rows] == [(1, 1), (0, 1)]
-
-
-def test_taps_that_moved_nothing_are_counted_apart() -> None:
-    good = result_of("object.name=can", seed=0)
-    stuck = msgspec.structs.replace(
-        good, moved=False, success=False, outcome="unmoved_registered", direction="side"
-    )
-    unstruck = msgspec.structs.replace(good, moved=None, success=False, outcome="never_nominal")
-    total = count([good, stuck, unstruck])
-    assert (total.struck, total.moved, total.successes, total.unmoved, total.false_alarms) == (
-        2, 1, 1, 1, 1,
-    )  # fmt: skip
-    summary = summarise([good, stuck, unstruck])
-    assert list(summary.by_direction) == ["top", "side"]
-    assert summary.by_direction["side"].moved == 0
-    assert summary.outcomes["never_nominal"] == 1
-
-
-def test_a_tap_that_was_missed_is_infinitely_late_in_the_quantiles(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    good = result_of("object.name=can", seed=0)
-    missed = msgspec.structs.replace(
-        good, success=False, outcome="undetected", detection_latency_ms=None, nominal_again_ms=None
-    )
-    summary = summarise([good, missed])
-    for heard in (summary.detection_latency_ms, summary.nominal_again_ms):
-        assert heard is not None and heard.count == 2
-        assert math.isfinite(heard.p50) and math.isinf(heard.p90)
-    print_taps(summary)
-    assert f"p50 {good.detection_latency_ms:.0f} p90 inf p99 inf of 2" in capsys.readouterr().out

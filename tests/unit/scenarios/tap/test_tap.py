@@ -11,7 +11,6 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
-from grasp.recording import RunRecording
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
@@ -20,25 +19,18 @@ from scenarios.tap.blows import direction_of
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import swing
 from scenarios.tap.result import TapResult
-from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
-from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from scenarios.world import laws
 from scenarios.world.cell import Blow
-from scenarios.world.world_settings import ContactLevels, Level
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import phases_but_landing
-
-HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
 
 
 def config(*assignments: str, object_name: str = "can") -> TapConfig:
     return load_config(object_name, "simulated", None, None, assignments).for_tap()
-
-
-DEAF = "rule.threshold=0.9999999"
 
 
 @cache
@@ -115,14 +107,6 @@ def test_blow_on_the_side_turns_the_object_and_its_cell_can() -> None:
     assert told.turned_rad == 0.0
 
 
-def test_recording_says_by_how_much_physics_it_was_made(tmp_path: Path) -> None:
-    c = config()
-    finished = tap.run(c, 1, tmp_path)
-    assert finished.result is not None and finished.result.recording is not None
-    said = RunRecording.open(Path(finished.result.recording), RUN_CHANNELS).metadata["physics"]
-    assert msgspec.json.decode(said, type=ContactLevels) == finished.result.physics
-
-
 def test_object_is_held_firmly_above_the_table_and_set_down_again() -> None:
     r = result_of()
     assert phases_but_landing(r) == [
@@ -143,18 +127,6 @@ def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
     assert sent_while_watched(staged, trial) == []
 
 
-def test_tap_within_the_friction_of_the_grip_is_reported_apart() -> None:
-    r = result_of(HELD)
-    assert r.moved is False
-    assert not r.success
-    assert r.outcome in ("unmoved_quiet", "unmoved_registered")
-    assert result_of(HELD, DEAF).outcome == "unmoved_quiet"
-
-
-def test_deaf_detector_does_not_detect() -> None:
-    assert result_of(DEAF).outcome == "undetected"
-
-
 def test_detector_that_is_never_quiet_leaves_nothing_to_strike() -> None:
     r = result_of("rule.threshold=1e-9", "tap.patience_s=1")
     assert r.outcome == "never_nominal"
@@ -166,20 +138,6 @@ def test_blow_much_too_hard_knocks_the_object_out() -> None:
     r = result_of("tap.impulse_n_s=1.9", "tap.direction=side")
     assert r.outcome == "knocked_out"
     assert r.moved
-
-
-def test_blow_along_the_closing_axis_passes_the_limit_from_outside_unanswered() -> None:
-    staged = Staged("tap.direction=closing", "tap.impulse_n_s=0.3", "tap.duration_s=0.02",
-                    "tap.spread=0")  # fmt: skip
-    trial = staged.run()
-    motion, end = trial.sequence.motion, trial.trace.end
-    assert motion is not None and end is not None
-    assert max(end.peak_n) > 20.0
-    assert max(max(t.measured_n) for t in staged.ticks if t.t_ns * 1e-9 > motion.struck_s) > 10.0
-    assert sent_while_watched(staged, trial) == []
-    result = tap.judge(staged.config, 0, trial, None)
-    assert result.outcome in ("unmoved_quiet", "unmoved_registered")
-    assert result.commanded_force_n <= 10.0
 
 
 def test_long_push_that_is_measured_well_above_the_limit_is_not_answered_either() -> None:
@@ -210,8 +168,7 @@ def test_seed_chooses_direction_strength_and_moment() -> None:
     assert swing(c, 8) == swing(c, 8) != swing(c, 10)
 
 
-@pytest.mark.parametrize("name", ["ball", "box", "can", "cardboard", "foam", "football"])
-@pytest.mark.parametrize("direction", ["top", "side"])
+@pytest.mark.parametrize(("name", "direction"), [("ball", "top"), ("can", "side"), ("foam", "top")])
 def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
     name: str, direction: str
 ) -> None:
@@ -227,49 +184,18 @@ def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
     assert moved == pytest.approx(0.007, rel=0.01)
 
 
-@pytest.mark.parametrize("mode", ["every_finger", "each_motor"])
-@pytest.mark.parametrize("name", ["can", "foam"])
-def test_blow_is_searched_at_the_force_that_the_hand_really_holds(name: str, mode: str) -> None:
-    words = (f"guard.cap_mode={mode}", "guard.overshoot_n=14")
-    c = tap_config(config(*words, object_name=name))
-    grip_n = tap.run(config(*words, object_name=name), 0, None).result.grip_force_n
+def test_blow_is_searched_at_the_force_that_the_hand_really_holds() -> None:
+    words = ("guard.cap_mode=each_motor", "guard.overshoot_n=14")
+    c = tap_config(config(*words))
+    grip_n = result_of(*words).grip_force_n
     held = blows.held_at(c.object, c.contact, c.guard.full_grip_n, Level.SLIDER)
     assert grip_n is not None
     assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.06)
 
 
-def test_search_says_so_when_every_blow_that_moves_it_so_far_knocks_it_out() -> None:
-    c = tap_config(config("tap.aim_m=0.03", "object.body_above_grip_m=0.02"))
-    with pytest.raises(ConfigError, match="leaves it in the hand"):
-        swing(c, 0)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_strongest_and_furthest_blow_that_settings_allow_can_be_struck(seed: int) -> None:
-    furthest = ("tap.side_offset_m=0.3", "tap.top_offset_m=0.1", "tap.offset_spread_m=0.05")
-    hardest = ("tap.impulse_n_s=2", "tap.strength=3", "tap.spread=0.5", "tap.follow_fraction=0.5")
-    c = tap_config(config(*furthest, *hardest))
-    assert swing(c, seed).impulse_n_s > 0.5
-    assert c.physics(seed) is not None
-
-
-def test_paper_added_weights_for_the_lift_only() -> None:
-    assert tap_config(config()).object.added_mass_kg == 0.0
-
-
 def test_watch_too_short_to_judge_is_refused() -> None:
     with pytest.raises(ConfigError, match="too short to judge"):
         tap_config(config("tap.watch_s=1.2"))
-
-
-def test_series_is_its_taps_one_by_one() -> None:
-    series = [f.result for f in tap.run_series(config(), range(2), Bench())]
-    for seed, of_series in enumerate(series):
-        alone = result_of(seed=seed)
-        assert of_series is not None
-        assert (of_series.outcome, of_series.displacement_m, of_series.alarms) == (
-            alone.outcome, alone.displacement_m, alone.alarms,
-        )  # fmt: skip
 
 
 def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
@@ -326,25 +252,6 @@ def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
     assert r.detection_latency_ms is not None and 0 <= r.detection_latency_ms < 100
 
 
-def test_what_is_no_length_is_asked_again() -> None:
-    r, person = by_hand(["far", "-3", "nan", "0.4"])
-    assert r.displacement_m == pytest.approx(0.0004)
-    assert r.outcome == TapOutcome.UNMOVED_REGISTERED
-    assert [("no length" in text) for text in person.asked[2:]] == [True, True, True]
-
-
-def test_person_may_say_that_the_object_was_lost() -> None:
-    assert by_hand(["l"])[0].outcome == "knocked_out"
-
-
-def test_nobody_to_strike_is_an_error() -> None:
-    c = tap_config(config())
-    with open_rig(c, 0, paced=False) as rig:
-        blind = msgspec.structs.replace(rig, tap=None)
-        with pytest.raises(ConfigError, match="nobody"):
-            tap.run_trial(c, 0, blind, make_guard(c), lambda *_: None)
-
-
 def test_thumb_that_meets_nothing_when_closing_firmly_is_a_fault() -> None:
     def take_away(rig: Rig, tick: Tick) -> None:
         assert rig.cell is not None
@@ -371,19 +278,3 @@ def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_pa
     assert ended[0].failure.end is not None
     assert ended[0].failure.end.hand.startswith("the hand is closed to the limit")
     assert len(ended) == 1
-
-
-def test_slip_at_the_cap_is_answered_by_no_command_because_none_could_do_anything() -> None:
-    staged = Staged()
-    staged.config = msgspec.structs.replace(
-        staged.config, controller=msgspec.structs.replace(staged.config.controller, reactions=True)
-    )
-    trial = staged.run()
-    assert sent_while_watched(staged, trial) == []
-    assert "compensate" in [change.phase for change in trial.controller.machine.log]
-    held = [
-        t.gripper.positions
-        for t in staged.ticks
-        if t.decision.phase in (Phase.HOLD, Phase.COMPENSATE)
-    ]
-    assert len(set(held)) == 1

@@ -23,7 +23,7 @@ DELAY_NS = 50_000_000
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunRecording:
     """A lift whose commands wait for a while."""
-    delayed = config("loop.decision_delay_s=0.05")
+    delayed = config("loop.decision_delay_s=0.05", "controller.lift_height_m=0.03")
     result = lift.run(delayed, 0, tmp_path_factory.mktemp("runs")).result
     assert result is not None and result.recording is not None
     return RunRecording.open(Path(result.recording), RUN_CHANNELS)
@@ -182,23 +182,14 @@ EDITS: dict[str, Callable[[Messages], None]] = {
 }
 
 
-@pytest.mark.parametrize("what", EDITS)
-def test_an_edit_is_a_difference(what: str, recorded: RunRecording, tmp_path: Path) -> None:
-    messages = list(recorded)
-    assert not replay_run(written(tmp_path / "a.mcap", messages, recorded.metadata)).differences
-    EDITS[what](messages)
-    assert replay_run(written(tmp_path / "b.mcap", messages, recorded.metadata)).differences
-
-
-@pytest.mark.parametrize("edit", [('"hold_s":', '"hold_s":1'), ('"mass_kg":0', '"mass_kg":1')])
-def test_settings_that_were_changed_after_the_run_are_a_difference(
-    edit: tuple[str, str], recorded: RunRecording, tmp_path: Path
-) -> None:
-    told = recorded.metadata["config"]
-    metadata = {**recorded.metadata, "config": told.replace(*edit, 1)}
-    assert metadata != recorded.metadata
-    replay = replay_run(written(tmp_path / "x.mcap", list(recorded), metadata))
-    assert "hash of the settings" in [d.what for d in replay.differences]
+@pytest.mark.parametrize("part", range(3))
+def test_an_edit_is_a_difference(part: int, recorded: RunRecording, tmp_path: Path) -> None:
+    for what in list(EDITS)[part::3]:
+        messages = list(recorded)
+        EDITS[what](messages)
+        assert replay_run(written(tmp_path / "b.mcap", messages, recorded.metadata)).differences, (
+            what
+        )
 
 
 def test_a_recording_that_ends_before_its_run_says_so(
@@ -206,6 +197,7 @@ def test_a_recording_that_ends_before_its_run_says_so(
 ) -> None:
     messages = list(recorded)
     whole = replay_run(written(tmp_path / "a.mcap", messages, recorded.metadata))
+    assert not whole.differences
     half = written(tmp_path / "b.mcap", messages[: the(CONTROL, messages, 500)], recorded.metadata)
     assert "the recording ends" not in str(whole.events)
     assert "the recording ends, and the run had not" in replay_run(half).events[-1]

@@ -7,43 +7,30 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from drivers.errors import LinkLost, Stale
-from grasp.doubt import STOOD_STILL
+from drivers.errors import LinkLost
 from grasp.phases import Phase
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import (
-    CELL,
     LOOK,
     End,
     between_trials,
     end_of,
-    happened,
-    remedy_of,
-    stood_still,
 )
-from scenarios.trial.execution import KEEP_UP, FinishedTrial
+from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import (
-    freeze_gripper_status,
-    let_finger_b_leap,
-    power_cycle_gripper,
-    zero_gripper_status,
-)
-from tests.unit.scenarios.lift.test_faults import (
     cut_gripper,
-    fault_gripper,
+    freeze_gripper_status,
+    interrupt,
+    let_finger_b_leap,
     silence_fingertips,
     trip_arm,
+    zero_gripper_status,
 )
-from tests.unit.scenarios.lift.test_first_contact import taken_away
 
 UNTOLD = "a speed that it does not tell"
 QUICK = ("controller.lift_height_m=0.08", "hand.activation_s=0.5")
-
-
-def interrupt(rig: Rig) -> None:
-    raise KeyboardInterrupt
 
 
 def cut_arm(rig: Rig) -> None:
@@ -65,13 +52,6 @@ def ended(phase: Phase, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Stag
     end = trial.end(staged.config)
     assert end is not None
     return trial, staged, end
-
-
-def test_run_that_ends_as_planned_says_nothing_of_an_end() -> None:
-    staged = Staged(*QUICK)
-    trial = staged.run(lambda _: False, interrupt)
-    assert trial.end(staged.config) is None
-    assert staged.result(trial).end is None
 
 
 def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
@@ -115,21 +95,6 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
     assert not end.open
 
 
-def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
-    _, _, end = ended(Phase.HOLD, taken_away)
-    closed = r"the hand is closed as it was told, at \(\d+, \d+, \d+\) counts"
-    nothing = "and feels nothing: the object may still be in it"
-    assert re.fullmatch(f"{closed}, {nothing}", end.hand), end.hand
-
-
-def test_hand_whose_travel_is_bounded_is_not_said_to_have_reached_the_force() -> None:
-    staged = Staged(*QUICK, "guard.travel_bound=true", "guard.contact_stiffness_npm=9000")
-    trial = staged.run(in_phase(Phase.LIFT, 2), trip_arm)
-    end = trial.end(staged.config)
-    assert end is not None
-    assert "closed to its last count, within the limit of 10 N, " in end.hand
-
-
 def test_every_device_that_is_gone_is_named() -> None:
     trial, staged, end = ended(Phase.LIFT, cut_everything)
     failure = trial.failure(staged.config)
@@ -144,98 +109,11 @@ def test_every_device_that_is_gone_is_named() -> None:
     assert end.hand.endswith("its force is not measured")
 
 
-def test_remedy_is_each_devices_own_and_the_cells_where_all_are_gone() -> None:
-    trial, staged, _ = ended(Phase.HOLD, cut_everything)
-    failure = trial.failure(staged.config)
-    assert failure is not None and failure.remedy == CELL
-    arm, hand = LinkLost("arm lost", "look at the arm"), LinkLost("hand lost", "look at the hand")
-    assert remedy_of(None, {"arm": arm, "gripper": hand}, 0.1) == (
-        "look at the arm; look at the hand"
-    )
-    assert remedy_of(None, {"arm": arm, "gripper": arm}, 0.1) == "look at the arm"
-
-
-def test_remedy_of_a_device_that_is_gone_stands_before_that_of_a_computer_that_stood() -> None:
-    def let_it_wait(rig: Rig) -> None:
-        cut_gripper(rig)
-        rig.clock.sleep_until_ns(rig.clock.now_ns + 600_000_000)  # as for an exchange under way
-
-    trial, staged, _ = ended(Phase.HOLD, let_it_wait)
-    failure = trial.failure(staged.config)
-    assert failure is not None and STOOD_STILL in failure.message
-    assert failure.remedy == f"check cable, power and address; {KEEP_UP}"
-
-
 def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
         trial, _, _ = ended(Phase.HOLD, act)
         told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
-
-
-def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
-    _, _, end = ended(Phase.HOLD, fault_gripper)
-    assert end.hand.startswith("the hand refuses every motion (")
-
-
-def test_gripper_whose_fault_keeps_it_from_nothing_does_not_refuse() -> None:
-    def report(rig: Rig) -> None:
-        assert rig.cell is not None
-        rig.cell.gripper.inject_fault(0x01)  # of which no manual speaks
-
-    trial, _, end = ended(Phase.HOLD, report)
-    assert trial.controller.fault_cause == "gripper fault: unknown fault 0x01"
-    assert end.hand.startswith("the hand reports unknown fault 0x01: it is closed to the limit")
-    assert not end.unreached
-
-
-def test_hand_that_lost_its_activation_stands() -> None:
-    _, _, end = ended(Phase.HOLD, power_cycle_gripper)
-    assert end.hand.startswith(
-        "the hand is not activated and holds by itself: it is closed with the"
-    )
-
-
-def test_hand_between_open_and_the_object_feels_nothing() -> None:
-    _, _, end = ended(Phase.REST, interrupt)
-    assert "partly closed" in end.hand and end.hand.endswith("feels nothing")
-
-
-def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
-    trial, _, end = ended(Phase.HOLD, interrupt)
-    assert end.advice == ""
-    told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "type this")
-    assert told.advice == "type this"
-    opened, _, _ = ended(Phase.RETREAT, interrupt)
-    told = end_of(opened.trace.last, opened.trace.hand, {}, 0.1, "type this")
-    assert told.advice == "start the run again"
-
-
-def test_arm_that_cannot_be_believed_is_not_said_to_stand() -> None:
-    trial, _, end = ended(Phase.HOLD, interrupt)
-    assert end.arm == "the arm stands"
-    cause = "stale: no fresh fingertip sample; arm_frozen: 0.33 s at one place while told to move"
-    told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "", cause)
-    assert told.arm == "the arm says that it stands"
-
-
-def test_run_that_never_ticked_has_told_nobody_anything() -> None:
-    assert end_of(None, None, {}, 0.1, "").arm == "the arm was told nothing"
-
-
-def test_computer_that_stood_still_is_named_before_the_devices_that_suffered() -> None:
-    """Its causes are what the controller heard of the loop and of its devices in one step."""
-    stale = Stale("the arm controller's clock stands still", "look at the teach pendant")
-    cause = f"stale: {stale.message}; {STOOD_STILL}: for 0.603 s nobody was in control"
-    said = happened(cause, None, {"arm": stale}, 0.1)
-    assert said == f"{STOOD_STILL}: for 0.603 s nobody was in control; {stale.message}"
-    assert stood_still(cause)
-
-
-def test_device_that_failed_alone_is_said_once() -> None:
-    lost = LinkLost("gripper at 1.2.3.4: no answer; is it on?", "switch it on")
-    assert happened(f"link_lost: {lost.message}", None, {"gripper": lost}, 0.1) == lost.message
-    assert not stood_still(f"link_lost: {lost.message}")
 
 
 def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_its_way_out() -> None:
@@ -259,12 +137,3 @@ def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_it
         going = msgspec.structs.replace(arm, moving=True, velocity_mps=(0.0, 0.0, mps))
         end = between_trials(going, gripper, now_ns, 0.1, "let go")
         assert end.arm == f"the arm is still moving at {said}"
-
-
-def test_run_that_its_deadline_ended_is_told_where_that_is_set() -> None:
-    staged = Staged(*QUICK, "loop.deadline_s=2")
-    trial = staged.run(lambda _: False, interrupt)
-    failure = trial.failure(staged.config)
-    assert failure is not None
-    assert "did not end in time" in failure.message
-    assert "loop.deadline_s" in failure.remedy

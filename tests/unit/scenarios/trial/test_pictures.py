@@ -15,13 +15,9 @@ from google.protobuf.json_format import ParseDict
 from mcap.reader import make_reader
 
 from grasp.clock import VIRTUAL_EPOCH_NS
-from grasp.messages import ARM, GRIPPER, PHASES, TACTILE, TRUTH
+from grasp.messages import ARM, GRIPPER, TRUTH
 from grasp.recording import RunRecording
-from scenarios.acquire import acquire
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.press import motion
 from scenarios.lift import lift
-from scenarios.trial.pictures import EVERY, Pictures, taxel_places
 from scenarios.trial.run_folder import OF_THE_MACHINE, RESULT, RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 
@@ -77,34 +73,6 @@ def test_foxglove_s_own_package_knows_every_field(recording: Path) -> None:
     assert seen == THEIRS.keys()
 
 
-def test_an_acquisition_is_drawn_too(tmp_path: Path) -> None:
-    done = acquire.run(
-        load_acquire_config("planar", "simulated"), motion("0", 0.05, 1.0), 0, 1.0, tmp_path,
-        False, lambda sample: None,
-    )  # fmt: skip
-    assert done.recording is not None
-    found = messages(Path(done.recording))
-    for topic in ("/log", "/tf", "/taxels"):
-        for name, _, told in found[topic]:
-            ParseDict(as_protobuf_has_it(told), THEIRS[name]())
-    assert [told["message"] for _, _, told in found["/log"]][:2] == ["approach", "settle"]
-
-
-def test_the_log_has_the_phases_with_their_causes(recording: Path) -> None:
-    told = [told for _, _, told in messages(recording)["/log"]]
-    changes = RunRecording.open(recording, RUN_CHANNELS).of(PHASES)
-    lines = [line["message"] for line in told if line["name"] == "phase"]
-    assert lines == [f"{change.phase}: {change.cause}" for _, change in changes]
-    assert {line["level"] for line in told} == {2}
-    assert any(line["name"] == "slip" for line in told)
-
-
-def test_how_a_run_was_ended_stands_out_in_the_log(tmp_path: Path) -> None:
-    told = [told for _, _, told in messages(lifted(tmp_path, "loop.deadline_s=2"))["/log"]]
-    assert told[-1]["message"] == "stopped: the run did not end in time"
-    assert [line["level"] for line in told] == [2] * (len(told) - 1) + [3]
-
-
 def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
     own = RunRecording.open(recording, RUN_CHANNELS)
     arm, gripper = dict(own.of(ARM)), dict(own.of(GRIPPER))
@@ -126,28 +94,6 @@ def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
     assert np.ptp(known) > 0.1
 
 
-def test_the_grid_has_every_taxel_where_it_is(recording: Path) -> None:
-    frames = dict(RunRecording.open(recording, RUN_CHANNELS).of(TACTILE))
-    pressed = 0
-    for _, at_ns, told in messages(recording)["/taxels"]:
-        counts = np.array(frames[at_ns - VIRTUAL_EPOCH_NS].counts).reshape(3, 6)
-        grid = ParseDict(as_protobuf_has_it(told), Grid())
-        cells = np.frombuffer(grid.data, "<i2").reshape(-1, grid.column_count)
-        assert grid.row_stride == 2 * grid.column_count
-        for finger in range(3):
-            for taxel, (column, row) in enumerate(taxel_places([], 6)):
-                assert cells[row, 4 * finger + column] == -counts[finger, taxel]
-        pressed = max(pressed, int(cells.max()))
-    assert pressed > 100
-
-
-def test_virtual_time_begins_at_a_stated_epoch_and_is_read_back_as_before(recording: Path) -> None:
-    own = RunRecording.open(recording, RUN_CHANNELS)
-    assert own.metadata["epoch"].startswith("virtual: 2000-01-01T00:00:00Z")
-    assert all(t_ns == state.t_ns for t_ns, state in own.of(ARM))
-    assert all(at > VIRTUAL_EPOCH_NS for of in messages(recording).values() for _, at, _ in of)
-
-
 def test_the_result_is_attached_and_equal_runs_are_equal_files(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -159,25 +105,3 @@ def test_the_result_is_attached_and_equal_runs_are_equal_files(
     assert told == {key: value for key, value in beside.items() if key not in OF_THE_MACHINE}
     assert told["outcome"]
     assert lifted(tmp_path).read_bytes() == recording.read_bytes()
-
-
-def test_a_bug_of_a_picture_ends_the_pictures_and_not_the_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(*_: object) -> None:
-        raise RuntimeError("no paint")
-
-    monkeypatch.setattr(Pictures, "_transforms", broken)
-    path = lifted(tmp_path)
-    found = messages(path)
-    assert [told["message"] for _, _, told in found["/log"]][-1].endswith("RuntimeError: no paint")
-    assert "/tf" not in found
-    assert list(RunRecording.open(path, RUN_CHANNELS).of(PHASES))[-1][1].phase == "done"
-
-
-def test_pictures_take_no_more_than_a_tenth_of_the_room(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Pictures, "write", lambda *_: None)
-    assert recording.stat().st_size <= 1.1 * lifted(tmp_path).stat().st_size
-    assert EVERY == 10

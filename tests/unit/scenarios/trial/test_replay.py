@@ -8,10 +8,7 @@ import pytest
 
 from detector.network import StreamingNetwork
 from detector.recordings import Recording
-from drivers.errors import BadFile
 from grasp.commands import CloseFast
-from grasp.controller_settings import ControllerSettings
-from grasp.guard import THUMB_ALONE
 from grasp.messages import CONTROL, MOTION
 from grasp.recording import RunRecorder, RunRecording
 from grasp.step import HEARD
@@ -51,10 +48,6 @@ def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
     assert replay.complete
     assert replay.steps > 1000
     assert any("slip registered" in what for _, what in replay.events)
-
-
-def test_folder_and_file_are_both_accepted(recorded: Path) -> None:
-    assert replay_run(recorded).steps == replay_run(recorded.parent).steps
 
 
 @pytest.fixture(scope="module")
@@ -99,14 +92,13 @@ INSIDE = {
 }
 
 
-@pytest.mark.parametrize("what", INSIDE)
-def test_one_thing_changed_inside_the_step_is_seen_by_the_check(
-    what: str, bounded: Path, monkeypatch: pytest.MonkeyPatch
+def test_one_thing_changed_inside_the_step_is_noticed_by_the_check(
+    bounded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert replay_run(bounded).differences == []
-    name, changed = INSIDE[what]
-    monkeypatch.setattr(name, changed)
-    assert replay_run(bounded).differences
+    for what, (name, changed) in INSIDE.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(name, changed)
+            assert replay_run(bounded).differences, what
 
 
 def test_tampered_probability_is_found(recorded: Path, tmp_path: Path) -> None:
@@ -142,41 +134,6 @@ def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
     assert replay.steps > 100
 
 
-def copy_with_settings(source: Path, out: Path, config: str) -> Path:
-    recording = RunRecording.open(source, RUN_CHANNELS)
-    with RunRecorder(out, RUN_CHANNELS, {**recording.metadata, "config": config}) as writer:
-        for name, t_ns, message in recording:
-            writer.write(name, t_ns, message)
-    return out
-
-
-def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
-    out = copy_with_settings(recorded, tmp_path / "x.mcap", '{"rig": "simulated", "novel": 1}')
-    with pytest.raises(BadFile, match="do not fit this version"):
-        replay_run(out)
-
-
-def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
-    recorded: Path, tmp_path: Path
-) -> None:
-    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    old = settings.replace('"energy":{', '"detector":{')
-    assert old != settings
-    out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
-    with pytest.raises(BadFile, match="detector: is called energy now"):
-        replay_run(out)
-
-
-def test_sections_of_other_scenarios_do_not_matter_to_a_replay(
-    recorded: Path, tmp_path: Path
-) -> None:
-    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    assert '"tap"' not in settings
-    more = settings.replace('"scoring":{', '"juggling":{"balls":3},"scoring":{"novel":1,')
-    assert more != settings
-    assert replay_run(copy_with_settings(recorded, tmp_path / "x.mcap", more)).steps > 0
-
-
 def fingertip_strokes() -> Recording:
     """Four seconds at rest with two loud strokes of 0.6 s."""
     rng = np.random.default_rng(0)
@@ -196,12 +153,3 @@ def test_every_stroke_of_a_fingertip_recording_is_answered_once_by_closing() -> 
     closings = [t_s for t_s, command in sent if command.more]
     assert 1.2 < closings[0] < 1.4
     assert 2.6 < closings[1] < 2.8
-
-
-def test_guard_limits_what_a_fingertip_recording_would_have_sent() -> None:
-    replay = replay_tactile(config(), fingertip_strokes())
-    closings = [c.command for c in replay.commands if isinstance(c.command, CloseFast)]
-    assert closings
-    assert all(c.force_cap_n == 10.0 and c.closing == THUMB_ALONE for c in closings)
-    full_mps = ControllerSettings().closing_speed_mps
-    assert all((c.speed_mps < full_mps) is (c.limits_counts[0] > 200) for c in closings)

@@ -13,11 +13,10 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series
 from scenarios.trial.ending import End
-from scenarios.trial.execution import kind_of, make_guard, run_trial
+from scenarios.trial.execution import kind_of
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import Begun, Bench
 from tests.unit.scenarios.conftest import config
-from tests.unit.scenarios.trial.test_ending import cut_arm
 
 OPEN = End("the arm stands", "the hand is open", "", open=True)
 STALE = Failure("stale", "stale: gripper status too old", "", OPEN)
@@ -81,69 +80,6 @@ def told(
     return person.heard, homes
 
 
-class Clumsy(Person):
-    """Cuts the arm's link while the second object is put in place."""
-
-    rig: GraspRig
-
-    def poll(self) -> str:
-        if len(self.heard) == 2:
-            cut_arm(self.rig)
-            self.rig.idle()
-        return ""
-
-
-def test_device_that_goes_while_an_object_is_put_in_place_is_told_with_arm_and_hand(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    person = Clumsy()
-
-    @contextmanager
-    def opened(*_: object) -> Iterator[GraspRig]:
-        with open_rig(config(), 0, paced=False) as person.rig:
-            yield person.rig
-
-    def attempt(*_: object) -> Any:
-        return lifted, (0.5, 0.1, 0.3)
-
-    monkeypatch.setattr(series, "open_rig", opened)
-    wired = msgspec.structs.replace(config(), rig="hardware")
-    first, second = series.run_series(wired, (0, 1, 2), Bench(operator=person), attempt)
-    assert first is lifted
-    assert second.result is None and second.failure is not None
-    assert "link to the arm lost" in second.failure.message
-    assert second.failure.end == OPEN
-
-
-class Leaves(Person):
-    """Presses Ctrl-C before the second object is in place."""
-
-    def poll(self) -> str:
-        if len(self.heard) == 2:
-            raise KeyboardInterrupt
-        return ""
-
-
-def test_series_that_is_stopped_between_two_trials_tells_arm_and_hand(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    @contextmanager
-    def opened(*_: object) -> Iterator[GraspRig]:
-        with open_rig(config(), 0, paced=False) as rig:
-            yield rig
-
-    def attempt(*_: object) -> Any:
-        return lifted, (0.5, 0.1, 0.3)
-
-    monkeypatch.setattr(series, "open_rig", opened)
-    wired = msgspec.structs.replace(config(), rig="hardware")
-    _, stopped = series.run_series(wired, (0, 1, 2), Bench(operator=Leaves()), attempt)
-    assert stopped.result is None and stopped.failure is not None
-    assert stopped.failure == Failure(
-        "interrupted", "stopped by hand before trial 2 of 3", "", OPEN
-    )
-
-
 def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,15 +105,6 @@ def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
     assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
     assert lifted.result is not None
     assert homes == [None, lifted.result.home_m, lifted.result.home_m]
-
-
-def test_object_that_is_in_place_already_is_asked_for_again_alone(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heard, _ = told(lifted, [None, None], monkeypatch, placed=True)
-    assert heard == ["Trial 2 of 2"]
-    heard, _ = told(lifted, [STALE, None, None], monkeypatch, placed=True)
-    assert heard[0].startswith("Trial 1 of 2 again")
 
 
 def test_the_same_trial_is_not_asked_for_without_end(
@@ -214,27 +141,6 @@ def test_series_that_is_gone_on_with_says_its_number_and_begins_from_its_first_h
     heard, homes = told(lifted, [None, None], monkeypatch, begun, raised_m=0.003)
     assert heard == ["Trial 4 of 5", "Trial 5 of 5"]
     assert homes[0] == lifted.result.home_m
-
-
-def test_arm_that_is_not_back_where_the_first_trial_began_is_refused_before_anything_moves(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert lifted.result is not None
-    begun = Begun((4, 5), 5, lifted.result.home_m)
-    with pytest.raises(Refused, match="200 mm from where the first trial began"):
-        told(lifted, [], monkeypatch, begun, raised_m=0.2)
-
-
-def test_run_that_ends_before_it_has_taken_a_home_tells_none() -> None:
-    settings = config()
-    with open_rig(settings, 0, paced=False) as rig:
-        rig.devices.gripper.move_to((120, 120, 120), 0.1, 10.0)
-        for _ in range(40):
-            rig.idle()
-        trial = run_trial(settings, rig, make_guard(settings), lambda *_: None)
-    assert [change.phase for change in trial.controller.machine.log] == ["fault"]
-    assert trial.home is None
-    assert lift.judge(settings, 0, trial, None).home_m is None
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import LinkLost
 from drivers.interfaces import Detection
 from grasp import interruption
 from grasp.commands import CloseFast, StopArm
@@ -22,7 +21,8 @@ from scenarios.tap.summary import summarise
 from scenarios.trial.replay import replay_run
 from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
-from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, config, in_phase
+from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, Staged, config, in_phase
+from tests.unit.scenarios.lift.device_faults import interrupt
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
 PHASES = [
@@ -57,11 +57,20 @@ def stopped_lift(
     return finished, on_tick.ticks  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("phase", PHASES)
-def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> None:
-    stands = phase in (Phase.TOUCH, Phase.PROBE)  # phases of a lift that was searched for
-    settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if stands else QUICK
-    finished, ticks = stopped_lift(tmp_path, phase, signal.SIGTERM, settings=settings)
+def test_interruption_in_any_phase_leaves_a_standing_arm() -> None:
+    for phase in PHASES:
+        stands = phase in (Phase.TOUCH, Phase.PROBE)  # phases of a lift that was searched for
+        settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if stands else QUICK
+        staged = Staged(*settings)
+        trial = staged.run(in_phase(phase, 0 if phase is Phase.REST else 3), interrupt)
+        assert trial.interrupted, phase
+        assert [c.phase for c in trial.controller.machine.log][-2:] == [phase, Phase.STOPPED]
+        assert not staged.ticks[-1].arm.moving, phase
+
+
+@pytest.mark.parametrize("phase", [Phase.GRASP, Phase.LOWER])
+def test_signal_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> None:
+    finished, ticks = stopped_lift(tmp_path, phase, signal.SIGTERM)
     result = finished.result
     assert result is not None and finished.failure is not None
     assert finished.failure.kind == "interrupted"
@@ -105,38 +114,6 @@ def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
     assert not ticks[-1].arm.moving
     (folder,) = tmp_path.iterdir()
     assert replay_run(folder).complete
-
-
-def test_fault_before_a_signal_stays_a_fault() -> None:
-    slow = ("controller.phase_timeout_s=2", "controller.relax_s=3")
-    finished, ticks = stopped_lift(None, Phase.FAULT, signal.SIGTERM, settings=(*QUICK, *slow))
-    assert "lasted longer" in str(finished.result)
-    assert Phase.STOPPED not in {t.decision.phase for t in ticks}
-    assert finished.result is not None
-    assert (finished.result.outcome, finished.result.success) == ("fault", False)
-
-
-def test_signal_while_a_rig_opens_leaves_no_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def slow(*_: object) -> None:
-        signal.raise_signal(signal.SIGTERM)
-        raise LinkLost("never reached", "")
-
-    monkeypatch.setattr("scenarios.rigs.simulated.connect", slow)
-    with interruption.taken(), pytest.raises(interruption.Interruption):
-        lift.run(config(*QUICK), 0, tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_signal_between_two_taps_ends_the_series_and_keeps_the_first() -> None:
-    done = []
-    with interruption.taken(), pytest.raises(KeyboardInterrupt):
-        for finished in tap.run_series(tap_config(), range(3), Bench()):
-            done.append(finished.result)
-            signal.raise_signal(signal.SIGTERM)
-    assert [r.outcome for r in done if r is not None] != ["interrupted"]
-    assert len(done) == 1
 
 
 def tap_config() -> TapConfig:

@@ -38,8 +38,3 @@ def test_an_object_that_slid_for_a_moment_and_was_held_again_was_not_let_go() ->
 def test_an_object_is_let_go_from_where_the_hand_loses_it_after_the_top(phase: Phase) -> None:
     run = of((Phase.HOLD, HELD_AT, 0.2), (phase, HELD_AT, 0.11), (phase, LOST_AT, 0.1))
     assert run.let_go_m == 0.11
-
-
-def test_an_object_that_is_lost_in_the_air_for_good_is_lost_by_its_end() -> None:
-    run = of((Phase.LIFT, HELD_AT, 0.1), (Phase.HOLD, LOST_AT, 0.09), (Phase.LOST, LOST_AT, 0.0))
-    assert run.end is not None and not run.end.touched

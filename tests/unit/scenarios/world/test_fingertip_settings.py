@@ -20,13 +20,6 @@ def test_the_fingertip_of_a_run_is_the_middle_of_the_compliant_part() -> None:
         assert settings[key.removeprefix(SECTION)] == pytest.approx((low + high) / 2), key
 
 
-def test_the_rigid_part_has_none_of_the_terms_of_a_mount() -> None:
-    config = load_dataset_config(config_dir() / "datasets" / "paper.toml")
-    (part,) = (p for p in config.parts if p.name == "rigid")
-    for name in ("lever_x", "lateral_npmm", "shift_mm", "rock_rad", "relaxation_slow_share"):
-        assert part.randomise[SECTION + name] == (0.0, 0.0)
-
-
 def test_in_a_grasp_the_hand_is_as_restless_as_told_and_the_pads_are_the_same() -> None:
     pressed = FingertipSettings(holding_share=0.5)
     held = in_a_grasp(pressed)
@@ -34,13 +27,3 @@ def test_in_a_grasp_the_hand_is_as_restless_as_told_and_the_pads_are_the_same() 
         assert getattr(held, name) == 0.5 * getattr(pressed, name)
     for name in ("lever_x", "spring_mm", "crown_radius_mm", "relaxation_slow_share"):
         assert getattr(held, name) == getattr(pressed, name)
-
-
-def test_rest_codes_from_above_to_below_are_refused() -> None:
-    with pytest.raises(msgspec.ValidationError, match="rest_low 500 is above rest_high 480"):
-        msgspec.convert({"rest_low": 500}, FingertipSettings)
-
-
-def test_a_held_object_is_damped_less_than_critically_as_its_exact_step_takes_it() -> None:
-    with pytest.raises(msgspec.ValidationError, match=r"<= 0\.95"):
-        msgspec.convert({"held_damping": 1.0}, FingertipSettings)

@@ -5,9 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.world import disturbance
-from scenarios.world import spring_bed as bed
-from scenarios.world.disturbance import on_a_free_object
 from scenarios.world.fingertip import Fingertips, Floats, Held
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
@@ -53,21 +50,7 @@ class Mounted:
         return out
 
 
-def test_a_mount_and_the_springs_in_touch_share_the_depth() -> None:
-    pad = Mounted()
-    load = pad.go()
-    assert load == pytest.approx(4.0 * (DEPTH_MM - pad.tips.approach_mm[0]), rel=1e-9)
-    assert load > 0.5
-
-
-def test_without_a_lever_the_load_does_not_follow_the_stroke() -> None:
-    pad = Mounted()
-    still = pad.go()
-    assert pad.slide(0.3) == pytest.approx(still, rel=0.03)
-    assert pad.slide(-0.3) == pytest.approx(still, rel=0.03)
-
-
-@pytest.mark.parametrize("lever", [0.4, 0.8])
+@pytest.mark.parametrize("lever", [0.8])
 def test_load_follows_the_stroke_as_that_of_a_drum_brakes_shoes(lever: float) -> None:
     """A mount that is soft beside the pad: N = N0 / (1 +- lever mu)."""
     pad = Mounted(mount_npmm=0.8, foundation_n_per_mm3=1.0, lever_x=lever)
@@ -78,16 +61,7 @@ def test_load_follows_the_stroke_as_that_of_a_drum_brakes_shoes(lever: float) ->
     assert standing == pytest.approx(up, rel=0.1)  # friction keeps it while it stands
 
 
-def test_a_lever_along_one_axis_is_deaf_to_strokes_along_the_other() -> None:
-    pad = Mounted(lever_x=0.8)
-    still = pad.go()
-    for _ in range(60):
-        load = pad.go(0.0, 0.3)
-    assert load == pytest.approx(still, rel=0.05)
-
-
-@pytest.mark.parametrize("npmm", [0.001, 0.1, 3.0])
-@pytest.mark.parametrize("hz", [8.0, 40.0])
+@pytest.mark.parametrize(("npmm", "hz"), [(0.001, 40.0), (3.0, 8.0)])
 def test_a_swinging_mount_comes_to_rest_however_soft_it_is(npmm: float, hz: float) -> None:
     pad = Mounted(ROUGH, lateral_npmm=npmm, lateral_hz=hz, foundation_n_per_mm3=1.0)
     pad.go()
@@ -96,35 +70,6 @@ def test_a_swinging_mount_comes_to_rest_however_soft_it_is(npmm: float, hz: floa
         pad.go()
     assert pad.tips.slip_mps[0] < 1e-6
     assert abs(pad.tips.slid[0, :2]).max() < 10.0  # of 9 mm that the surface went
-
-
-def test_a_soft_mount_must_be_dragged_along_before_the_pad_slides() -> None:
-    def travel(stiffness_npmm: float) -> float:
-        """Until it slides after the stroke has been reversed, mm."""
-        pad = Mounted(mount_npmm=2.0, lateral_npmm=stiffness_npmm, lateral_damping=0.7)
-        pad.slide(0.1, 100)
-        for k in range(1, 200):
-            pad.go(-0.05)
-            if pad.tips.sliding_share[0] > 0.99:
-                return 0.05 * k
-        return math.inf
-
-    friction = MU * Mounted(mount_npmm=2.0).go()
-    more = travel(2.0) - travel(0.0)
-    assert more == pytest.approx(2 * friction / 2.0, rel=0.3)
-
-
-def test_a_mount_that_is_let_go_swings_at_its_own_frequency() -> None:
-    pad = Mounted(lateral_npmm=5.0, lateral_hz=10.0, lateral_damping=0.05)
-    s = pad.tips._states[0]
-    s[bed.AWAY_X] = 0.5
-    seen = []
-    for _ in range(1000):  # nothing pulls at it
-        bed.swing(pad.tips._parameters, s, 0.001)
-        seen.append(s[bed.AWAY_X])
-    falls = np.flatnonzero((np.array(seen[:-1]) > 0) & (np.array(seen[1:]) <= 0))
-    assert np.diff(falls).mean() == pytest.approx(100.0, abs=2.0)
-    assert max(np.abs(seen[-100:])) < 0.05
 
 
 @pytest.mark.parametrize(("share", "lost"), [(0.05, 0.076), (0.10, 0.153)])
@@ -139,62 +84,7 @@ def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float)
     assert 0.5 < decades[1] / decades[0] < 2.0
 
 
-def test_shift_and_rocking_give_rest_more_than_one_mode() -> None:
-    def one_component(**settings: float) -> float:
-        pad = Mounted(ROUGH, **{"wander_mm": 0.005, **settings})
-        seen = np.array([(pad.go(), pad.counts())[1] for _ in range(300)])[20:]
-        spread = np.linalg.svd(np.diff(seen, axis=0), compute_uv=False) ** 2
-        return float(spread[0] / spread.sum())
-
-    alone = one_component()
-    assert one_component(rock_rad=0.003) < alone - 0.05
-    assert one_component(shift_mm=0.01) < alone - 0.05
-
-
-def test_finer_springs_carry_the_same_load_and_hear_a_texture_more_smoothly() -> None:
-    def increments(spring_mm: float) -> tuple[float, float]:
-        smoothness, loads = [], []
-        for seed in range(4):
-            pad = Mounted(ROUGH, spring_mm=spring_mm)
-            pad.tips = Fingertips(pad.tips._settings, [ROUGH], np.random.default_rng(seed))
-            seen = np.array([(pad.go(0.3), pad.counts())[1] for _ in range(150)])
-            change = np.diff(seen, axis=0)
-            smoothness.append((change[1:] * change[:-1]).sum() / (change**2).sum())
-            loads.append(pad.go())
-        return float(np.mean(smoothness)), float(np.mean(loads))
-
-    (rough, coarse_n), (smooth, fine_n) = increments(2.0), increments(1.0)
-    assert smooth > rough + 0.05
-    assert fine_n == pytest.approx(coarse_n, rel=0.1)
-
-
-def test_a_fingertip_with_all_terms_stays_finite_and_in_touch() -> None:
-    pad = Mounted(
-        ROUGH, lever_x=0.9, lever_y=0.3, lateral_npmm=3.0,
-        shift_mm=0.002, rock_rad=0.001, relaxation_slow_share=0.1, spring_mm=1.0,
-    )  # fmt: skip
-    loads = [pad.go(0.5 if k // 40 % 2 else -0.5) for k in range(400)]
-    assert np.isfinite(loads).all()
-    assert min(loads) > 0.0
-    assert max(loads) < 20.0
-    assert abs(pad.tips._states[0, bed.AWAY_X]) < 3.0
-
-
 SIDES, GRIP_N = np.array([1.0, -1.0, -1.0]), np.array([4.0, 2.0, 2.0])
-
-
-def test_what_pads_gain_on_a_free_object_is_alike_on_both_sides() -> None:
-    stiffness = np.array([8.0, 5.0, 6.0])
-    gained = on_a_free_object(np.array([0.3, -0.2, 0.1]), stiffness, SIDES)
-    assert SIDES @ gained == pytest.approx(0.0, abs=1e-12)
-    alike = np.array([0.4, 0.2, 0.2])
-    assert on_a_free_object(alike, stiffness, SIDES) == pytest.approx(alike)
-
-
-def test_a_pad_that_touches_nothing_gains_nothing() -> None:
-    gained = on_a_free_object(np.array([0.3, 0.2, 0.1]), np.array([8.0, 0.0, 6.0]), SIDES)
-    assert gained[1] == 0.0
-    assert gained[0] == pytest.approx(gained[2])
 
 
 def held_loads(lever: float, pull_mm: float) -> Floats:
@@ -221,49 +111,15 @@ def test_weight_that_hangs_on_held_pads_loads_or_unloads_them_alike_by_its_direc
 HELD_HZ, DAMPING, PERIOD_S = 20.0, 0.2, 0.01
 
 
-def transfer(hz: Floats) -> Floats:
-    """Relative motion of object and hand over the hand's, of a mass on springs."""
-    r = hz / HELD_HZ
-    return r**2 / np.sqrt((1.0 - r**2) ** 2 + (2.0 * DAMPING * r) ** 2)
-
-
-@pytest.mark.parametrize("hz", [2.0, 8.0, 20.0])
-def test_an_object_follows_the_hand_as_a_mass_on_springs_does(hz: float) -> None:
-    following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
-    left = []
-    for k in range(2000):
-        hand = np.full(disturbance.WAYS, math.sin(2 * math.pi * hz * 0.001 * (k + 1)))
-        disturbance.follow(2 * math.pi * HELD_HZ, DAMPING, 0.001, hand, following)
-        left.append(hand[0] - following[0, disturbance.FOLLOWED])
-    wanted = transfer(np.array([hz]))[0]
-    assert max(left[1000:]) == pytest.approx(wanted, rel=0.03)
-
-
 def restless_loads(held: Held | None, **settings: float) -> Floats:
     """(n, 3) loads of pads that hold with 4, 2 and 2 N, while nothing but the hand is restless."""
     merged = FingertipSettings(**{**STILL, "wander_mm": 0.004, **settings})  # type: ignore[arg-type]
     tips = Fingertips(merged, [SMOOTH] * 3, np.random.default_rng(5), held)
     still, middle, out = np.zeros(3), np.zeros((3, 2)), []
-    for k in range(4000):
+    for k in range(1500):
         tips.advance(PERIOD_S * (k + 1), GRIP_N, middle, still, middle, False)
         out.append(tips.load_n)
     return np.array(out)
-
-
-def test_what_a_held_object_leaves_of_the_hand_s_wander_is_what_its_inertia_says() -> None:
-    fast = {"wander_fast_s": 0.02, "wander_slow_s": 0.02}
-    pressed = restless_loads(None, **fast).std(axis=0)
-    held = restless_loads(Held(SIDES, 2 * math.pi * HELD_HZ), **fast).std(axis=0)
-    hz = np.arange(0.05, 500.0, 0.05)
-    power = 1.0 / (1.0 + (2 * math.pi * hz * 0.02) ** 2) ** 2
-    wanted = np.sqrt((power * transfer(hz) ** 2).sum() / power.sum())
-    assert 0.2 < wanted < 0.6
-    assert held == pytest.approx(wanted * pressed, rel=0.15)
-
-
-def test_a_light_object_rides_along_with_the_hand() -> None:
-    light, heavy = (restless_loads(Held(SIDES, 2 * math.pi * hz)).std() for hz in (200.0, 15.0))
-    assert light - GRIP_N.std() < 0.1 * (heavy - GRIP_N.std())
 
 
 def test_a_hand_that_shakes_loads_one_side_as_it_unloads_the_other() -> None:

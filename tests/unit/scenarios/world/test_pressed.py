@@ -65,20 +65,11 @@ SMOOTH = FixedSurface(name="plane", texture_rms_m=0.0)
 BALL = FixedSurface(name="ball", texture_rms_m=0.0, radius_x_m=0.0381, radius_y_m=0.0381)
 
 
-def test_above_the_surface_the_pad_carries_nothing() -> None:
-    assert press_down(SMOOTH, -0.0005).normal_n == 0.0
-
-
 def test_load_is_what_mount_and_pad_in_series_give() -> None:
     pad = press_down(SMOOTH, 0.001)
     taken_mm = pad.tips.approach_mm[0]
     assert 0.2 < taken_mm < 0.9
     assert pad.normal_n == pytest.approx(1e-3 * STIFFNESS * (1.0 - taken_mm), rel=1e-6)
-
-
-def test_stiffer_rubber_carries_more_at_equal_depth() -> None:
-    soft, stiff = (press_down(SMOOTH, 0.001, foundation_n_per_mm3=k).normal_n for k in (0.1, 0.8))
-    assert stiff > 1.2 * soft
 
 
 def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> None:
@@ -88,33 +79,6 @@ def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> 
     columns = [f[:3] + f[5:2:-1] for f in fall]
     balance = [(c[2] - c[0]) / c.sum() for c in columns]
     assert balance[1] < balance[0] - 0.1  # the tool went to +x: the apex lies towards -x
-
-
-def test_along_a_cylinder_nothing_changes() -> None:
-    pressing = Pressing(radius_y_m=0.0508)  # its axis along x
-    pressing.go()
-    assert pressing.go(x=0.01) == pytest.approx(pressing.go())
-
-
-def test_a_slope_loads_the_pad_that_climbs_it() -> None:
-    pressing = Pressing(PressSettings(gap_m=0.005, slope_x=0.02))
-    level = pressing.go()
-    assert pressing.go(x=0.005) - level == pytest.approx(STIFFNESS * 1e-4)
-
-
-def test_a_contact_off_the_axis_is_swept_along_an_arc_when_the_tool_turns() -> None:
-    pressing = Pressing(PressSettings(gap_m=0.005, axis_x_m=0.01))
-    pressing.go()
-    for k in range(1, 11):
-        pressing.go(angle=0.1 * k)
-    assert np.hypot(*pressing.motion_mm) == pytest.approx(10.0, rel=0.01)  # an arc of 1 rad
-
-
-def test_the_surface_moves_against_the_tool_whose_y_is_the_bases_mirrored() -> None:
-    pressing = Pressing()
-    pressing.go()
-    pressing.go(x=0.002, y=0.001)
-    assert pressing.motion_mm == pytest.approx([-2.0, 1.0])
 
 
 def test_a_turned_pad_feels_the_motion_in_its_own_frame() -> None:

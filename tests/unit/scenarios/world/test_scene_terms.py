@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from scenarios.lift import lift
-from scenarios.rigs.variation import VariationSettings, draw
 from scenarios.world import laws
 from scenarios.world.contact import Contact
 from scenarios.world.contact_settings import ContactSettings
@@ -25,12 +24,6 @@ def codes(seed: int, taxels: int = 6) -> np.ndarray:
 
 def damaged(**settings: float) -> Callable[[np.ndarray], np.ndarray]:
     return Damage(DamageSettings(**settings), NOISE, np.random.default_rng(0)).felt
-
-
-def test_whole_fingertips_read_what_they_feel() -> None:
-    felt = damaged()
-    for seed in range(3):
-        assert (felt(codes(seed)) == codes(seed)).all()
 
 
 @pytest.mark.parametrize("taxels", [6, 8])
@@ -67,12 +60,6 @@ def test_pull_begins_once_when_the_arm_has_stood_long_enough_in_the_air() -> Non
     assert not Pull(PullSettings(), 0).begins(10**12, 1.0, 0.0)
 
 
-def test_pull_waits_for_an_arm_that_pauses_on_its_way_up() -> None:
-    pull = Pull(PullSettings(force_n=5.0, after_s=0.2, above_m=0.1), 0)
-    told = [(t, 0.09, 0.0) for t in (0, 500, 1000)] + [(t, 0.11, 0.0) for t in (1199, 1200)]
-    assert [pull.begins(t * MS, height, rise) for t, height, rise in told] == [False] * 4 + [True]
-
-
 def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
     held = Contact(ContactSettings(), body(), Level.SLIDER)
     assert laws.pull_force(held.state, 1.0) == 0.0
@@ -81,43 +68,11 @@ def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
     assert {t: laws.pull_force(held.state, t) for t in at} == pytest.approx(at, abs=1e-9)
 
 
-@pytest.mark.parametrize("down_n", [6.0, -6.0])
-def test_a_push_is_all_there_at_once_and_stays_until_told_otherwise(down_n: float) -> None:
-    held = Contact(ContactSettings(), body(), Level.SLIDER)
-    held.push(down_n, 2.0)
-    assert [laws.pull_force(held.state, t) for t in (2.001, 3.0, 50.0)] == pytest.approx(
-        [down_n] * 3
-    )
-    held.push(0.0, 50.0)
-    assert laws.pull_force(held.state, 51.0) == 0.0
-
-
 def test_held_object_bears_a_pull_within_its_friction_and_is_lost_to_one_beyond() -> None:
     plain, light = judged(), judged("pull.force_n=3")
     assert light.success and plain.slip_distance_m == pytest.approx(light.slip_distance_m, abs=1e-3)
     heavy = judged("pull.force_n=40", "pull.lasts_s=1")
     assert not heavy.success
-
-
-def test_object_wider_than_planned_is_gripped_harder_and_equals_a_wider_object() -> None:
-    plan = config()
-    wide = draw(
-        VariationSettings(width_error_m=0.001), plan.object, plan.hand, np.random.default_rng(3)
-    )
-    plain = draw(VariationSettings(), plan.object, plan.hand, np.random.default_rng(3))
-    assert wide.body.half_width_m == pytest.approx(plain.body.half_width_m + 0.001)
-    assert wide.body.mass_kg == plain.body.mass_kg
-
-
-def test_lift_with_half_its_taxels_and_gain_is_another_lift_of_the_same_object() -> None:
-    plain, worse = judged(), judged("damage.taxels_lost=0.5", "damage.gain_lost=0.5")
-    assert worse.outcome != "fault"
-    assert plain.slip_onset_s == worse.slip_onset_s
-    assert plain.first_detection_s != worse.first_detection_s
-
-
-def test_fingertips_that_have_lost_every_taxel_are_refused_not_trusted() -> None:
-    assert judged("damage.taxels_lost=1").outcome == "fault"
 
 
 @pytest.mark.parametrize("seed", [1, 2])

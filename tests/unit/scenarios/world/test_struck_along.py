@@ -74,16 +74,6 @@ def test_held_object_swings_on_the_three_springs_and_loads_the_thumb_by_one_of_t
     assert thumb.max() == pytest.approx(GRIP_N + scene.k * impulse / (MASS_KG * rate), rel=2e-3)
 
 
-def test_swing_dies_away_by_the_damping_of_the_pads() -> None:
-    scene = Struck(loss_s=1.5e-3, impulse_n_s=0.05)
-    rate = math.sqrt(3 * scene.k / MASS_KG)
-    thumb = scene.go(2.2 * 2 * math.pi / rate)[:, 0] - GRIP_N
-    first, second = peaks(thumb, 0.0)[:2]
-    share = 0.5 * 1.5e-3 * rate  # of critical damping
-    expected = math.exp(-2 * math.pi * share / math.sqrt(1 - share**2))
-    assert thumb[second] / thumb[first] == pytest.approx(expected, rel=0.02)
-
-
 def test_blow_that_frees_the_opposing_fingers_loads_the_thumb_by_its_energy() -> None:
     scene = Struck(impulse_n_s=0.4)
     forces = scene.go(0.02)
@@ -110,12 +100,6 @@ def test_at_any_step_fingers_only_push_and_no_energy_comes_from_nowhere(
         assert gained == pytest.approx((n[1] + n[2] - n[0]) * h, rel=1e-6, abs=1e-12)
 
 
-def test_finger_that_let_go_presses_again_where_the_object_comes_back_to_it() -> None:
-    forces = Struck(loss_s=1.5e-3, impulse_n_s=0.4).go(0.5, 1e-4)
-    assert (forces[:, 1] == 0.0).any()
-    assert forces[-1] == pytest.approx([GRIP_N, 0.5 * GRIP_N, 0.5 * GRIP_N], abs=1e-3)
-
-
 @pytest.mark.parametrize("push_n", [5.0, 40.0])
 def test_steady_push_ends_where_the_forces_balance(push_n: float) -> None:
     scene = Struck(loss_s=1.5e-3)
@@ -125,22 +109,6 @@ def test_steady_push_ends_where_the_forces_balance(push_n: float) -> None:
     freed = push_n > 2 * GRIP_N
     assert bool(n[1] == 0.0) is freed
     assert n[0] == pytest.approx(push_n if freed else GRIP_N + push_n / 3)
-
-
-def test_peak_tends_to_its_limit_by_the_first_order() -> None:
-    peak = [Struck(1.5e-3, 0.2).go(0.02, h)[:, 0].max() for h in (2e-6, 1e-4, 2e-4)]
-    assert peak[0] - peak[1] < 0.15
-    assert peak[0] - peak[2] == pytest.approx(2 * (peak[0] - peak[1]), rel=0.25)
-
-
-def test_table_keeps_what_no_finger_holds() -> None:
-    scene = Struck(loss_s=1.5e-3, impulse_n_s=0.3)
-    scene.travel = np.zeros(3)
-    scene.s[laws.SQUEEZE : laws.SQUEEZE + 3] = 0.0
-    scene.s[laws.HEIGHT] = 0.0
-    scene.step()
-    assert scene.x_m == 0.0
-    assert scene.s[laws.LATERAL_SPEED] == 0.0
 
 
 PADS = ContactSettings()
@@ -166,39 +134,3 @@ def test_every_level_carries_the_inertia_along_the_closing_axis() -> None:
     assert all(each == pytest.approx(peak[0], rel=1e-3) for each in peak)
     pulse_n = math.pi * 0.2 / (2 * 0.008)  # of the mallet, at most
     assert 12.0 < peak[0][0] < 0.8 * pulse_n
-
-
-def test_forces_neither_jump_when_the_blow_is_told_nor_when_the_object_rests_again() -> None:
-    (contact, grip), (untold, _) = held(Level.SLIDER), held(Level.SLIDER)
-    contact.strike(ALONG, 0.31)
-    for either in (contact, untold):
-        either.advance(0.3, 0.01, 0.0, 0.0, 0.0, grip, grip)
-    assert contact.normal_n == pytest.approx(untold.normal_n, abs=5e-3)  # pads that relax
-    assert contact.state[laws.INERT] == 1.0
-    last, t = contact.normal_n.copy(), 0.31
-    while contact.state[laws.INERT]:
-        last = contact.normal_n.copy()
-        contact.advance(t, 0.01, 0.0, 0.0, 0.0, grip, grip)
-        t += 0.01
-        assert t < 4.0
-    assert contact.normal_n == pytest.approx(last, abs=1e-3)
-
-
-@pytest.mark.parametrize("direction", ["top", "side"])
-def test_other_blows_leave_the_closing_axis_to_the_balance_of_forces(direction: str) -> None:
-    contact, grip = held(Level.SPIN)
-    contact.strike(Blow(impulse_n_s=0.1, duration_s=0.008, direction=direction), 0.3)  # type: ignore[arg-type]
-    contact.advance(0.3, 0.05, 0.0, 0.0, 0.0, grip, grip)
-    assert contact.state[laws.INERT] == contact.state[laws.LATERAL_SPEED] == 0.0
-    n = contact.normal_n
-    assert n[0] == pytest.approx(n[1] + n[2], rel=1e-12)
-
-
-def test_finger_that_closes_under_such_a_blow_meets_the_object_s_inertia() -> None:
-    contact, grip = held(Level.SLIDER)
-    still = contact.stiffness_npm.copy()
-    contact.strike(ALONG, 0.3)
-    contact.advance(0.3, 1e-3, 0.0, 0.0, 0.0, grip, grip)
-    k = finger_stiffness(PADS, CAN)
-    assert still[0] == pytest.approx(2 / 3 * k)
-    assert 0.95 * k < contact.stiffness_npm[0] < k

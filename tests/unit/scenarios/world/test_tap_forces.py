@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import Floats, initial_state, parameters
 from scenarios.world.contact_settings import ContactSettings
 from tests.unit.scenarios.world.test_contact import body, fresh_pads, travel
@@ -61,19 +60,6 @@ def test_side_blow_moves_the_object_across_and_lets_it_sink_by_friction_spent_si
     assert 0.05 * across < sunk < across
 
 
-def test_slide_across_ends_where_work_against_friction_has_used_up_the_blow() -> None:
-    # stiff pads, next to no weight: S = J^2 / (2 m mu_k sum(N)) - J T / (2 m) after a pulse of T
-    hard = {"shear_stiffness_npm": 1e6, "shear_damping_nspm": 200.0}
-    p, state, pads = held(mass_kg=0.02, **hard)
-    s = state
-    s[laws.TAP_DIRECTION] = laws.SIDE
-    s[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = AT_S, 1e-4, 0.03
-    laws.advance(p, s, pads, AT_S, 0.2, 1e-5, 0.0, 0.0, 0.0, GRIP, GRIP)
-    total_n = s[laws.NORMAL : laws.NORMAL + 3].sum()
-    expected = 0.03**2 / (2 * 0.02 * 0.7 * total_n) - 0.03 * 1e-4 / (2 * 0.02)
-    assert s[laws.ACROSS] == pytest.approx(expected, rel=0.01)
-
-
 def test_friction_of_a_finger_stays_within_its_circle() -> None:
     p, state, pads = held()
     s = state
@@ -90,44 +76,10 @@ def test_friction_of_a_finger_stays_within_its_circle() -> None:
         assert math.hypot(across_n, up_n) < limit * 1.0001
 
 
-def test_equal_blows_move_it_less_far_across_than_down() -> None:
-    p, state, pads = held()
-    down = struck((p, state, pads), laws.TOP, 0.25)[laws.SLIP] - state[laws.SLIP]
-    across = struck((p, state, pads), laws.SIDE, 0.25)[laws.ACROSS]
-    assert across < down  # gravity helps the one and not the other
-
-
-def test_side_slide_does_not_depend_on_the_step() -> None:
-    p, state, pads = held()
-    coarse = struck((p, state, pads), laws.SIDE, 0.25, 5e-4)[laws.ACROSS]
-    fine = struck((p, state, pads), laws.SIDE, 0.25, 5e-6)[laws.ACROSS]
-    assert coarse == pytest.approx(fine, rel=0.015)
-
-
-def test_first_and_last_instant_of_motion_are_noted_after_a_blow_only() -> None:
-    p, state, pads = held()
-    assert state[laws.MOVED_FROM_S] == laws.NOT_YET
-    s = struck((p, state, pads), laws.SIDE, 0.25)
-    assert AT_S < s[laws.MOVED_FROM_S] < AT_S + 0.01
-    assert 0.01 < s[laws.MOVED_UNTIL_S] - s[laws.MOVED_FROM_S] < 0.1
-
-
 def test_object_struck_beyond_its_own_half_width_is_out_of_the_hand() -> None:
     p, state, pads = held()
     s = struck((p, state, pads), laws.SIDE, 1.5)
     assert s[laws.NORMAL : laws.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_follow_through_adds_its_impulse_after_the_pulse() -> None:
-    p = parameters(ContactSettings(), body())
-    state, pads = initial_state(), fresh_pads()
-    state[laws.HEIGHT] = 1.0
-    state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.01, 0.008, 0.2
-    state[[laws.FOLLOW_S, laws.FOLLOW_N_S]] = 0.03, 0.05
-    open_hand = travel(10, 10, 10)
-    laws.advance(p, state, pads, 0.0, 0.06, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
-    expected = -laws.GRAVITY_MPS2 * 0.06 - 0.25 / 0.65
-    assert state[laws.SPEED] == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3, 5e-3, 0.05])
@@ -141,8 +93,3 @@ def test_no_step_loses_any_of_a_blow_s_impulse(step_s: float, duration_s: float)
     for k in range(5):
         laws.advance(p, state, pads, k * 0.01, 0.01, 0.05, 0.0, 0.0, 0.0, open_hand, open_hand)
     assert state[laws.ACROSS_SPEED] * 0.65 == pytest.approx(0.25, rel=1e-9)
-
-
-def test_hand_that_follows_through_in_no_time_is_refused() -> None:
-    with pytest.raises(ValueError, match="follow_s > 0"):
-        Blow(impulse_n_s=0.1, duration_s=0.008, follow_n_s=0.1)

@@ -15,8 +15,8 @@ from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSetting
 from tests.calibrations import PAPER
 
 QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
-PATIENT_S = 20.0  # nothing here takes long; a loaded machine may
-TIMEOUT_S = 0.25  # long enough for a reply on a loaded machine
+PATIENT_S = 60.0  # nothing here takes long; a loaded machine may
+TIMEOUT_S = 1.0  # long enough for a reply on a loaded machine
 TOUCH_M = 0.03
 STIFFNESS_NPM = 5000.0
 

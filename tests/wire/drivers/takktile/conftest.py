@@ -14,7 +14,7 @@ from drivers.takktile.emulator.server import BoardServer, backend
 from drivers.takktile.link.usb import UsbLink
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 
-PATIENCE_S = 20.0  # for what must come at last, on a machine however busy
+PATIENCE_S = 60.0  # for what must come at last, on a machine however busy
 MS = 1_000_000
 
 
@@ -48,7 +48,7 @@ class Bench:
         return usb.core.find(backend=self.bus, idVendor=0x59E3, idProduct=0x74C7)
 
     def connect(self, serial: str | None = None) -> UsbLink:
-        return UsbLink.find(serial, self.bus, control_timeout_ms=300)
+        return UsbLink.find(serial, self.bus, control_timeout_ms=1000)
 
     def spoil(self, fault: str, *args: object) -> None:
         with self.lock:

@@ -2,10 +2,8 @@
 
 import json
 
-import pytest
-
-from drivers.takktile.model.board import BoardModelSettings
 from grasp.cli.main import main
+from tests.wire.cases import case
 from tests.wire.drivers.takktile.conftest import Bench
 
 
@@ -41,24 +39,6 @@ def test_identify_reads_board_and_wiring_of_a_lab_s_own_file(bench, capsys, tmp_
     assert "with serial number another" in capsys.readouterr().err
 
 
-def test_identify_answers_in_json(bench, capsys):
-    press(bench, 0)
-    assert identify(bench, "--seconds", "1", "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert answer == {
-        "presses": [{"row": 0, "column": 0, "fall_counts": 140, "finger": "A", "taxel": 0}],
-        "exit_code": 0,
-    }
-
-
-def test_identify_shows_cells_that_no_finger_has(capsys):
-    bench = Bench(BoardModelSettings(cells=((5, 1), (5, 2))))
-    press(bench, 1)
-    with bench.server:
-        assert identify(bench, "--seconds", "1") == 0
-    assert "no finger has this cell in `cells`: row 5, column 2" in capsys.readouterr().out
-
-
 def test_identify_says_when_no_pad_was_pressed(bench, capsys):
     assert identify(bench, "--seconds", "0.1") == 1
     assert "no pad was pressed" in capsys.readouterr().out
@@ -74,14 +54,8 @@ def test_identify_without_a_board_refuses_with_a_remedy(bench, capsys):
     assert "plug it in" in error["remedy"]
 
 
-def test_identify_says_when_the_board_sends_nothing(bench, capsys, monkeypatch):
-    monkeypatch.setattr("drivers.takktile.identify._FIRST_FRAMES_S", 0.3)
-    bench.spoil("time_out", 1000)
-    assert identify(bench) == 3
-    assert "sends no frames" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("options", [["--url", "nowhere"], ["--seconds", "0"], ["--seconds", "x"]])
-def test_words_that_do_not_fit_are_usage_errors(options, capsys):
-    assert main(["tactile", "identify", *options]) == 2
-    assert "grasp:" in capsys.readouterr().err
+def test_words_that_do_not_fit_are_usage_errors(capsys):
+    for options in [["--url", "nowhere"], ["--seconds", "0"], ["--seconds", "x"]]:
+        with case(options):
+            assert main(["tactile", "identify", *options]) == 2
+            assert "grasp:" in capsys.readouterr().err

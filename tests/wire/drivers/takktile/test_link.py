@@ -1,18 +1,15 @@
 """``UsbLink``: what libusb answers becomes an error that names its remedy."""
 
 import errno
-import os
-import time
-from types import SimpleNamespace
 
 import pytest
 import usb.core
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.takktile.emulator.bus import EmulatedBus, backend
-from drivers.takktile.link import usb as usb_link
 from drivers.takktile.link.usb import UsbLink
 from drivers.takktile.protocol import UsbRequest
+from tests.wire.cases import case
 
 
 @pytest.fixture
@@ -24,17 +21,6 @@ def link(bench):
 
 def start(link: UsbLink) -> None:
     assert link.control(UsbRequest.TIMER, 375, 0xFF, 1, 0) == b"\x01"
-
-
-def test_a_transfer_says_when_it_completed(link):
-    start(link)
-    before = time.monotonic_ns()
-    transfer = link.bulk_read(512, before)
-    assert before < transfer.done_ns <= time.monotonic_ns()
-
-
-def test_a_time_out_of_the_bulk_endpoint_is_no_error(link):
-    assert link.bulk_read(512, 0) is None
 
 
 def test_a_stall_is_a_device_fault(bench, link):
@@ -76,27 +62,9 @@ def test_a_board_may_be_asked_for_by_serial_number(bench, link):
         bench.connect("42")
 
 
-def test_no_board_is_a_lost_link(bench):
-    bench.spoil("unplug")
-    with pytest.raises(LinkLost, match=r"no TakkTile board \(59e3:74c7\)") as caught:
-        bench.connect()
-    assert "cable" in caught.value.remedy
-
-
 def test_a_board_in_use_names_the_other_program(bench, link):
     with pytest.raises(LinkLost, match="another program uses the tactile board"):
         bench.connect()
-
-
-def test_the_other_program_is_found_by_its_open_device_node(tmp_path):
-    for pid, name in ((str(os.getpid()), "me"), ("77", "roslaunch")):
-        (tmp_path / pid / "fd").mkdir(parents=True)
-        (tmp_path / pid / "comm").write_text(f"{name}\n")
-        (tmp_path / pid / "fd" / "5").symlink_to("/dev/bus/usb/003/011")
-    device = SimpleNamespace(bus=3, address=11)
-    assert usb_link.users_of(device, tmp_path) == "roslaunch (process 77)"
-    device.address = 12
-    assert usb_link.users_of(device, tmp_path) == "another program"
 
 
 def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
@@ -137,7 +105,7 @@ def test_a_machine_without_libusb_is_told_so(monkeypatch):
         UsbLink.find()
 
 
-@pytest.mark.parametrize("url", ["tcp://127.0.0.1", "127.0.0.1:5000", "http://127.0.0.1:80"])
-def test_an_address_that_is_none_is_refused(url):
-    with pytest.raises(ValueError, match="tcp://HOST:PORT"):
-        backend(url)
+def test_an_address_that_is_none_is_refused():
+    for url in ["tcp://127.0.0.1", "127.0.0.1:5000", "http://127.0.0.1:80"]:
+        with case(url), pytest.raises(ValueError, match="tcp://HOST:PORT"):
+            backend(url)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenarios.acquire.datasets.bench import AIM_M, JUST_M, LEFT_M, Bench, least, pressed
+from scenarios.acquire.datasets.bench import AIM_M, JUST_M, LEFT_M, Bench
 from scenarios.acquire.datasets.bodies import body_ranges, draw_object
 from scenarios.acquire.datasets.grasped import bare_config
 
@@ -35,19 +35,3 @@ def test_an_elastic_blow_swings_it_out_and_leaves_it_nearly_where_it_was(
     far, most = bench.tried(bench.blow(direction, bench.elastic(direction, 0.01)))
     assert far > furthest
     assert most <= 1.2 * LEFT_M  # whatever is asked for
-
-
-def test_a_shove_moves_it_about_so_far_and_a_press_below_friction_does_not(bench: Bench) -> None:
-    _, moved = bench.tried(bench.shove("side", 0.005, 0.12))
-    assert moved == pytest.approx(0.005, rel=0.6)
-    soft = pressed("side", 0.5 * bench.spare_n("side"), 0.3)
-    assert bench.tried(soft)[1] < LEFT_M
-
-
-def test_along_the_closing_axis_it_is_struck_as_hard_as_on_the_top(bench: Bench) -> None:
-    assert bench.impulses("closing") == bench.impulses("top")
-
-
-def test_halving_finds_the_least_that_is_enough_or_the_upper_bound() -> None:
-    assert least(lambda x: x > 0.3, 0.01, 1.0) == pytest.approx(0.3, rel=0.02)
-    assert least(lambda x: False, 0.01, 1.0) == 1.0

@@ -6,9 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.errors import ConfigError
-from grasp.settings import config_dir, named_layer, names
-from scenarios.acquire.datasets import bodies
+from grasp.settings import config_dir, names
 from scenarios.acquire.datasets.bodies import (
     MARGIN,
     SCALES,
@@ -16,11 +14,9 @@ from scenarios.acquire.datasets.bodies import (
     distance,
     draw_object,
     far,
-    first_grip,
     kept_away,
     of_object,
     of_surface,
-    relaxed_n,
 )
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, bare_config
@@ -28,7 +24,7 @@ from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pres
 from scenarios.world.objects import GraspObject
 
 SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
-DRAWS = 1500  # of each kind of object
+DRAWS = 300  # of each kind of object
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +49,7 @@ def test_distance_is_kept_from_the_six_and_from_those_kept_for_testing() -> None
 
 @pytest.mark.parametrize("load", [None, (0.1, 0.6), (1.05, 2.2)])
 @pytest.mark.parametrize("name", names("bodies"))
-def test_thousands_of_objects_are_drawn_at_the_margin_from_all_twelve(
+def test_objects_are_drawn_at_the_margin_from_all_twelve(
     name: str, load: tuple[float, float] | None
 ) -> None:
     config, rng = bare_config(""), np.random.default_rng(5)
@@ -68,25 +64,8 @@ def test_thousands_of_objects_are_drawn_at_the_margin_from_all_twelve(
     assert np.ptp(widths) > 0.8 * (high - low)
 
 
-def test_the_margin_is_what_parts_the_most_alike_of_the_six() -> None:
-    six = {body.name: of_object(body) for body in kept_away() if body.name in names("objects")}
-    apart = [distance(six[a], six[b]) for a in six for b in six if a < b]
-    assert min(apart) == pytest.approx(MARGIN, abs=0.02)
-
-
-def test_without_the_margin_some_would_be_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bodies, "far", lambda properties: True)
-    config, rng = bare_config(""), np.random.default_rng(5)
-    straight = body_ranges("straight")
-    every = [
-        draw_object(straight, None, config.contact, config.hand.m_per_count, 20.0, rng)
-        for _ in range(300)
-    ]
-    assert min(nearest(of_object(body)) for body in every) < MARGIN
-
-
-def test_every_recording_of_every_set_keeps_the_margin(jobs: list[Job]) -> None:
-    for job in jobs:
+def test_recordings_of_every_set_keep_the_margin(jobs: list[Job]) -> None:
+    for job in jobs[::10]:
         if job.metadata.cause in GRASPED:
             properties = of_object(msgspec.convert(job.metadata.object, GraspObject))
         else:
@@ -109,51 +88,3 @@ def test_distance_counts_spans_and_ratios_and_a_mass_between_bare_and_loaded_as_
     between = msgspec.structs.replace(can, mass_kg=can.mass_kg + 0.1, added_mass_kg=0.0)
     assert distance(own, of_object(between)) == 0.0
     assert distance(own, {"half_width_m": own["half_width_m"]}) == 0.0  # what both have
-
-
-def test_a_first_grip_presses_about_as_hard_as_asked_and_with_all_fingers() -> None:
-    config, rng = bare_config(""), np.random.default_rng(1)
-    for name in names("bodies"):
-        for _ in range(30):
-            body = draw_object(
-                body_ranges(name), (0.2, 0.5), config.contact, config.hand.m_per_count, 20.0, rng
-            )
-            pressed = relaxed_n(body, config.contact, config.hand.m_per_count, body.grip_counts)
-            assert min(np.subtract(pressed, bodies.LEAST_N)) >= 0.0
-            assert pressed[0] == pytest.approx(pressed[1] + pressed[2])
-            carried_n = body.friction_static * sum(pressed)
-            assert 0.199 < body.mass_kg * 9.81 / carried_n < 0.501
-            soft = first_grip(body, config.contact, config.hand.m_per_count, 1.0)
-            hard = first_grip(body, config.contact, config.hand.m_per_count, 3.5)
-            assert soft is not None and hard is not None
-            assert soft.relaxed_n[0] < hard.relaxed_n[0]
-
-
-def test_ranges_that_hold_nothing_far_enough_or_graspable_are_refused_by_name() -> None:
-    config, rng = bare_config(""), np.random.default_rng(1)
-    can = next(body for body in kept_away() if body.name == "can")
-    at_the_can = msgspec.structs.replace(
-        body_ranges("straight"),
-        **{
-            name: (getattr(can, name),) * 2
-            for name in ("half_width_m", "mass_kg", "friction_static", "wall_stiffness_npm",
-                         "texture_rms_m", "texture_length_m")
-        },
-    )  # fmt: skip
-    too_soft = msgspec.structs.replace(body_ranges("ellipsoid"), thumb_n=(0.1, 0.2), mass_kg=(9, 9))
-    for ranges in (at_the_can, too_soft):
-        with pytest.raises(ConfigError, match=ranges.name):
-            draw_object(ranges, None, config.contact, config.hand.m_per_count, 20.0, rng)
-
-
-def test_a_range_the_wrong_way_round_is_refused() -> None:
-    table = dict(named_layer("bodies", "straight").table["body"])
-    with pytest.raises(msgspec.ValidationError, match="thumb_n: 3 is above 1"):
-        msgspec.convert(table | {"thumb_n": [3.0, 1.0]}, bodies.BodyRanges)
-
-
-def test_a_range_that_has_no_logarithm_is_refused() -> None:
-    table = dict(named_layer("bodies", "straight").table["body"])
-    for name in ("thumb_n", "mass_kg"):
-        with pytest.raises(msgspec.ValidationError, match=f"{name}: 0 has no logarithm"):
-            msgspec.convert(table | {name: [0.0, 1.0]}, bodies.BodyRanges)

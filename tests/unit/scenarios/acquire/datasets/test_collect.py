@@ -1,15 +1,12 @@
 """A lab's own recordings as a data set that training and tuning take."""
 
-import json
 from pathlib import Path
 
-import msgspec
 import pytest
 
-from detector.recordings import Metadata, Recording, read, read_dataset, write
+from detector.recordings import read_dataset, write
 from grasp.cli.main import main
-from scenarios.acquire.datasets import collect as collecting
-from scenarios.acquire.datasets.collect import SHARED_OUT, shared_out
+from scenarios.acquire.datasets.collect import shared_out
 from tests.unit.detector.toys import toy
 
 ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" for k in range(9))
@@ -68,89 +65,6 @@ def test_one_recording_by_two_names_is_refused(
     for again, how in told.items():
         assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
         assert how in capsys.readouterr().err
-
-
-def test_one_recording_that_is_told_of_otherwise_is_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bare = tmp_path / "bare.npz"
-    known = read(tmp_path / "one" / "samples.npz")
-    write(bare, msgspec.structs.replace(known, metadata=None))
-    assert main(["dataset", "collect", *own, str(bare), "--out", str(tmp_path / "own")]) == 2
-    assert "is the same recording as" in capsys.readouterr().err
-
-
-def test_a_disk_that_fills_leaves_no_part_of_a_set(
-    own: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: Path, recording: Recording) -> None:
-        if path.name == "002.npz":
-            raise OSError(28, "No space left on device")
-        write(path, recording)
-
-    monkeypatch.setattr(collecting, "write", full)
-    assert main(["dataset", "collect", *own, "--out", str(tmp_path / "own")]) == 5
-    assert list((tmp_path / "own").iterdir()) == []
-
-
-def test_fingertips_of_two_layouts_are_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file, out = tmp_path / "else.csv", tmp_path / "own"
-    file.write_text(ROWS.replace(",slip", ",p6,slip").replace("0,0\n", "0,0,0\n"))
-    assert main(["dataset", "collect", *own, "--out", str(out)]) == 2
-    assert "fingertips of 6 and 7 taxels" in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_a_folder_without_samples_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "collect", str(tmp_path), "--out", str(tmp_path / "own")]) == 2
-    assert "no labelled samples" in capsys.readouterr().err
-
-
-def stroked(folder: Path, on: str, how_many: int) -> list[str]:
-    """Files of recordings of one motion on that surface."""
-    files = [folder / f"{on}-{number}.npz" for number in range(how_many)]
-    for seed, file in enumerate(files, sum(map(ord, on))):
-        made = toy(seed, "train")
-        assert made.metadata is not None
-        told: Metadata = msgspec.structs.replace(made.metadata, surface=on)
-        write(file, msgspec.structs.replace(made, metadata=told))
-    return list(map(str, files))
-
-
-def test_a_motion_on_a_surface_with_three_recordings_is_in_each_split(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = stroked(tmp_path, "planar", 4) + stroked(tmp_path, "sphere", 3)
-    out = tmp_path / "own"
-    assert main(["dataset", "collect", *files, "--out", str(out)]) == 0
-    told = capsys.readouterr()
-    assert "3 for train, 2 for validation, 2 for test" in told.out and not told.err
-    for split in ("train", "validation", "test"):
-        known = [recording.metadata for recording in read_dataset(out, split)]
-        assert {each.surface for each in known if each} == {"planar", "sphere"}
-
-
-def test_what_a_split_has_none_of_is_told_with_the_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = stroked(tmp_path, "planar", 2) + stroked(tmp_path, "sphere", 2)
-    assert main(["dataset", "collect", *files, "--out", str(tmp_path / "own")]) == 0
-    told = capsys.readouterr().err
-    assert "none for validation: primary on sphere\n" in told
-    assert "none for test: primary on planar\n" in told and "none for train" not in told
-    assert "three recordings of a motion on a surface put it into each split" in told
-    assert main(["dataset", "collect", *files, "--out", str(tmp_path / "more"), "--json"]) == 0
-    lacking = {"validation": ["primary on sphere"], "test": ["primary on planar"]}
-    assert json.loads(capsys.readouterr().out)["lacking"] == lacking
-
-
-def test_recordings_of_one_kind_and_of_kinds_too_small_are_dealt_out_by_fives() -> None:
-    assert shared_out(["a"] * 7) == [*SHARED_OUT, *SHARED_OUT[:2]]
-    assert shared_out(list("abcdefg")) == [*SHARED_OUT, *SHARED_OUT[:2]]
 
 
 def test_kinds_that_are_mixed_are_each_dealt_out_in_their_own_order() -> None:

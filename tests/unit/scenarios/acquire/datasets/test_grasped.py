@@ -8,11 +8,9 @@ import pytest
 
 from detector.recordings import Recording, write
 from grasp.settings import config_dir
-from scenarios.acquire.datasets import acts
 from scenarios.acquire.datasets.build import make
-from scenarios.acquire.datasets.grasped import GRASPED, as_felt, lift_config
+from scenarios.acquire.datasets.grasped import as_felt
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
-from scenarios.acquire.rest import REST_M
 
 SETS = config_dir() / "datasets"
 
@@ -27,13 +25,19 @@ def slips() -> list[Job]:
     return plan(load_dataset_config(SETS / "grasped-slip.toml"))
 
 
+_made: dict[str, Recording] = {}
+
+
 def of(jobs: list[Job], cause: str, number: int = 1, **parameters: float) -> list[Recording]:
-    """The first recordings of a cause, some of their parameters replaced."""
+    """The first recordings of a cause, some of their parameters replaced; each is made once."""
     made = []
     for job in [job for job in jobs if job.metadata.cause == cause][:number]:
-        drawn = {**job.metadata.parameters, **parameters}
-        metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
-        made.append(make(msgspec.structs.replace(job, metadata=metadata)))
+        key = f"{job.metadata.set} {job.path} {parameters}"
+        if key not in _made:
+            drawn = {**job.metadata.parameters, **parameters}
+            metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
+            _made[key] = make(msgspec.structs.replace(job, metadata=metadata))
+        made.append(_made[key])
     return made
 
 
@@ -42,28 +46,10 @@ def changes(r: Recording) -> np.ndarray:
     return np.abs(np.diff(r.counts.astype(int), axis=0)).mean(axis=2).max(axis=1)
 
 
-@pytest.mark.parametrize(
-    "cause", ["grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_set_down"]
-)
-def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause: str) -> None:
-    (r,) = of(jobs, cause)
-    assert r.fingers == 3
-    assert r.slip.mean() < 0.1  # on the way down closed fingers slide over what stands
-    assert (r.counts.astype(int).sum(axis=2) < -15).all(axis=1).any()  # all three pressed
-
-
-def test_a_fingertip_too_restless_for_a_run_is_recorded_all_the_same(slips: list[Job]) -> None:
-    (r,) = of(slips, "grasped_slip", **{"fingertip.noise_counts": 3.0})
-    assert len(r.t_s) > 100
-    assert r.slip.any()
-
-
-@pytest.mark.parametrize(
-    "cause", ["grasped_lift_acceleration", "grasped_uneven_load", "grasped_set_down"]
-)
+@pytest.mark.parametrize("cause", ["grasped_lift_acceleration", "grasped_set_down"])
 def test_an_open_hand_that_leaves_the_object_feels_no_slip(jobs: list[Job], cause: str) -> None:
     """What rounding leaves of a contact is none: the arm retreats at 50 mm/s."""
-    for r in of(jobs, cause, 2):
+    for r in of(jobs, cause):
         pressed = (r.counts.astype(int).sum(axis=2) < -30).any(axis=1)
         last = int(np.flatnonzero(pressed)[-1])
         assert len(r.slip) - last > 30
@@ -71,43 +57,6 @@ def test_an_open_hand_that_leaves_the_object_feels_no_slip(jobs: list[Job], caus
         assert not r.slip[last + 9 :].any()  # a slip is felt for 80 ms
         assert not r.slip_true[last + 2 :].any()
         assert r.moved_m[last + 2 :].max() == 0.0
-
-
-def test_every_recording_holds_an_object_of_its_own_at_the_positions_found_for_it(
-    jobs: list[Job],
-) -> None:
-    held = [job for job in jobs if job.metadata.cause in GRASPED]
-    assert len({str(job.metadata.object) for job in held}) == len(held)
-    job = held[0]
-    body = lift_config(job.metadata, job.acts, turns=False).object
-    said = {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
-    assert said == job.metadata.object
-    assert body.name == job.surface
-
-
-def test_half_of_the_blows_on_a_firm_grip_are_near_what_just_moves_it(jobs: list[Job]) -> None:
-    made = of(jobs, "grasped_blow", 4)
-    done = [act for r in made if r.metadata for act in r.metadata.acts]
-    assert len(done) == 36
-    moved = {kind: [a.moved_m for a in done if a.kind == kind and a.direction != "closing"]
-             for kind in ("near", "weak", "elastic")}  # fmt: skip
-    assert 10 <= len([a for a in done if a.kind == "near"]) <= 26
-    assert max(moved["weak"]) < 0.001
-    assert np.median(moved["elastic"]) < 0.0005
-    assert min(moved["near"]) < 0.001 < max(moved["near"])
-    for r in made:
-        assert (changes(r) > 10).any()
-        assert r.slip.mean() < 0.1
-
-
-@pytest.mark.parametrize("cause", ["grasped_set_down", "grasped_lift_acceleration"])
-def test_what_a_hand_grazes_that_has_let_go_is_no_slip(jobs: list[Job], cause: str) -> None:
-    for r in of(jobs, cause, 3):
-        assert r.slip_true is not None and r.moved_m is not None
-        last_felt = np.flatnonzero(r.counts.astype(int).sum(axis=(1, 2)) < -60)[-1]
-        assert last_felt < len(r.t_s) - 20
-        for label in (r.slip, r.slip_true, r.moved_m > 0.0001):
-            assert not label[last_felt + 1 :].any()
 
 
 def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
@@ -123,44 +72,12 @@ def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
         assert r.moved_m[after].max() == pytest.approx(act.furthest_m, rel=0.25)
 
 
-@pytest.mark.parametrize("cause", ["grasped_blow", "grasped_drag", "grasped_slip"])
+@pytest.mark.parametrize("cause", ["grasped_blow", "grasped_slip"])
 def test_a_recording_is_made_alike_twice(slips: list[Job], cause: str, tmp_path: Path) -> None:
     for name in ("a.npz", "b.npz"):
         write(tmp_path / name, of(slips, cause)[0])
+        _made.clear()
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-
-
-def test_a_touch_and_a_pull_move_the_object_for_a_moment_only(jobs: list[Job]) -> None:
-    done = [a for cause in ("grasped_touch", "grasped_pull") for r in of(jobs, cause, 2)
-            if r.metadata for a in r.metadata.acts]  # fmt: skip
-    assert {a.kind for a in done} == {"touch", "pull"}
-    assert np.median([a.furthest_m for a in done]) > REST_M
-    assert np.median([a.moved_m for a in done]) < REST_M
-
-
-def test_a_hand_drags_the_object_at_its_own_pace(slips: list[Job]) -> None:
-    done = [a for r in of(slips, "grasped_drag", 3) if r.metadata for a in r.metadata.acts]
-    drags = [a.moved_m for a in done if a.kind == "drag"]
-    assert len(drags) >= 5
-    assert 0.001 < np.median(drags) < 0.02
-
-
-@pytest.mark.parametrize("inertia", [True, False])
-def test_a_shaken_arm_is_heard_while_the_object_stays(
-    jobs: list[Job], inertia: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By what the object's inertia asks of the grip, and by the arm's own mode in the pads."""
-    if not inertia:
-        monkeypatch.setattr(acts, "SHAKE_SHARE", (0.0, 0.0))
-    loud = {"fingertip.vibration_mm": 0.03, "fingertip.holding_share": 1.0}
-    (r,) = of(jobs, "grasped_arm_vibration", 1, **({} if inertia else loud))
-    assert r.metadata is not None and r.moved_m is not None
-    shakes = [a.t_s for a in r.metadata.acts if a.kind == "shake"]
-    assert shakes
-    during = np.any([(r.t_s > t) & (r.t_s < t + 0.5) for t in shakes], axis=0)
-    before = np.any([(r.t_s > t - 0.3) & (r.t_s < t) for t in shakes], axis=0)
-    assert changes(r)[during[1:]].mean() > 1.5 * changes(r)[before[1:]].mean()
-    assert r.moved_m[during].max() < 0.001
 
 
 def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all() -> None:
@@ -173,58 +90,12 @@ def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all
     assert np.flatnonzero(np.diff(label, prepend=False)).tolist() == [5, 13, 25, 39]
 
 
-def test_an_uneven_grasp_loads_its_fingers_differently(jobs: list[Job]) -> None:
-    ratios = []
-    for uneven in of(jobs, "grasped_uneven_load", 3, **{"variation.finger_scatter_m": 0.0006}):
-        loads = -uneven.counts.astype(int).sum(axis=2)
-        held = loads[loads.max(axis=1) > 0.5 * loads.max()].mean(axis=0)
-        ratios.append(held.max() / max(held.min(), 1.0))
-    assert max(ratios) > 2.0
-
-
 def test_what_is_too_heavy_slips_in_the_hand_and_nobody_reacts(slips: list[Job]) -> None:
-    made = of(slips, "grasped_slip", 3)
+    made = of(slips, "grasped_slip", 2)
     for r in made:
         assert r.fingers == 3
         assert r.slip[:100].sum() == 0  # it begins with a grasp that holds
     slid = [r for r in made if r.slip.sum() > 30]
-    assert len(slid) >= 2
+    assert slid
     for r in slid:
         assert changes(r)[r.slip[1:]].mean() > 2 * changes(r)[~r.slip[1:]].mean()
-
-
-def test_fingertips_that_leave_an_object_behind_move_upwards_on_their_pads(
-    slips: list[Job],
-) -> None:
-    for r in of(slips, "grasped_slip", 3):
-        assert r.metadata and r.velocity_mps is not None and r.contact_speed_mps is not None
-        fast = r.contact_speed_mps > 0.03
-        up = np.radians(r.metadata.parameters["fingertip.slip_direction_deg"])
-        assert np.hypot(*r.velocity_mps.T) == pytest.approx(r.contact_speed_mps, abs=1e-6)
-        along = r.velocity_mps[fast] @ [np.cos(up), np.sin(up)]
-        assert along == pytest.approx(r.contact_speed_mps[fast], rel=0.05)
-
-
-def test_fingertips_turn_with_the_object_and_the_thumb_s_spin_is_told() -> None:
-    turning = plan(load_dataset_config(SETS / "turning.toml"))
-    for r in of(turning, "grasped_blow", 2):
-        assert r.spin_radps is not None and r.contact_turn_radps is not None
-        assert abs(r.spin_radps) == pytest.approx(r.contact_turn_radps, abs=1e-4)
-        assert r.contact_turn_radps.max() > 0.5
-
-
-def test_how_far_it_moved_is_no_less_than_how_far_it_slid(slips: list[Job]) -> None:
-    """Over every stretch of slip: the distance at its end holds what its speed sums up to."""
-    checked = 0
-    for r in of(slips, "grasped_slip", 3):
-        assert r.moved_m is not None and r.contact_speed_mps is not None
-        for first, end in np.flatnonzero(np.diff(r.slip, prepend=False, append=False)).reshape(
-            -1, 2
-        ):
-            if end - first < 10 or end >= len(r.slip):
-                continue
-            periods = np.diff(r.t_s)[first - 1 : end - 1]
-            slid_m = float((r.contact_speed_mps[first:end] * periods).sum())
-            assert r.moved_m[first:end].max() >= 0.95 * slid_m
-            checked += 1
-    assert checked >= 2

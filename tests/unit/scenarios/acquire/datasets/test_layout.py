@@ -3,15 +3,13 @@
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 
 from detector.interface import load_detector
-from detector.recordings import read, read_csv, read_dataset
+from detector.recordings import read_dataset
 from detector.scores.evaluation import stream_recordings
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import UsageError
 from grasp.settings import config_dir
-from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.draws import layout_file
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
@@ -46,13 +44,6 @@ def test_a_data_set_has_recordings_of_the_layout_that_it_names(folder: Path) -> 
         assert (r.counts.std(axis=0) > 0.1).all()  # every taxel has its own noise
 
 
-def test_the_eight_taxels_lie_where_the_layout_puts_them() -> None:
-    config = load_acquire_config("planar", "simulated", EIGHT)
-    x = np.array(config.fingertip.taxels_mm)[:, 0]
-    assert (x[:4] == x[:3:-1]).all()  # serpentine
-    assert len({tuple(place) for place in config.fingertip.taxels_mm}) == 8
-
-
 def test_a_detector_of_another_layout_is_refused_by_its_name(folder: Path) -> None:
     made = read_dataset(folder)
     for name in ("gru", "tcn-paper", "psd"):
@@ -76,23 +67,3 @@ def test_an_object_is_lifted_with_eight_taxels_a_finger() -> None:
     result = lift.run(config, 0, None).result
     assert result is not None
     assert result.outcome == "held_within_6cm"
-
-
-def test_settings_that_disagree_on_the_taxels_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"fingertip\.taxels_mm: 2 taxels"):
-        load_config("can", "simulated", "energy", None, ["fingertip.taxels_mm=[[0, 0], [5, 0]]"])
-
-
-def test_a_layout_that_does_not_exist_is_refused_before_anything_is_built(tmp_path: Path) -> None:
-    text = PAPER.read_text().replace('name = "paper"', 'name = "paper"\nlayout = "nine"')
-    (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(ConfigError, match="layouts"):
-        load_dataset_config(tmp_path / "mine.toml")
-
-
-def test_a_table_of_eight_taxels_is_read_and_one_without_any_is_not(tmp_path: Path) -> None:
-    names = ",".join(f"p{i}" for i in range(8))
-    file = tmp_path / "eight.csv"
-    rows = "\n".join(f"{0.01 * k},{','.join('1' * 8)},0" for k in range(3))
-    file.write_text(f"t_s,{names},slip\n{rows}\n")
-    assert read_csv(file).taxels == read(file).taxels == 8

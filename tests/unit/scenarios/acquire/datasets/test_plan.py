@@ -1,20 +1,17 @@
 """What a data set's plan keeps apart: splits, seeds and textures; and what may not be held."""
 
-from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
 from grasp.settings import config_dir
-from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, lift_config
 from scenarios.acquire.datasets.plan import (
     SEEDS,
-    DatasetConfig,
     Job,
     load_dataset_config,
     plan,
@@ -23,27 +20,21 @@ from scenarios.acquire.datasets.plan import (
 )
 from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world import fingertip
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.fingertip_settings import Surface
 
 SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
 
 
+@cache
 def jobs_of(name: str, share: float = 1.0) -> list[Job]:
     return plan(reduced(load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), share))
-
-
-@pytest.mark.parametrize("share", [0.01, 1.0])
-def test_a_set_that_wants_no_slip_gets_none(share: float) -> None:
-    paper = load_dataset_config(config_dir() / "datasets" / "paper.toml")
-    still = reduced(msgspec.structs.replace(paper, slip_samples=0), share)
-    assert (still.slip_samples, still.static_samples) == (0, round(143584 * share))
 
 
 def of_split(jobs: list[Job], split: str) -> list[Job]:
     return [job for job in jobs if job.metadata.split == split]
 
 
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", ["paper", "mallet"])
 def test_no_seed_of_one_split_comes_again_in_another_whatever_the_sets_size(name: str) -> None:
     every = [job for share in (0.05, 0.31, 1.0) for job in jobs_of(name, share)]
     seeds = {
@@ -53,12 +44,6 @@ def test_no_seed_of_one_split_comes_again_in_another_whatever_the_sets_size(name
     assert not seeds["train"] & seeds["test"]
     assert not seeds["train"] & seeds["validation"]
     assert not seeds["validation"] & seeds["test"]
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_how_a_set_was_made_is_read_back_from_its_index(name: str) -> None:
-    config = load_dataset_config(config_dir() / "datasets" / f"{name}.toml")
-    assert msgspec.json.decode(msgspec.json.encode(config), type=DatasetConfig) == config
 
 
 def test_seeds_are_unique_over_all_sets_and_above_those_of_trials() -> None:
@@ -88,56 +73,14 @@ def test_textures_of_training_are_none_of_those_of_the_test(
             any_cell(pressing(job.surface, ""), job.metadata.seed)
         found.setdefault(job.metadata.split, set()).update(drawn)
         assert len(set(drawn)) == len(drawn)
-    assert min(map(len, found.values())) > 20
+    assert min(map(len, found.values())) > 8
     assert not found["train"] & (found["test"] | found["validation"])
     assert not found["validation"] & found["test"]
 
 
 def some_of_each_split(jobs: list[Job]) -> Iterator[Job]:
     for split in ("train", "validation", "test"):
-        yield from of_split(jobs, split)[::3][:20]
-
-
-@pytest.mark.parametrize(
-    ("name", "held_out"), [("confusers", 0.25), ("grasped-slip", 0.2), ("mallet", 0.2)]
-)
-def test_causes_have_their_shares_and_every_split(name: str, held_out: float) -> None:
-    config, jobs = load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), jobs_of(name)
-    assert sum(row.share for row in config.causes) == pytest.approx(1.0)
-    counts = Counter(job.metadata.cause for job in jobs)
-    for row in config.causes:
-        assert counts[row.cause] == pytest.approx(config.recordings * row.share, abs=1)
-        splits = Counter(job.metadata.split for job in jobs if job.metadata.cause == row.cause)
-        least = max(1, round(held_out * counts[row.cause]))
-        assert splits["validation"] == splits["test"] == least
-
-
-@pytest.mark.parametrize("name", ["confusers", "grasped-slip"])
-def test_fingertips_of_either_part_are_in_every_split_and_reach_that_of_a_run(name: str) -> None:
-    jobs = jobs_of(name)
-    for part in ("rigid", "compliant"):
-        chosen = [job for job in jobs if job.metadata.part == part]
-        assert {job.metadata.split for job in chosen} == {"train", "validation", "test"}
-    compliant = [job.metadata.parameters for job in jobs if job.metadata.part == "compliant"]
-    run = FingertipSettings()
-    for key in ("depth_mm", "crown_radius_mm", "tilt_rad", "foundation_n_per_mm3", "wander_mm"):
-        drawn = [values[f"fingertip.{key}"] for values in compliant]
-        assert min(drawn) < getattr(run, key) < max(drawn), key
-
-
-def test_thousands_of_blows_are_planned_many_of_them_near_what_just_moves_the_object() -> None:
-    struck = [(name, job) for name in SETS for job in jobs_of(name)
-              if job.metadata.cause in ("grasped_tap", "grasped_blow")]  # fmt: skip
-    assert sum(job.acts.number for _, job in struck if job.acts) > 15_000
-    for name, job in struck:
-        assert job.acts is not None
-        near = 0.35 if name == "mallet" else 0.5
-        assert job.acts.kinds["near"] == pytest.approx(near * sum(job.acts.kinds.values()))
-
-
-def test_a_small_set_has_every_cause_three_times() -> None:
-    counts = Counter(job.metadata.cause for job in jobs_of("confusers", 0.001))
-    assert set(counts.values()) == {3}
+        yield from of_split(jobs, split)[::3][:8]
 
 
 def test_objects_of_the_experiments_cannot_be_trained_on(tmp_path: Path) -> None:
@@ -153,21 +96,6 @@ def written(folder: Path, text: str) -> Path:
     file = folder / "set.toml"
     file.write_text(f'name = "x"\nseed = 1\nrecordings = 9\n{text}\n')
     return file
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ('[[causes]]\ncause = "tap"\non = ["planar"]\nrecordings = 9\nseconds = 9', "share"),
-        ('[[causes]]\ncause = "grasped_tap"\non = ["straight"]\nshare = 1\nseconds = 9', "load"),
-        ('[[causes]]\ncause = "tap"\non = ["planar"]\nshare = 1\nseconds = 9\n'
-         "acts = { number = 2, kinds = { near = 1 } }", "acts"),
-    ],
-)  # fmt: skip
-def test_what_does_not_go_together_is_refused(text: str, named: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_dataset_config(written(tmp_path, text))
-    assert named in f"{caught.value} {caught.value.allowed}"
 
 
 GRASP = '[[causes]]\ncause = "grasped_slip"\non = ["straight"]\nshare = 1\nseconds = 9\nload = {}\n'
@@ -197,32 +125,6 @@ def test_a_range_the_wrong_way_round_or_a_weight_of_nothing_is_refused(
     assert named in f"{caught.value} {caught.value.allowed}"
 
 
-ROW = '[[rows]]\nmotion = "{}"\nspeed = {}\npercent = {{ planar = 1 }}\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "key", "allowed"),
-    [
-        (ROW.format("primry", 0.05), "rows[0].motion", "primary"),
-        (ROW.format("primary", 50), "rows[0].speed", "<= 2"),
-    ],
-)
-def test_a_row_that_cannot_be_is_refused_with_what_is_allowed_there(
-    text: str, key: str, allowed: str, tmp_path: Path
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_dataset_config(written(tmp_path, text))
-    assert caught.value.key == key
-    assert allowed in caught.value.allowed
-
-
-def test_a_drawn_value_out_of_bounds_is_refused_by_its_setting() -> None:
-    with pytest.raises(ConfigError) as caught:
-        with_values(pressing("planar", ""), {"control.force_n": 90.0})
-    assert caught.value.key == "control.force_n"
-    assert "<= 15" in caught.value.allowed
-
-
 @pytest.mark.parametrize("where", ["randomise", "causes"])
 def test_no_draw_takes_an_object_back_to_those_of_the_experiments(
     where: str, tmp_path: Path
@@ -233,8 +135,3 @@ def test_no_draw_takes_an_object_back_to_those_of_the_experiments(
     with pytest.raises(ConfigError) as caught:
         load_dataset_config(written(tmp_path, GRASP.format("[1, 2]") + more))
     assert "config/bodies" in f"{caught.value} {caught.value.allowed}"
-
-
-def test_an_object_is_the_same_whenever_it_is_planned() -> None:
-    one, two = jobs_of("grasped-slip"), jobs_of("grasped-slip")
-    assert msgspec.json.encode(one) == msgspec.json.encode(two)

@@ -41,15 +41,6 @@ def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) ->
     assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
 
 
-def test_a_pad_that_slides_there_and_back_by_hundredths_of_a_millimetre_does_not_slip(
-    jobs: list[Job],
-) -> None:
-    shaken = [job for job in jobs if job.metadata.cause == "arm_vibration"]
-    r = make(shaken[55])  # a soft sideways mount: the loosest of them all
-    assert r.slip_true is not None and r.slip_true.sum() > 10
-    assert not r.slip.any()
-
-
 def test_strokes_under_lost_samples_slip_half_a_millimetre_and_more(jobs: list[Job]) -> None:
     r = first(jobs, "lost_samples")
     assert r.slip_true is not None and r.contact_speed_mps is not None
@@ -67,28 +58,3 @@ def test_a_tap_and_a_shaken_arm_are_heard(jobs: list[Job]) -> None:
     assert changes(first(jobs, "tap", **still)).max() > 3 * steady
     heard = changes(first(jobs, "arm_vibration", **still, **shaken))
     assert quantile(np.sort(heard), 0.99) > 3 * steady
-
-
-def test_contact_is_made_and_broken_again_and_again(jobs: list[Job]) -> None:
-    load = -first(jobs, "contact_made_and_broken").counts[:, 0].sum(axis=1)
-    pressed = load > 0.3 * load.max()
-    assert np.diff(pressed.astype(int)).clip(0).sum() >= 2
-    assert (load < 0.05 * load.max()).mean() > 0.05  # off the surface, again and again
-
-
-def test_drift_shifts_the_taxels_although_force_control_holds_their_sum(jobs: list[Job]) -> None:
-    """1.6 counts a kelvin on every taxel; the sum is what the arm presses by."""
-    warm, cold = (
-        first(jobs, "temperature_drift", **{"fingertip.warming_k": kelvin}).counts[-50:, 0]
-        for kelvin in (15.0, -15.0)
-    )
-    shift = warm.mean(axis=0) - cold.mean(axis=0)
-    assert abs(shift).max() > 5
-    assert abs(shift.sum()) < 0.5 * abs(shift).sum()
-
-
-def test_lost_samples_are_repeated_while_the_contact_slides(jobs: list[Job]) -> None:
-    r = first(jobs, "lost_samples", **{"sampling.lost_share": 0.2})
-    repeated = (np.diff(r.counts, axis=0) == 0).all(axis=(1, 2)).mean()
-    assert repeated > 0.15
-    assert 0.1 < r.slip.mean() < 0.7

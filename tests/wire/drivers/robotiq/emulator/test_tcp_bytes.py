@@ -1,15 +1,12 @@
 """The emulator on Modbus TCP, byte by byte over plain sockets."""
 
-import asyncio
-import contextlib
 import socket
-import time
 
 import pytest
 
-from drivers.fairness import Shares
 from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
+from tests.wire.cases import case
 
 FROZEN = HandSettings()
 
@@ -91,15 +88,15 @@ def test_the_activation_of_the_manual(wire, now) -> None:
     assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 31 00"
 
 
-@pytest.mark.parametrize("unit", ["00", "02", "09", "ff"])
-def test_any_unit_is_answered_and_echoed(wire, unit: str) -> None:
-    answer = wire.ask(f"00 07 00 00 00 06 {unit} 04 00 00 00 02", 13)
-    assert answer == f"00 07 00 00 00 07 {unit} 04 04 00 00 00 00"
+def test_any_unit_is_answered_and_echoed(wire) -> None:
+    for unit in ["00", "02", "09", "ff"]:
+        with case(unit):
+            answer = wire.ask(f"00 07 00 00 00 06 {unit} 04 00 00 00 02", 13)
+            assert answer == f"00 07 00 00 00 07 {unit} 04 04 00 00 00 00"
 
 
-@pytest.mark.parametrize(
-    ("request_pdu", "exception"),
-    [
+def test_exceptions(wire) -> None:
+    for request_pdu, exception in [
         ("03 00 00 00 08", "83 01"),  # holding registers: not over TCP
         ("06 00 00 01 00", "86 01"),
         ("17 00 00 00 08 00 00 00 01 02 01 00", "97 01"),
@@ -118,14 +115,13 @@ def test_any_unit_is_answered_and_echoed(wire, unit: str) -> None:
         ("10 00 00 00 02 02 00 00", "90 03"),
         ("10 00 00 00 01 02 00", "90 03"),
         ("10 00 00", "90 03"),
-    ],
-)
-def test_exceptions(wire, request_pdu: str, exception: str) -> None:
-    length = len(bytes.fromhex(request_pdu)) + 1
-    assert wire.ask(f"12 34 00 00 {length:04x} 02 {request_pdu}", 9) == (
-        f"12 34 00 00 00 03 02 {exception}"
-    )
-    assert wire.ask(POLL, 11).startswith("45 33"), "and the connection lives on"
+    ]:
+        with case(request_pdu, exception):
+            length = len(bytes.fromhex(request_pdu)) + 1
+            assert wire.ask(f"12 34 00 00 {length:04x} 02 {request_pdu}", 9) == (
+                f"12 34 00 00 00 03 02 {exception}"
+            )
+            assert wire.ask(POLL, 11).startswith("45 33"), "and the connection lives on"
 
 
 def test_requests_in_one_segment_are_all_answered_in_order(wire) -> None:
@@ -134,45 +130,19 @@ def test_requests_in_one_segment_are_all_answered_in_order(wire) -> None:
     assert [answers[i * 33 : i * 33 + 5] for i in range(20)] == [f"00 {i:02x}" for i in range(20)]
 
 
-def test_a_request_may_come_in_pieces(wire) -> None:
-    for byte in ACTIVATE.split():
-        wire.send(byte)
-        time.sleep(0.001)
-    assert wire.receive(12) == "33 9a 00 00 00 06 02 10 00 00 00 03"
-
-
-@pytest.mark.parametrize(
-    "garbage",
-    [
+def test_garbage_closes_its_connection_and_no_other(emulator, wire, dial) -> None:
+    for garbage in [
         "00 01 00 01 00 06 02 04 00 00 00 01",  # another protocol
         "00 01 00 00 ff ff 02 04 00 00 00 01",
         "00 01 00 00 00 00 02 04",
         "00 01 00 00 00 01 02 04",
         "47 45 54 20 2f 20 48 54 54 50 2f 31",  # GET / HTTP/1
-    ],
-)
-def test_garbage_closes_its_connection_and_no_other(emulator, wire, garbage: str, dial) -> None:
-    other = dial(emulator)
-    other.send(garbage)
-    assert other.closed()
-    assert wire.ask(POLL, 11).startswith("45 33")
-
-
-def test_a_short_write_leaves_the_other_registers(emulator, wire, now) -> None:
-    wire.ask("00 01 00 00 00 17 02 10 00 00 00 08 10" + " 00 04" + " 11 22" * 6 + " 00 00", 12)
-    now[0] = 20_000_000
-    wire.ask(ACTIVATE, 12)
-    now[0] = 40_000_000
-    status = wire.ask("00 02 00 00 00 06 02 04 00 00 00 08", 25)
-    assert status.split()[9] == "11", "taken up: activating"
-
-
-def test_clients_share_one_hand(emulator, wire, now, dial) -> None:
-    wires = [dial(emulator) for _ in range(5)]
-    wire.ask(ACTIVATE, 12)
-    now[0] = 2_500_000_000
-    for other in wires:
-        assert other.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 11 00"
+    ]:
+        with case(garbage):
+            other = dial(emulator)
+            other.send(garbage)
+            assert other.closed()
+            assert wire.ask(POLL, 11).startswith("45 33")
 
 
 def test_too_many_clients_are_turned_away(emulator, dial) -> None:
@@ -192,44 +162,6 @@ def test_who_is_silent_for_longest_makes_room(emulator, dial, monkeypatch) -> No
     assert dial(emulator).ask(POLL, 11).endswith("02 00 00")
     assert wires[0].closed()
     assert wires[1].ask(POLL, 11).endswith("02 00 00")
-
-
-def test_a_client_that_floods_leaves_the_others_their_share(emulator, dial, monkeypatch) -> None:
-    """The smaller the part of the time for all, the fewer of its requests are carried out."""
-
-    def flooded() -> int:
-        flood, other = dial(emulator), dial(emulator)
-        flood.socket.setblocking(False)
-        served, until = emulator.requests, time.monotonic() + 0.5
-        while time.monotonic() < until:
-            with contextlib.suppress(BlockingIOError):
-                while True:
-                    flood.socket.send(bytes.fromhex(POLL) * 500)
-            with contextlib.suppress(BlockingIOError):
-                flood.socket.recv(1 << 20)
-            assert other.ask(POLL, 11).endswith("02 00 00")
-        flood.socket.close()
-        return emulator.requests - served
-
-    ours = flooded()
-    monkeypatch.setattr(emulator, "_shares", Shares(0.01))
-    assert flooded() < 0.5 * ours
-
-
-def test_nothing_is_carried_out_for_a_client_that_reads_nothing(emulator, dial, caplog) -> None:
-    with socket.socket() as deaf:
-        # before it connects: a window of megabytes would be filled at a share of the server's time
-        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        deaf.settimeout(100)  # whatever else the machine does: what is read at once is much
-        deaf.connect(emulator.address)
-        with pytest.raises(ConnectionError):  # cut off
-            while True:
-                deaf.sendall(bytes.fromhex(POLL) * 1000)
-        served = emulator.requests
-        assert dial(emulator).ask(POLL, 11).endswith("02 00 00")
-        time.sleep(0.1)
-        assert emulator.requests == served + 1
-    assert "socket.send() raised" not in caplog.text
 
 
 # Planned troubles
@@ -253,11 +185,6 @@ def test_a_garbled_reply(emulator, wire) -> None:
     emulator.faults.add(WireFault(trouble=Trouble.GARBLE))
     assert wire.ask(POLL, 11) == "ba cc ff ff ff fa fd fb fd ff ff"
     assert wire.ask(POLL, 11).startswith("45 33")
-
-
-def test_a_split_reply(emulator, wire) -> None:
-    emulator.faults.add(WireFault(trouble=Trouble.SPLIT, seconds=0.001))
-    assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 00 00"
 
 
 def test_a_disconnect_is_not_carried_out(emulator, wire, now, dial) -> None:
@@ -316,68 +243,3 @@ def test_it_leaves_nothing_with_clients_connected(dial) -> None:
         made = dial(emulator)
         made.send("00 01 00")  # half a request
     assert made.closed()
-
-
-def test_it_can_be_started_again(dial) -> None:
-    emulator = GripperEmulator(FROZEN, clock=still)
-    for _ in range(2):
-        with emulator:
-            made = dial(emulator)
-            assert made.ask(POLL, 11)
-
-
-def test_a_taken_port_is_an_error_that_leaves_nothing(emulator) -> None:
-    with pytest.raises(OSError):
-        GripperEmulator(FROZEN, *emulator.address, clock=still).start()
-
-
-def test_it_runs_in_a_loop_of_somebody_else() -> None:
-    async def talk() -> bytes:
-        async with GripperEmulator(FROZEN, clock=still) as emulator:
-            reader, writer = await asyncio.open_connection(*emulator.address)
-            writer.write(bytes.fromhex(POLL))
-            answer = await reader.readexactly(11)
-            writer.close()
-            await writer.wait_closed()
-            return answer
-
-    assert asyncio.run(talk()).hex(" ").startswith("45 33")
-
-
-def test_a_model_of_somebody_else_is_advanced_by_them_under_their_lock(dial) -> None:
-    import threading
-
-    lock, advanced = threading.Lock(), []
-    model = GripperModel(FROZEN, 0)
-
-    def advance(now_ns: int) -> None:
-        assert lock.locked()
-        advanced.append(now_ns)
-        model.advance(now_ns)
-
-    with GripperEmulator(model, clock=lambda: 77, lock=lock, advance=advance) as emulator:
-        made = dial(emulator)
-        made.ask(POLL, 11)
-    assert 77 in advanced
-
-
-def test_a_world_that_takes_long_to_move_on_is_nobodys_work(dial) -> None:
-    """Whoever asks moves it on, and does not wait for that afterwards."""
-    model, waits = GripperModel(FROZEN, 0), []
-
-    def advance(now_ns: int) -> None:
-        until = time.thread_time() + 5e-3
-        while time.thread_time() < until:
-            pass
-
-    class Told(GripperEmulator):
-        def charge(self, connection, used_s: float) -> float:
-            waits.append(super().charge(connection, used_s))
-            return waits[-1]
-
-    with Told(model, advance=advance) as emulator:
-        made = dial(emulator)
-        for _ in range(20):
-            made.ask(POLL, 11)
-    assert len(waits) == 20
-    assert not any(waits)

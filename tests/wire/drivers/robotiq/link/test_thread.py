@@ -113,14 +113,6 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         assert min(gripper.statistics.pumps_ns) > 0
 
 
-def test_the_transport_is_timed(serve, connect) -> None:
-    client = connect(serve())
-    client.pump(3)
-    assert len(client.timed.reads.latest_ns) == 3
-    assert not client.timed.writes.latest_ns
-    assert client.timed.acknowledged_ns is None
-
-
 def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
     served = serve()
     with connect(served).threaded(period_s=600.0) as gripper:
@@ -130,16 +122,6 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
         last = PAPER.speed_byte_at_most(0.08)
         until(lambda: served.writes[-1:] != [] and served.writes[-1][4] == last)
         until(lambda: gripper.acknowledgements_ns)
-
-
-def test_an_unchanged_command_waits_for_no_acknowledgement(serve, connect) -> None:
-    served = serve()
-    with connect(served).threaded() as gripper:
-        gripper.activate()  # taken over as it is
-        before = gripper.statistics.pumps
-        until(lambda: gripper.statistics.pumps > before + 5)
-        assert not gripper.acknowledgements_ns
-    assert served.writes == []
 
 
 def test_a_refusal_comes_back_to_the_caller(serve, connect) -> None:
@@ -159,16 +141,6 @@ def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
         gripper.pump(0)
         seq = gripper.state.seq
         until(lambda: gripper.state.seq > seq)
-
-
-def test_nobody_there_is_known_after_start(connect, serve) -> None:
-    served = serve()
-    served.emulator.stop()
-    with connect(served).threaded() as gripper:
-        assert gripper.state is None
-        with pytest.raises(LinkLost):
-            gripper.pump(0)
-        gripper.pump(0)
 
 
 def test_a_fault_is_raised_once(serve, connect) -> None:
@@ -226,20 +198,6 @@ def test_periods_are_kept_to_a_grid_and_missed_ones_are_counted_not_made_up_for(
     assert gripper.statistics.missed >= ticks[-1] - len(ticks)
 
 
-def test_the_state_is_read_without_waiting_for_an_exchange() -> None:
-    core = Sleeper()
-    core.takes_s = 0.5
-    gripper = ThreadedGripper(core, 0.01)
-    starter = threading.Thread(target=gripper.start)
-    starter.start()
-    until(lambda: len(core.pumped_ns) == 1)
-    assert gripper.state is None
-    gripper.pump(0)
-    assert core.exchanging, "all that during one exchange"
-    starter.join()
-    gripper.close()
-
-
 def test_it_can_be_stopped_and_started_again(serve, connect) -> None:
     client = connect(serve())
     gripper = client.threaded()
@@ -252,13 +210,3 @@ def test_it_can_be_stopped_and_started_again(serve, connect) -> None:
     gripper.close()
     with pytest.raises(LinkLost, match="closed the connection"):
         client.transport.read(0, 8, time.monotonic_ns())
-
-
-def test_a_thread_that_hangs_is_reported() -> None:
-    core = Sleeper()
-    core.takes_s = 0.5
-    gripper = ThreadedGripper(core, 0.01)
-    gripper.start(within_s=0.01)
-    with pytest.raises(LinkLost, match="did not end"):
-        gripper.stop(within_s=0.01)
-    gripper.stop()

@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import TactileSensor
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.link.thread import ReadingThread
-from drivers.takktile.model.board import Hung
 from drivers.takktile.settings import TakkTileSettings
-from tests.wire.drivers.takktile.conftest import MS, PATIENCE_S, Bench, eventually
+from tests.wire.drivers.takktile.conftest import PATIENCE_S, Bench, eventually
 
 # An age bound that a busy machine does not break; that old samples are missed has its own test.
 SETTINGS = TakkTileSettings(max_age_ms=1000.0)
@@ -63,14 +62,6 @@ def test_frames_are_raw_minus_rest(bench, reader):
     assert reader.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
 
 
-def test_surplus_frames_are_counted_apart_from_lost_ones(bench, reader):
-    take_rest(reader)
-    pump_until(reader, lambda: reader.statistics.decimated >= 20, "two frames in a tick")
-    counted = reader.statistics
-    assert counted.frames >= 50
-    assert counted.wrong_lengths == counted.implausible == counted.reopens == 0
-
-
 def test_frames_that_nobody_fetches_are_overruns(reader):
     eventually(lambda: reader.statistics.overruns > 0, "ring full")
     reader.pump(time.monotonic_ns())
@@ -92,61 +83,6 @@ def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
     assert reader.statistics.restarts == 0
 
 
-def test_a_sample_that_waited_too_long_is_missed(bench):
-    with reader_on(bench, TakkTileSettings()) as reader:
-        eventually(lambda: reader.statistics.overruns > 0, "frames")
-        reader.pump(time.monotonic_ns() + 200 * MS)
-        assert reader.statistics.too_old == 1
-        assert reader.latest_raw is None
-
-
-def test_three_timeouts_restart_the_board_and_keep_the_rest(bench, reader):
-    take_rest(reader)
-    bench.spoil("time_out", 3)
-    pump_until(reader, lambda: reader.statistics.restarts == 1, "restart")
-    pump_until(reader, lambda: reader.frame.missed == 0, "fresh again")
-    assert reader.rest_taken
-    assert reader.statistics.reopens == 0
-
-
-def test_nine_timeouts_open_the_board_again_and_drop_the_rest(bench, reader):
-    take_rest(reader)
-    bench.spoil("time_out", 9)
-    pump_until(reader, lambda: reader.statistics.reopens >= 1, "opened again")
-    assert reader.statistics.restarts == 2
-    pump_until(reader, lambda: not reader.rest_taken, "rest forgotten")
-    assert reader.frame is None
-
-
-def test_a_stall_is_cleared_and_keeps_the_rest(bench, reader):
-    take_rest(reader)
-    bench.spoil("stall")
-    pump_until(reader, lambda: reader.statistics.restarts == 1, "cleared")
-    pump_until(reader, lambda: reader.frame.missed == 0, "fresh again")
-    assert reader.rest_taken
-
-
-@pytest.mark.parametrize(("fault", "args"), [("split_frame", ()), ("shorten_frame", (4,))])
-def test_a_frame_that_is_not_whole_is_dropped_and_the_next_one_read_in_step(
-    bench, reader, fault, args
-):
-    take_rest(reader)
-    bench.spoil(fault, *args)
-    pump_until(reader, lambda: reader.statistics.wrong_lengths == 1, "dropped")
-    used = reader.statistics.frames
-    pump_until(reader, lambda: reader.statistics.frames > used + 5, "more frames")
-    assert not reader.frame.counts.any()
-    assert reader.statistics.wrong_lengths == 1
-
-
-def test_a_frame_with_a_flipped_padding_bit_never_gets_through(bench, reader):
-    take_rest(reader)
-    bench.spoil("flip_bit", 1, 2)
-    used = reader.statistics.frames
-    pump_until(reader, lambda: reader.statistics.frames > used + 5, "more frames")
-    assert not reader.frame.counts.any()
-
-
 def test_unplugged_while_a_read_is_pending_and_plugged_in_again(bench, reader):
     take_rest(reader)
     bench.spoil("unplug")
@@ -160,21 +96,6 @@ def test_unplugged_while_a_read_is_pending_and_plugged_in_again(bench, reader):
     assert not reader.frame.counts.any()
 
 
-def test_the_error_names_the_board_that_is_missed(bench, reader):
-    bench.spoil("unplug")
-    eventually(lambda: "serial number" in failure(reader).message, "looked for by serial")
-
-
-def test_a_board_that_comes_back_with_a_dead_column_is_refused(bench, reader):
-    take_rest(reader)
-    bench.spoil("unplug")
-    failure(reader)
-    bench.spoil("kill_column", 2)
-    bench.spoil("replug")
-    eventually(lambda: "other cells alive" in failure(reader).message, "map compared")
-    assert "row 0 column 2, row 1 column 2" in failure(reader).message
-
-
 def test_a_column_that_dies_is_named_in_the_end_and_never_shifts_taxels(bench, reader):
     take_rest(reader)
     before = reader.frame.counts
@@ -182,20 +103,6 @@ def test_a_column_that_dies_is_named_in_the_end_and_never_shifts_taxels(bench, r
     eventually(lambda: "row 0 column 2" in failure(reader).message, "dead column named")
     assert (reader.frame.counts == before).all()
     assert reader.frame.stale
-
-
-def test_a_hung_board_is_a_device_fault_until_it_is_replugged(bench, reader):
-    with bench.lock, pytest.raises(Hung):
-        bench.board.control(0x5C, 0, 0, 64, time.monotonic_ns())
-    eventually(lambda: "hangs" in failure(reader).message, "hung")
-    bench.spoil("replug")
-    pump_until(reader, lambda: reader.statistics.reopens == 1, "back")
-
-
-def test_a_loaded_fingertip_is_refused_by_name(bench, reader):
-    bench.codes[9] = 380
-    with pytest.raises(Refused, match="finger B taxel 3 rests at code 380"):
-        take_rest(reader)
 
 
 def test_stopping_stops_the_board_so_that_the_next_start_is_clean(bench):
@@ -221,13 +128,6 @@ def test_starting_without_a_board_fails_at_once_and_leaves_nothing(bench):
     with pytest.raises(LinkLost, match="no TakkTile board"):
         reader.start()
     reader.stop()
-
-
-def test_a_map_that_names_a_dead_cell_is_refused_at_start(bench):
-    bench.spoil("kill_column", 3)
-    with pytest.raises(DeviceFault, match="finger A taxel 3"):
-        reader_on(bench).start()
-    bench.connect().close()  # given back
 
 
 def test_a_server_that_ends_is_a_lost_link_and_stopping_still_works():

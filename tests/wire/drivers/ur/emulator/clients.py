@@ -14,7 +14,7 @@ import rtde_control
 import rtde_io
 import rtde_receive
 
-WAIT_S = 15.0
+WAIT_S = 60.0
 
 
 class Site:
@@ -420,7 +420,7 @@ def wrench(site):
 
 
 def main(scenario, host, fault_port):
-    faulthandler.dump_traceback_later(35, exit=True)
+    faulthandler.dump_traceback_later(170, exit=True)
     site = Site(host, int(fault_port))
     globals()[scenario](site)
     if site.control is not None:

@@ -20,7 +20,7 @@ from tests.wire.drivers.ur.emulator.bench import Bench
 
 ROOT = Path(__file__).parents[5]
 CLIENTS = Path(__file__).with_name("clients.py")
-DEADLINE_S = 40.0
+DEADLINE_S = 180.0
 _numbers = itertools.count(2)
 
 

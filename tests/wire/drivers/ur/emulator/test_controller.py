@@ -4,12 +4,10 @@ import itertools
 import math
 import struct
 import threading
-import time
 
 import pytest
 
-from drivers.fairness import Budget, Slowly
-from drivers.ur.emulator.compiling import compiling_allowance
+from drivers.fairness import Budget
 from drivers.ur.emulator.controller import RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
@@ -18,8 +16,8 @@ from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
+from tests.wire.cases import case
 from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench, told
-from tests.wire.drivers.ur.emulator.test_stock_clients import packages
 
 
 def test_program_that_ends_in_motion_is_braked(bench):
@@ -41,9 +39,8 @@ def test_two_threads_on_one_arm_end_the_program(bench):
     assert bench.controller.runtime_state is RuntimeState.STOPPED
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
+def test_bad_arguments_end_the_program_and_nothing_moves(bench):
+    for call in [
         "movel([1e999, 0, 0, 0, 0, 0])",
         "movel(1)",
         f"movel(p[5, 0, 0, {DOWN}])",
@@ -90,14 +87,14 @@ def test_two_threads_on_one_arm_end_the_program(bench):
         "set_payload(-5)",
         "set_payload(1e6)",
         "set_target_payload(-1, [0, 0, 0])",
-    ],
-)
-def test_bad_arguments_end_the_program_and_nothing_moves(bench, call):
-    bench.run(call)
-    bench.cycles(3)
-    assert bench.controller.script_errors == 1, bench.last
-    assert bench.controller.runtime_state is RuntimeState.STOPPED
-    assert math.dist(bench.motion.position, (0.5, 0.1, 0.3)) < 1e-9
+    ]:
+        with case(call):
+            bench = Bench()
+            bench.run(call)
+            bench.cycles(3)
+            assert bench.controller.script_errors == 1, bench.last
+            assert bench.controller.runtime_state is RuntimeState.STOPPED
+            assert math.dist(bench.motion.position, (0.5, 0.1, 0.3)) < 1e-9
 
 
 def test_secondary_program_runs_beside_the_main_one(bench):
@@ -124,9 +121,8 @@ def test_secondary_program_runs_beside_the_main_one(bench):
     assert not bench.controller.script_errors
 
 
-@pytest.mark.parametrize(
-    ("call", "reason"),
-    [
+def test_secondary_program_that_would_take_time_or_fails_ends_alone(bench):
+    for call, reason in [
         ("sync()", "sync takes time"),
         ("sleep(1)", "sleep takes time"),
         (f"movel(p[0.5, 0.1, 0.4, {DOWN}])", "movel takes time"),
@@ -136,20 +132,20 @@ def test_secondary_program_runs_beside_the_main_one(bench):
         ("while True:\n end", "infinite loop"),
         ("nonsense()", "not defined"),
         ("x = ", "expected"),
-    ],
-)
-def test_secondary_program_that_would_take_time_or_fails_ends_alone(bench, call, reason):
-    bench.run("while True:\n sync()\n end")
-    bench.cycles(2)
-    bench.controller.load(f"sec one():\n{call}\nend\n")
-    bench.cycles(3)
-    assert reason in bench.last
-    assert bench.controller.script_errors == 1
-    assert bench.controller.runtime_state is RuntimeState.PLAYING
-    assert not bench.motion.moving
-    bench.controller.load("sec two():\n set_standard_digital_out(2, True)\nend\n")
-    bench.cycles(2)
-    assert bench.controller.ports.digital_out == 4
+    ]:
+        with case(call, reason):
+            bench = Bench()
+            bench.run("while True:\n sync()\n end")
+            bench.cycles(2)
+            bench.controller.load(f"sec one():\n{call}\nend\n")
+            bench.cycles(3)
+            assert reason in bench.last
+            assert bench.controller.script_errors == 1
+            assert bench.controller.runtime_state is RuntimeState.PLAYING
+            assert not bench.motion.moving
+            bench.controller.load("sec two():\n set_standard_digital_out(2, True)\nend\n")
+            bench.cycles(2)
+            assert bench.controller.ports.digital_out == 4
 
 
 def test_program_that_is_interrupted_goes_on_with_the_registers_that_it_began_with(bench):
@@ -173,25 +169,6 @@ def test_program_that_is_interrupted_goes_on_with_the_registers_that_it_began_wi
     assert ints[7] == last  # what came meanwhile is not lost
 
 
-def test_program_has_its_share_however_much_the_arm_takes_to_compute(bench, monkeypatch):
-    """Else an arm that moves at 500 Hz on a slow machine is told nothing any more."""
-    bench.run("n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(5, n)\nsync()\nend")
-    update = bench.motion.update
-
-    def slowly(now_ns):
-        until_s = time.thread_time() + 0.003
-        while time.thread_time() < until_s:
-            pass
-        return update(now_ns)
-
-    monkeypatch.setattr(bench.motion, "update", slowly)
-    budget = Budget(0.2)  # 1.6 ms of a cycle
-    for _ in range(30):
-        bench.now_ns += PERIOD_NS
-        bench.controller.step(bench.now_ns, {}, budget)
-    assert bench.controller.registers.values["output", "int"][5] > 15
-
-
 COUNT = "n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(1, n)\n{}sync()\nend"
 
 
@@ -200,34 +177,6 @@ def sliced(bench, meanwhile):
     bench.now_ns += PERIOD_NS
     budget = Budget(1.0)
     bench.controller.step(bench.now_ns, {}, budget, meanwhile)
-
-
-@pytest.mark.parametrize(
-    "hog",
-    ["def f():\n while True:\n i = 0\n while i < 3000:\n i = i + 1\n end\n sync()\n end\n end\n",
-     "def f():\n" + " a = [1, 2]\n" * 3000 + "end\n",
-     "sec f():\n i = 0\n while i < 30000:\n i = i + 1\n end\n end\n"],
-    ids=["program", "compilation", "secondary program"],
-)  # fmt: skip
-def test_clients_have_a_turn_while_a_program_computes_or_is_compiled(bench, hog):
-    bench.controller.load(hog)
-    turns = []
-    for _ in range(3):
-        sliced(bench, lambda: turns.append(0))
-    bench.controller.close()
-    assert len(turns) >= 5
-
-
-def test_main_program_has_one_turn_a_cycle_however_many_slices_there_are(bench):
-    bench.run(COUNT.format(""))
-    bench.cycles(3)
-    ints = bench.controller.registers.values["output", "int"]
-    bench.controller.load("sec f():\n i = 0\n while i < 20000:\n i = i + 1\n end\n end\n")
-    before, turns = ints[1], []
-    for _ in range(5):
-        sliced(bench, lambda: turns.append(0))
-    assert turns
-    assert ints[1] - before == 5
 
 
 @pytest.mark.parametrize("what", ["stop", "pause", "replace", "protective stop"])
@@ -252,80 +201,6 @@ def test_program_that_is_stopped_between_two_of_its_slices_is_stopped(bench, wha
     assert ints[2] == (2 if what == "replace" else 0)
     paused = what in ("pause", "protective stop")
     assert controller.runtime_state is (RuntimeState.PAUSED if paused else RuntimeState.STOPPED)
-
-
-def test_secondary_programs_wait_for_each_other_but_not_any_number(bench):
-    for number in range(20):
-        bench.controller.load(f"sec s():\n write_output_integer_register({number}, 1)\nend\n")
-    assert "8 are waiting" in bench.last
-    bench.cycles(20)
-    assert bench.controller.registers.values["output", "int"][:20] == [1] * 8 + [0] * 12
-
-
-def test_secondary_program_may_stop_the_arm_and_none_is_left_for_afterwards(bench):
-    bench.controller.load("sec s():\n protective_stop()\nend\n")
-    bench.controller.load("sec s():\n set_standard_digital_out(2, True)\nend\n")
-    bench.cycles(3)
-    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
-    bench.now_ns += 10_000_000_000
-    bench.cycles(1)
-    assert bench.controller.unlock_protective_stop()
-    bench.cycles(3)
-    assert bench.controller.ports.digital_out == 0
-    assert not bench.controller.script_errors
-
-
-def test_program_that_is_replaced_before_its_turn_costs_no_thread(bench, monkeypatch):
-    started = []
-    monkeypatch.setattr(
-        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
-    )
-    for number in range(200):
-        bench.controller.load(f"write_output_integer_register({number % 24}, {number})\n")
-    bench.cycles(3)
-    assert len(started) == 1
-    assert sum(bench.controller.registers.values["output", "int"]) == 199
-
-
-@pytest.mark.parametrize("kind", ["def", "sec"])
-def test_program_waits_where_too_much_was_to_be_compiled_of_late_and_the_log_says_so(
-    kind, monkeypatch
-):
-    """0.05 s too much: one second, at a twentieth. Nothing but programs waits."""
-    allowance = compiling_allowance()
-    allowance.use(0.3)
-    monkeypatch.setattr("drivers.ur.emulator.controller.compiling_allowance", lambda: allowance)
-    bench = Bench()
-    program = f"{kind} f():\n write_output_integer_register(0, 7)\nend\n"
-    bench.controller.load(program)
-    bench.controller.load(program.replace("7", "8"))
-    bench.cycles(100)
-    assert bench.controller.registers.values["output", "int"][0] == 0
-    assert bench.controller.cycles == 100
-    bench.cycles(40)
-    assert bench.controller.registers.values["output", "int"][0] == 8
-    told_so = [line for line in bench.controller.messages if "too much was to be compiled" in line]
-    assert len(told_so) == (kind == "def")
-    assert not bench.controller.script_errors
-
-
-def test_programs_that_replace_one_another_are_seldom_begun(bench, monkeypatch):
-    """And a while after them a program begins at once again."""
-    started = []
-    monkeypatch.setattr(
-        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
-    )
-    budget = Budget(0.2)
-    for number in range(300):
-        body = " a = [1, 2, 3]\n" * 2000
-        bench.controller.load(f"def f():\n b = {number}\n{body}end\n")
-        bench.controller.step((number + 1) * PERIOD_NS, {}, budget)
-    assert 20 < len(started) < 150
-    bench.controller.stop_program("test")
-    bench.cycles(300)
-    bench.controller.load("def g():\n write_output_integer_register(0, 7)\nend\n")
-    bench.cycles(3)
-    assert bench.controller.registers.values["output", "int"][0] == 7
 
 
 def test_state_of_an_arm_that_stands_tells_its_modes_and_the_speed_slider(bench):
@@ -359,35 +234,6 @@ def test_outputs_are_read_back(bench):
     bench.cycles(1, {"standard_digital_output_mask": (3,), "standard_digital_output": (1,)})
     values = output_values(bench.controller)
     assert values["actual_digital_output_bits"] == (1 << 0 | 1 << 8 | 1 << 17,)
-
-
-def test_flags_and_the_voltage_of_the_tool_are_read_back_by_later_programs(bench):
-    told(bench, "set_flag(31, True)\nset_flag(0, False)\nset_tool_voltage(24)")
-    told(
-        bench,
-        "write_output_boolean_register(0, get_flag(31))\n"
-        "write_output_boolean_register(1, get_flag(0))",
-    )
-    assert bench.controller.registers.values["output", "bit"][:2] == [True, False]
-    assert output_values(bench.controller)["tool_output_voltage"] == (24,)
-    profile = EmulatorSettings(host="").controller
-    tool = dict(packages(state_message(bench.controller, profile)[5:]))[2]
-    assert tool[22] == 24  # behind two ranges, two readings and the box's voltage
-
-
-@pytest.mark.parametrize(
-    ("call", "why"),
-    [
-        ("force_mode_set_damping(0.1)", "force mode is not emulated"),
-        ("force_mode_set_gain_scaling(0.5)", "force mode is not emulated"),
-        ("set_gravity([0, 0, 9.82])", "gravity is not modelled"),
-    ],
-)
-def test_settings_without_effect_are_told_in_the_log(bench, call, why):
-    """Not refused: ur_rtde's own script sets those of force mode as it starts."""
-    told(bench, call)
-    said = f"{call.partition('(')[0]} has no effect: {why}"
-    assert said in " ".join(bench.controller.messages)
 
 
 def test_inputs_are_what_the_control_channel_says(bench):
@@ -449,12 +295,13 @@ def test_program_that_plays_is_paused_where_it_stands_and_goes_on_from_there(ben
     assert counted[5] == paused_at + 5
 
 
-@pytest.mark.parametrize("calculation", CALCULATIONS)
-def test_ordinary_programs_compute(bench, calculation):
-    bench.controller.apply_wrench((0.0, 3.0, -4.0, 0.0, 0.0, 0.0))
-    told(bench, f"write_output_float_register(0, {calculation})")
-    found = bench.controller.registers.values["output", "double"][0]
-    assert found == pytest.approx(CALCULATIONS[calculation], abs=1e-9)
+def test_ordinary_programs_compute(bench):
+    for calculation, expected in CALCULATIONS.items():
+        with case(calculation):
+            bench.controller.apply_wrench((0.0, 3.0, -4.0, 0.0, 0.0, 0.0))
+            told(bench, f"write_output_float_register(0, {calculation})")
+            found = bench.controller.registers.values["output", "double"][0]
+            assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_watchdog_counts_writes_of_its_input(bench):
@@ -495,10 +342,10 @@ def test_world_of_somebody_else_is_advanced_before_it_is_read(emulate):
     assert all((b - a) % PERIOD_NS == 0 for a, b in itertools.pairwise(times))
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "localhost"])
-def test_only_loopback_addresses_are_served(host):
-    with pytest.raises(ValueError, match="address"):
-        UrEmulator(EmulatorSettings(host=host))
+def test_only_loopback_addresses_are_served():
+    for host in ["0.0.0.0", "192.0.2.1", "localhost"]:
+        with case(host), pytest.raises(ValueError, match="address"):
+            UrEmulator(EmulatorSettings(host=host))
 
 
 def test_beyond_loopback_its_control_channel_asks_for_a_token(bench):

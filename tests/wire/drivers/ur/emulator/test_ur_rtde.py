@@ -1,35 +1,20 @@
-"""Unmodified ur_rtde against the emulator; the scenarios are in clients.py."""
+"""Unmodified ur_rtde against the emulator; the scenarios are in clients.py. `slow`: all others."""
 
 import pytest
 
+CB3 = (
+    "fields", "move_l", "async_move_and_stop", "speed_l", "settings", "watchdog",
+    "protective_stop", "emergency_stop", "stop_after_speed", "turns", "io", "dashboard", "in_use",
+    "dropped",
+)  # fmt: skip
+MORE = (
+    "path", "joint_speeds", "servo", "not_emulated", "force_settings", "custom_script",
+    "pose_trans", "frozen", "wrench",
+)  # fmt: skip
+
 
 @pytest.mark.parametrize(
-    "scenario",
-    [
-        "fields",
-        "move_l",
-        "async_move_and_stop",
-        "speed_l",
-        "settings",
-        "path",
-        "watchdog",
-        "protective_stop",
-        "emergency_stop",
-        "stop_after_speed",
-        "turns",
-        "joint_speeds",
-        "servo",
-        "not_emulated",
-        "force_settings",
-        "io",
-        "dashboard",
-        "custom_script",
-        "pose_trans",
-        "in_use",
-        "frozen",
-        "dropped",
-        "wrench",
-    ],
+    "scenario", [*CB3, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)]
 )
 def test_cb3(emulator, scenario):
     emulator.client(scenario)
@@ -38,8 +23,11 @@ def test_cb3(emulator, scenario):
 
 @pytest.mark.parametrize(
     "scenario",
-    ["move_l", "speed_l", "servo", "pose_trans", "contact_refused", "not_remote"],
-)
+    ["move_l", "not_remote", *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("speed_l", "servo", "pose_trans", "contact_refused")
+    )],
+)  # fmt: skip
 def test_e_series_at_500_hz(emulate, scenario):
     """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
     emulate("--profile", "e-series").client(scenario)

@@ -17,6 +17,7 @@ from drivers.errors import DeviceFault, LinkLost, Refused, Stale
 from drivers.ur.driver import ArmDriver, ArmSettings
 from drivers.ur.link import client
 from drivers.ur.link.client import UrLink, UrSettings
+from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
 # a slow watchdog: a busy machine must not end the program
@@ -92,9 +93,8 @@ def at_end(emulator):
     return emulator.state_when(lambda state: not state["moving"])
 
 
-@pytest.mark.parametrize("profile", ["cb3", "e-series"])
-def test_moves_and_comes_to_rest_at_the_target(emulate, connect, profile):
-    emulate(profile)
+def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
+    emulate()
     arm = connect()
     arm.driver.set_payload(2.6)
     arm.rise(0.05)
@@ -117,29 +117,6 @@ def test_stop_on_the_way_is_confirmed(emulate, connect):
     arm.driver.move_to((*here[:2], here[2] + 0.02), 0.1, 1.0)  # and it moves again
     arm.pump_until(lambda: not arm.state.moving)
     assert arm.state.position_m[2] == pytest.approx(here[2] + 0.02, abs=1e-3)
-
-
-def test_move_right_after_a_stop_waits_for_it(emulate, connect):
-    emulator = emulate()
-    arm = connect()
-    arm.rise(0.4, 0.2)
-    arm.pump_until(arm.rising)
-    arm.driver.stop(0.2)  # takes a second
-    arm.rise(0.0)
-    arm.pump_until(lambda: not arm.state.moving)
-    assert arm.risen_m() == pytest.approx(0.0, abs=1e-3)
-    assert emulator.do("state")["script_errors"] in (0, [])
-
-
-def test_move_in_place_of_a_move_brakes_first(emulate, connect):
-    emulator = emulate()
-    arm = connect()
-    arm.rise(0.4)
-    arm.pump_until(arm.rising)
-    arm.rise(0.0)
-    arm.pump_until(lambda: not arm.state.moving)
-    assert arm.risen_m() == pytest.approx(0.0, abs=1e-3)
-    assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
 
 
 def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, connect):
@@ -225,34 +202,6 @@ def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, conn
     arm.pump_until(lambda: not arm.state.moving)
 
 
-def test_silent_worker_is_given_up(emulate, connect):
-    emulate()
-    arm = connect(command_timeout_s=0.5)
-    (pid,) = workers()
-    os.kill(pid, signal.SIGSTOP)
-    with pytest.raises(Stale, match="the arm's worker process says nothing"):
-        arm.pump_until(lambda: False, patient=False)
-    arm.rise(0.4)
-    arm.trouble(LinkLost, "its worker process says nothing")
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
-
-
-def test_program_that_ended_since_the_worker_was_not_run_is_told_with_that_cause(emulate, connect):
-    emulator = emulate()
-    arm = connect()
-    (pid,) = workers()
-    arm.rise(0.4)
-    arm.pump_until(arm.rising)
-    os.kill(pid, signal.SIGSTOP)
-    emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
-    os.kill(pid, signal.SIGCONT)
-    told = arm.trouble(
-        DeviceFault, r"has ended: for \d\.\d\d s this computer did not keep it alive"
-    )
-    assert "processor" in told.remedy
-
-
 def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
     emulator = emulate()
     arm = connect(heartbeat_timeout_s=0.2)
@@ -261,15 +210,6 @@ def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
     emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.35
     arm.trouble(DeviceFault, "program")
-
-
-def test_standing_arm_needs_no_reading(emulate, connect):
-    emulate()
-    arm = connect(heartbeat_timeout_s=0.1, watchdog_hz=2.0)
-    time.sleep(1.5)  # three times what the watchdog allows
-    arm.pump()
-    arm.rise(0.02)
-    arm.pump_until(lambda: not arm.state.moving)
 
 
 def test_dead_parent_leaves_no_motion_and_no_process(emulate, host):
@@ -305,7 +245,7 @@ while True:
 DRAWN = random.Random(4)
 
 
-@pytest.mark.parametrize("after_s", [DRAWN.uniform(0.0, 3.0) for _ in range(4)])
+@pytest.mark.parametrize("after_s", [DRAWN.uniform(0.0, 3.0) for _ in range(1)])
 def test_ctrl_c_in_the_start_leaves_no_worker_and_no_program(emulate, host, after_s):
     emulator = emulate()
     script = f"""
@@ -359,15 +299,6 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
 
 
-def test_claimed_registers_are_refused_before_ur_rtde_is_started(emulate, host):
-    emulator = emulate()
-    emulator.do("claim", names=["input_int_register_0"])
-    link = UrLink(UrSettings(host=host, step_timeout_s=0.5))
-    with pytest.raises(DeviceFault, match="in use"):
-        link.connect()
-    assert workers() == []
-
-
 def test_link_before_connecting():
     link = UrLink(UrSettings(host="127.0.0.2"))
     with pytest.raises(LinkLost, match="connect"):
@@ -375,7 +306,7 @@ def test_link_before_connecting():
     link.close()
 
 
-@pytest.mark.parametrize("bad", [{"watchdog_hz": 0.0}, {"link_timeout_s": 2.5}, {"hots": "x"}])
-def test_settings_are_bounded(bad):
-    with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)
+def test_settings_are_bounded():
+    for bad in [{"watchdog_hz": 0.0}, {"link_timeout_s": 2.5}, {"hots": "x"}]:
+        with case(bad), pytest.raises(msgspec.ValidationError):
+            msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)

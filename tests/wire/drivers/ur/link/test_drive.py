@@ -30,10 +30,3 @@ def test_a_drive_moves_and_turns_the_tool_and_a_move_follows_it(emulate, host, c
     arm.pump_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.02, abs=1e-3)
     assert arm.state.angle_rad == pytest.approx(angle, abs=0.01)
-
-
-def test_a_drive_that_is_forgotten_ends(emulate, host, connect):  # noqa: F811
-    emulate()
-    arm = connect()
-    drive_until(arm, (0.02, 0.0, 0.0), 0.0, lambda: arm.state.velocity_mps[0] > 0.015)
-    arm.pump_until(lambda: not arm.state.moving)

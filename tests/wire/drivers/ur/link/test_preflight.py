@@ -1,15 +1,13 @@
 """Pre-flight against a scripted controller: every failure named, every step ends."""
 
-import contextlib
-import socket
 import struct
-import threading
 import time
 
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.ur.link.preflight import Rtde, judge_version, preflight, require
+from drivers.ur.link.preflight import judge_version, preflight, require
+from tests.wire.cases import case
 from tests.wire.drivers.ur.link.scripted import DASHBOARD, RTDE, SCRIPT
 
 
@@ -56,30 +54,6 @@ def test_peer_that_sends_a_byte_now_and_then_ends_too(controller, host):
     assert "dashboard" in failed(preflight(host, step_timeout_s=0.3))
 
 
-def test_peer_that_goes_on_sending_is_left_all_the_same(monkeypatch):
-    """As a controller does whose data lie in a slow network."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        monkeypatch.setattr("drivers.ur.link.preflight.RTDE_PORT", server.getsockname()[1])
-        left = threading.Event()
-
-        def send() -> None:
-            peer, _ = server.accept()
-            with peer, contextlib.suppress(OSError):
-                while not left.wait(0.005):
-                    peer.sendall(bytes(3))
-
-        sender = threading.Thread(target=send)
-        with Rtde("127.0.0.1", 2.0) as rtde:
-            sender.start()
-            waiter = threading.Thread(target=rtde.__exit__, args=(None, None, None))
-            waiter.start()
-            waiter.join(20)
-            ended = not waiter.is_alive()
-            left.set()
-        sender.join()
-    assert ended
-
-
 def test_unsolicited_messages_are_skipped(controller, host):
     text = b"\x05hello\x03abc\x00"
     controller().chatter = struct.pack(">Hc", 3 + len(text), b"M") + text
@@ -92,9 +66,8 @@ def test_garbage_on_the_rtde_port(controller, host):
         require(preflight(host))
 
 
-@pytest.mark.parametrize(
-    ("version", "status"),
-    [
+def test_version_gate():
+    for version, status in [
         ((3, 2, 0, 0), "fail"),
         ((3, 14, 0, 0), "warn"),
         ((3, 15, 8, 1), "ok"),
@@ -105,12 +78,11 @@ def test_garbage_on_the_rtde_port(controller, host):
         ((5, 22, 9, 9), "ok"),
         ((5, 23, 0, 0), "warn"),
         ((10, 10, 0, 0), "warn"),
-    ],
-)
-def test_version_gate(version, status):
-    check = judge_version(version)
-    assert check.status == status
-    assert bool(check.remedy) == (status != "ok")
+    ]:
+        with case(version, status):
+            check = judge_version(version)
+            assert check.status == status
+            assert bool(check.remedy) == (status != "ok")
 
 
 def test_old_controller_is_refused(controller, host):
@@ -145,15 +117,6 @@ def test_unfit_states(controller, host, command, answer):
     with pytest.raises(DeviceFault, match=answer.split()[1]) as caught:
         require(preflight(host))
     assert caught.value.remedy
-
-
-def test_older_name_of_the_safety_command(controller, host):
-    fake = controller(version=(3, 5, 0, 0))
-    del fake.answers["safetystatus"]
-    fake.answers["safetymode"] = "Safetymode: NORMAL"
-    report = preflight(host)
-    assert not report.failures
-    assert [check.name for check in report.checks if check.status == "warn"] == ["version"]
 
 
 def test_registers_in_use_name_the_fieldbus(controller, host):

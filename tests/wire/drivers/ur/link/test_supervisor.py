@@ -15,6 +15,7 @@ from drivers.ur.link import messages
 from drivers.ur.link.messages import Outcome, State
 from drivers.ur.link.preflight import RTDE_PORT
 from drivers.ur.link.supervisor import WorkerProcess
+from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, SETUP, TARGET, workers
 
 LONG_S = 30.0
@@ -37,21 +38,21 @@ def test_child_that_never_gets_ready_is_killed():
     assert not os.path.exists(f"/proc/{pid}")
 
 
-@pytest.mark.parametrize(
-    ("text", "kind"),
-    [
+def test_what_ur_rtde_says_at_its_start_is_typed():
+    for text, kind in [
         ("One of the RTDE input registers are already in use!", DeviceFault),
         ("ur_rtde: Please enable remote control on the robot!", DeviceFault),
         ("Failed to start control script, before timeout of 5 seconds", DeviceFault),
         ("No module named 'rtde_receive'", Refused),
         ("Could not connect to: 127.0.0.2 at 30004", LinkLost),
-    ],
-)
-def test_what_ur_rtde_says_at_its_start_is_typed(text, kind):
-    worker = WorkerProcess(SETUP, child(f"print('printed', flush=True); send(Failed({text!r}))"))
-    with pytest.raises(kind, match=r"RTDE|ur_rtde|script|connect|module") as caught:
-        worker.wait_ready(30.0)
-    assert caught.value.remedy
+    ]:
+        with case(text, kind):
+            worker = WorkerProcess(
+                SETUP, child(f"print('printed', flush=True); send(Failed({text!r}))")
+            )
+            with pytest.raises(kind, match=r"RTDE|ur_rtde|script|connect|module") as caught:
+                worker.wait_ready(30.0)
+            assert caught.value.remedy
 
 
 def test_child_that_crashes_is_link_lost_with_its_last_words():
@@ -62,21 +63,22 @@ def test_child_that_crashes_is_link_lost_with_its_last_words():
     assert list(worker.log) == ["stack smashed"]
 
 
-@pytest.mark.parametrize(("then", "said"), [
-    ("time.sleep(1000)", "its worker process says nothing"),
-    ("while True: time.sleep(0.01); send(State({fields}))", "did not take a command in time"),
-    ("while True: time.sleep(0.01); send(NothingNew())", "did not take a command in time"),
-])  # fmt: skip
-def test_child_that_answers_no_command_is_given_up(then: str, said: str):
-    state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
-    fields = ", ".join(repr(getattr(state, name)) for name in state.__struct_fields__)
-    body = f"send(Ready()); send(State({fields}))\n{then.format(fields=fields)}"
-    worker = WorkerProcess(SETUP, child(body))
-    worker.wait_ready(30.0)
-    assert worker.state == state
-    with pytest.raises(LinkLost, match=said):
-        worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
-    assert not worker.running
+def test_child_that_answers_no_command_is_given_up():
+    for then, said in [
+        ("time.sleep(1000)", "its worker process says nothing"),
+        ("while True: time.sleep(0.01); send(State({fields}))", "did not take a command in time"),
+        ("while True: time.sleep(0.01); send(NothingNew())", "did not take a command in time"),
+    ]:
+        with case(then, said):
+            state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
+            fields = ", ".join(repr(getattr(state, name)) for name in state.__struct_fields__)
+            body = f"send(Ready()); send(State({fields}))\n{then.format(fields=fields)}"
+            worker = WorkerProcess(SETUP, child(body))
+            worker.wait_ready(30.0)
+            assert worker.state == state
+            with pytest.raises(LinkLost, match=said):
+                worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
+            assert not worker.running
 
 
 def test_command_that_failed_is_told_once():

@@ -1,1 +1,0 @@
-"""Detectors compared on data sets, tuned and drawn."""

@@ -1,0 +1,210 @@
+"""Which faults there are, and a seeded sample of when they strike.
+
+Faults: every field of every device's state in every way that it can be wrong, every command, every
+link, another client of the hand, the loop and the detector. A case strikes one of them, or a pair,
+at a moment of a stretch of the plain lift, for good or for 0.3 s.
+"""
+
+import random
+from collections.abc import Iterator, Sequence
+from itertools import cycle, product
+
+import msgspec
+
+from grasp.phases import Phase
+from tests.nightly.faults.registers import COMMAND_FIELDS, IMAGES
+from tests.nightly.faults.registers import FIELDS as HAND_FIELDS
+
+STATE = ("frozen", "late", "missing", "not a number", "out of range", "jump")
+COMMAND = ("lost", "late", "repeated", "half done")
+LINK = ("cut", "blinking", "slow")
+ARM_FIELDS = (
+    "t_ns", "position_m", "velocity_mps", "moving", "protective_stop", "angle_rad", "spin_radps",
+    "speed_fraction",
+)  # fmt: skip
+VECTORS, AXES = ("position_m", "velocity_mps"), "xyz"
+OF_AN_AXIS = frozenset({"not a number", "out of range", "jump"})  # others concern all three
+TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
+TAXEL = "taxel"  # one of these, drawn
+PADS = ("finger A", "finger B", "finger C", TAXEL)
+# small or alternating errors
+SUBTLE = (
+    *(("gripper", f"gPO{finger}", "some off") for finger in "ABC"),
+    *(("gripper", what, "flickers") for what in ("gDTA", "gDTB", "gDTC", "gGTO", "gIMC")),
+    ("arm", "moving", "flickers"),
+    *(("fingertips", what, "drifts") for what in PADS),
+)
+# what another client makes of a flag of the hand's command; the other value changes nothing
+TURNED = {"rACT": "cleared", "rMOD": "set", "rGTO": "cleared", "rATR": "set", "rICF": "cleared",
+          "rICS": "set"}  # fmt: skip
+COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
+STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 1 s": 1.0,
+                 "stands still 3 s": 3.0}  # fmt: skip
+DETECTOR = (
+    "raises", "not a number", "wrong shape", "late", "frozen", "hears nothing", "hears slip",
+)  # fmt: skip
+NOT_STRUCK = frozenset({
+    Phase.IDLE, Phase.HOME, Phase.SQUEEZE, Phase.DONE, Phase.KEPT, Phase.LOST, Phase.STOPPED,
+    Phase.FAULT,
+})  # fmt: skip
+SHARES = (0.0, 1 / 3, 2 / 3)  # of a stretch: the moment of the fault
+RECOVERS_NS = 300_000_000  # duration of a fault that ends
+DELAYS_TICKS = (0, 1, 4, 15, 60)  # between the two of a pair
+SCENES = (  # object and seed; the last two come to a touch and a probe on the way down
+    ("can", 0), ("box", 1), ("ball", 1), ("foam", 0), ("cardboard", 2), ("football", 0),
+    ("box", 24), ("box", 6),
+)  # fmt: skip
+# a safe state commands the hand only where it does not hold, or is not closed to the limit, already
+HOLDS_ANEW = frozenset({
+    Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.OPPOSE, Phase.RELEASE, Phase.RETREAT,
+})  # fmt: skip
+
+
+class Fault(msgspec.Struct, frozen=True):
+    """One thing that goes wrong."""
+
+    device: str  # gripper, arm, fingertips, loop, detector
+    part: str  # state, command, link, registers, whole
+    what: str  # field with a vector's axis, or command; empty of a whole
+    kind: str
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.device, self.what, self.kind)))
+
+
+class Stretch(msgspec.Struct, frozen=True):
+    """A phase of the plain lift, from its begin to the next."""
+
+    phase: Phase
+    visit: int  # how often the lift has come to this phase, this time included
+    ticks: int
+    commands: tuple[tuple[str, int], ...]  # sent, and after which tick of the stretch
+
+
+class Case(msgspec.Struct, frozen=True):
+    """One run."""
+
+    number: int
+    object: str
+    seed: int
+    fault: Fault | None  # None: a plain lift
+    phase: Phase | None = None
+    visit: int = 1
+    ticks: int = 0  # into it
+    recovers: bool = False
+    then: Fault | None = None  # second of a pair
+    then_ticks: int = 0  # after the first
+    then_recovers: bool = False
+    safe: bool = False  # the first causes a safe state, whose own command the second takes
+
+    def __str__(self) -> str:
+        end = "ends" if self.recovers else "stays"
+        first = f"{self.object} {self.seed}: {self.phase} {self.visit} +{self.ticks}: {self.fault}"
+        return f"{first}, {end}" + (f"; +{self.then_ticks}: {self.then}" if self.then else "")
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        return tuple(fault for fault in (self.fault, self.then) if fault is not None)
+
+
+def _of_state(device: str, what: str) -> Iterator[Fault]:
+    """An integer is always a number, and a field of a bit or two has no value out of range."""
+    integers = device != "arm" or what == "t_ns"
+    flag = what in ("moving", "protective_stop")
+    narrow = flag or (device == "gripper" and HAND_FIELDS[what].bits <= 2)
+    impossible = {"not a number": integers or flag, "out of range": narrow}
+    return (Fault(device, "state", what, kind) for kind in STATE if not impossible.get(kind))
+
+
+def commands() -> list[Fault]:
+    return [
+        Fault(device, "command", what, kind)
+        for device, names in COMMANDS.items() for what in names for kind in COMMAND
+    ]  # fmt: skip
+
+
+def faults() -> list[Fault]:
+    """All but those of commands."""
+    fields = {
+        "gripper": tuple(HAND_FIELDS),
+        "arm": ARM_FIELDS,
+        "fingertips": (*PADS, "temperatures"),
+    }
+    found = [f for device, names in fields.items() for n in names for f in _of_state(device, n)]
+    found += [Fault(device, "link", "link", kind) for device, kind in product(fields, LINK)]
+    found += [Fault("loop", "whole", "", kind) for kind in STANDSTILLS_S]
+    found += [Fault("detector", "whole", "", kind) for kind in DETECTOR]
+    found += [Fault(device, "state", what, kind) for device, what, kind in SUBTLE]
+    return found + written_by_another()
+
+
+def written_by_another() -> list[Fault]:
+    """Another client of the hand writes one command register, or all of them."""
+    made = [(name, what) for name in COMMAND_FIELDS
+            for what in ((TURNED[name],) if name in TURNED else ("cleared", "set"))]  # fmt: skip
+    made += [("all fingers", what) for what in IMAGES]
+    return [Fault("gripper", "registers", name, f"{what} by another client") for name, what in made]
+
+
+def sample(
+    scene: tuple[str, int], stretches: Sequence[Stretch], count: int, seed: int
+) -> list[Case]:
+    """Cases of one scene: two in three faults alone, the others of commands where they are sent,
+    of a safe state's own commands, and pairs. Every fault comes once before any comes again."""
+    chance = random.Random(f"{scene} {seed}")
+    struck = [s for s in stretches if s.phase not in NOT_STRUCK]
+    single = faults()
+    chance.shuffle(single)
+    in_turn, found = cycle(single), []
+    for number in range(count):
+        turn = number % 9
+        if turn == 2:
+            case = _commanded(struck, chance)
+        elif turn == 5:
+            case = _in_safe_state(struck, chance)
+        else:
+            case = _alone(_drawn(next(in_turn), chance), chance.choice(struck), chance)
+        if turn == 8:
+            then = _drawn(chance.choice(faults() + commands()), chance)
+            case = msgspec.structs.replace(
+                case, then=then, then_ticks=chance.choice(DELAYS_TICKS),
+                then_recovers=chance.random() < 0.5,
+            )  # fmt: skip
+        found.append(msgspec.structs.replace(case, number=number, object=scene[0], seed=scene[1]))
+    return found
+
+
+def _alone(fault: Fault, stretch: Stretch, chance: random.Random) -> Case:
+    ticks = int(chance.choice(SHARES) * stretch.ticks)
+    return Case(0, "", 0, fault, stretch.phase, stretch.visit, ticks, chance.random() < 0.5)
+
+
+def _commanded(stretches: Sequence[Stretch], chance: random.Random) -> Case:
+    """A command is struck just before it is sent."""
+    what, tick, s = chance.choice([(w, t, s) for s in stretches for w, t in s.commands])
+    fault = chance.choice([f for f in commands() if f.what == what])
+    return Case(0, "", 0, fault, s.phase, s.visit, tick, chance.random() < 0.5)
+
+
+def _in_safe_state(stretches: Sequence[Stretch], chance: random.Random) -> Case:
+    """A safe state's own command is struck; the fault that causes it concerns neither arm nor
+    hand, or where fingertips are not needed, the arm's position."""
+    s = chance.choice(stretches)
+    closes = (s.phase, s.visit) == (Phase.LIFT, 1)
+    told = {"stop", *(["close"] if closes else ["hold"] if s.phase in HOLDS_ANEW else [])}
+    cause = Fault("fingertips", "link", "link", "cut")
+    if s.phase in {Phase.APPROACH, Phase.RELEASE, Phase.RETREAT}:
+        cause = Fault("arm", "state", "position_m x", "not a number")
+    then = chance.choice([f for f in commands() if f.what in told])
+    return Case(0, "", 0, cause, s.phase, s.visit, int(SHARES[1] * s.ticks), False, then, 0,
+                chance.random() < 0.5, safe=True)  # fmt: skip
+
+
+def _drawn(fault: Fault, chance: random.Random) -> Fault:
+    """With one taxel in place of any, and one axis of a vector."""
+    what = fault.what
+    if what == TAXEL:
+        what = chance.choice(TAXELS)
+    elif what in VECTORS and fault.kind in OF_AN_AXIS:
+        what = f"{what} {chance.choice(AXES)}"
+    return msgspec.structs.replace(fault, what=what)

@@ -1,0 +1,407 @@
+"""Lifts in virtual time in which something fails, and what came of them until long after the end.
+
+Up to the fault a lift is the plain one, so cases of one scene share it: where one is struck the
+process forks, and the child goes on with the fault.
+"""
+
+import gc
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.interfaces import FINGERS, Vector3
+from grasp.loop import Tick
+from grasp.phases import END_PHASES, SAFE_PHASES, Phase
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.lift.config import LiftConfig
+from scenarios.rigs.rig import Rig
+from scenarios.rigs.simulated import Wires, simulated
+from scenarios.trial.ending import End
+from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from scenarios.world.cell import SimulatedCell
+from scenarios.world.truth import Truth
+from tests.nightly.faults.cases import STANDSTILLS_S, Case, Fault, Stretch
+from tests.nightly.faults.struck import Struck
+from tests.nightly.faults.wires import (
+    HEARTBEAT_NS,
+    ArmWire,
+    FailingDetector,
+    HandWire,
+    PadWire,
+    Wire,
+)
+from tests.nightly.last_line import WAY_OUT
+
+LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # everything under way has ended by then
+OFF_TABLE_M = 0.001
+REACTION_S = 0.15  # from the safe state until an arm brakes: its own watchdog takes 0.1 s of it
+
+
+class Ended(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one run. Heights and ways in m, forces in N, times in s."""
+
+    case: Case
+    struck_in: str  # phase that was under way; empty: never struck
+    taken: int = 0  # commands that the fault took
+    then_taken: int = 0  # and the second of a pair
+    taken_safe: bool = False  # one of them was the safe state's own
+    outcome: str
+    phase: str  # the last one before the safe state
+    cause: str
+    message: str  # the last line, without the remedy; empty where nothing failed
+    arm: str = ""  # by the last line
+    hand: str = ""
+    advice: str = ""
+    unreached: tuple[str, ...] = ()
+    finished: bool
+    arm_s: float | None  # from the safe state until the arm stood for good
+    hand_s: float | None  # and the fingers
+    safe_mps: float  # highest speed of the arm as the safe state had just begun
+    safe_way_m: float  # its way from there until long after
+    arm_mps: float  # at the end of the run
+    fingers_mps: float
+    later_arm_mps: float
+    later_fingers_mps: float
+    peak_n: float
+    entered_n: float | None  # by the most loaded finger, as the safe state began
+    least_n: float | None  # the least of it until long after
+    pressed_n: float  # at the end
+    later_pressed_n: float
+    lifted_m: float  # the highest that the object came
+    let_go_m: float  # height at which the hand lost it; 0: it did not, or on the table
+    slid_m: float  # in the hand, in the air, since the fault
+    height_m: float  # long after
+    slip_mps: float
+
+
+class Attack:
+    """The wires of a rig, and when they are struck."""
+
+    def __init__(self) -> None:
+        self.hand, self.arm, self.pads = HandWire(), ArmWire(), PadWire()
+        self.detector: FailingDetector | None = None
+        self.rig: Rig[Any, Any] | None = None
+        self._second: tuple[Fault, bool, int] | None = None  # of a pair, and ticks until then
+        self.struck_ns: list[int] = []
+        self._hits: list[Struck | None] = []  # the same; None: no wire was struck
+
+    @property
+    def wires(self) -> Wires:
+        return Wires(self.hand.around, self.arm.around, self.pads.around)
+
+    def begin(self, case: Case, now_ns: int) -> None:
+        """The case's fault strikes now, its second one as long after as it says."""
+        if case.then is not None:
+            self._second = case.then, case.then_recovers, case.then_ticks
+        if case.fault is not None:
+            self._strike(case.fault, case.recovers, now_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """After every step."""
+        if self._second is not None:
+            fault, recovers, ticks = self._second
+            self._second = fault, recovers, ticks - 1
+            if ticks <= 0:
+                self._second = None
+                self._strike(fault, recovers, now_ns)
+        self.pads.tick(now_ns)
+        self.hand.tick(now_ns)
+
+    def told(self) -> list[str]:
+        """Commands to hand and arm since the last call."""
+        found = [*self.hand.told, *self.arm.told]
+        self.hand.told.clear()
+        self.arm.told.clear()
+        return found
+
+    def flush(self, now_ns: int) -> None:
+        """What was held back arrives, though no driver speaks any more."""
+        self.hand.flush(now_ns)
+        self.arm.flush(now_ns)
+
+    def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
+        self.struck_ns.append(now_ns)
+        self._hits.append(None)
+        if fault.device == "loop":
+            self._stand_still(STANDSTILLS_S[fault.kind])
+            return
+        wires: dict[str, Wire | None] = {
+            "gripper": self.hand, "arm": self.arm, "fingertips": self.pads,
+            "detector": self.detector,
+        }  # fmt: skip
+        wire = wires[fault.device]
+        if wire is not None:
+            self._hits[-1] = hit = Struck(fault, now_ns, recovers)
+            wire.struck.append(hit)
+
+    def took(self, turn: int) -> tuple[int, int]:
+        """How many commands the first or second fault took, and when the last of them."""
+        hit = self._hits[turn] if turn < len(self._hits) else None
+        return (hit.times, hit.took_ns) if hit is not None else (0, -1)
+
+    def _stand_still(self, seconds: float) -> None:
+        """Nobody is in control; the arm's link takes its client for dead after a while."""
+        if self.rig is None:
+            return
+        clock = self.rig.clock
+        start_ns, end_ns = clock.now_ns, clock.now_ns + round(seconds * 1e9)
+        clock.sleep_until_ns(min(end_ns, start_ns + HEARTBEAT_NS))
+        if end_ns > clock.now_ns:
+            self.arm.unheard(clock.now_ns)
+            clock.sleep_until_ns(end_ns)
+
+
+class Observer:
+    """Follows arm, fingers and object by what the simulation knows."""
+
+    def __init__(self, cell: SimulatedCell) -> None:
+        self._cell = cell
+        self._last: Truth | None = None
+        self.arm_moved_ns = self.hand_moved_ns = 0
+        self.lifted_m = self.let_go_m = self.slid_m = 0.0
+        self.safe_ns: int | None = None
+        self.safe_mps = self.safe_way_m = 0.0
+        self._at_m: Vector3 | None = None
+        self.entered_n: float | None = None
+        self.least_n: float | None = None
+
+    def take(self, truth: Truth, struck: bool, safe: bool) -> None:
+        """``safe``: the safe state has begun."""
+        if speed(self._cell, truth.t_ns) > 0.0:
+            self.arm_moved_ns = truth.t_ns
+        if safe:
+            self._follow_arm(truth.t_ns)
+        if np.abs(self._cell.gripper.velocity_mps).max() > 0.0:
+            self.hand_moved_ns = truth.t_ns
+        if struck and safe:
+            most_n = max(truth.normal_n)
+            self.entered_n = most_n if self.entered_n is None else self.entered_n
+            self.least_n = most_n if self.least_n is None else min(self.least_n, most_n)
+        self.lifted_m = max(self.lifted_m, truth.height_m)
+        last, self._last = self._last, truth
+        if not struck or last is None:
+            return
+        if last.touched and not truth.touched and last.height_m > OFF_TABLE_M:
+            self.let_go_m = max(self.let_go_m, last.height_m)
+        if last.touched and truth.touched and min(last.height_m, truth.height_m) > OFF_TABLE_M:
+            self.slid_m += abs(truth.slip_distance_m - last.slip_distance_m)
+
+    def _follow_arm(self, t_ns: int) -> None:
+        here_m = self._cell.arm.position(t_ns)
+        if self.safe_ns is None or self._at_m is None:
+            self.safe_ns, self._at_m = t_ns, here_m
+        self.safe_way_m += math.dist(self._at_m, here_m)
+        self._at_m = here_m
+        if t_ns - self.safe_ns <= REACTION_S * 1e9:
+            self.safe_mps = max(self.safe_mps, speed(self._cell, t_ns))
+
+
+def speed(cell: SimulatedCell, t_ns: int) -> float:
+    return float(np.linalg.norm(cell.arm.velocity(t_ns)))
+
+
+def config_of(name: str, seed: int) -> LiftConfig:
+    return load_config(name, "simulated").for_lift().built_for(seed)
+
+
+class Branches:
+    """The cases of one scene, each of which leaves the plain lift when its moment has come."""
+
+    def __init__(self, cases: Sequence[Case]) -> None:
+        self._waiting = list(cases)
+        self._phase: Phase | None = None
+        self._visits: dict[Phase, int] = {}
+        self._ticks = 0  # since the phase began
+        self.case = cases[0] if len(cases) == 1 else None  # that this process goes on with
+        self.ended: list[Ended] = []  # by children
+        self.write: int | None = None  # of a child: pipe of its result
+
+    @property
+    def is_child(self) -> bool:
+        return self.write is not None
+
+    @property
+    def left(self) -> list[Case]:
+        """Those that were not struck."""
+        return self._waiting
+
+    def due(self, phase: Phase) -> Case | None:
+        """After every step: a case that this process shall go on with from now on."""
+        if phase is self._phase:
+            self._ticks += 1
+        else:
+            self._phase, self._ticks = phase, 0
+            self._visits[phase] = self._visits.get(phase, 0) + 1
+        if self.is_child:
+            return None
+        for case in [case for case in self._waiting if self._comes(case)]:
+            self._waiting.remove(case)
+            if self.case is case or self._is_forked(case):
+                return case
+        return None
+
+    def _comes(self, case: Case) -> bool:
+        """In its own phase and at its own visit: not in whatever comes after."""
+        if case.phase is None or case.phase is not self._phase:
+            return False
+        return (case.visit, case.ticks) == (self._visits[case.phase], self._ticks)
+
+    def _is_forked(self, case: Case) -> bool:
+        """In the child: true. In its parent, when it has ended: false."""
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            gc.disable()  # it ends soon, and to look through all there is would copy it
+            os.close(read)
+            self.case, self.write, self._waiting = case, write, []
+            return True
+        os.close(write)
+        with os.fdopen(read, "rb") as told:
+            text = told.read()
+        os.waitpid(child, 0)
+        if text:
+            self.ended.append(msgspec.json.decode(text, type=Ended))
+        return False
+
+
+def run(case: Case) -> Ended:
+    """One case, in virtual time; what it tells is the same whenever and wherever it is run."""
+    return run_scene([case])[0]
+
+
+def run_scene(cases: Sequence[Case]) -> list[Ended]:
+    """Cases of one object and seed; one that could not be run is left out."""
+    branches = Branches(cases)
+    try:
+        ended = _run(cases[0].object, cases[0].seed, branches)
+        if branches.write is not None:
+            os.write(branches.write, msgspec.json.encode(ended))
+    finally:
+        if branches.is_child:
+            os._exit(0)
+    left = cases if branches.case is not None else branches.left  # a plain lift, or never struck
+    return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in left)]
+
+
+class Plain(Branches):
+    """A plain lift whose stretches are noted."""
+
+    def __init__(self, scene: tuple[str, int]) -> None:
+        super().__init__([Case(0, *scene, None)])
+        self.told: Callable[[], list[str]] = list  # commands since the last call
+        self._found: list[tuple[Phase, int, list[tuple[str, int]]]] = []
+
+    def due(self, phase: Phase) -> Case | None:
+        sent = self.told()
+        if self._found:  # what was sent since the tick before belongs to that
+            was, ticks, commands = self._found[-1]
+            commands += [(what, ticks - 1) for what in dict.fromkeys(sent)]
+            if phase is was:
+                self._found[-1] = was, ticks + 1, commands
+                return None
+        self._found.append((phase, 1, []))
+        return None
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        visits: Counter[Phase] = Counter()
+        found = []
+        for phase, ticks, commands in self._found:
+            visits[phase] += 1
+            found.append(Stretch(phase, visits[phase], ticks, tuple(commands)))
+        return tuple(found)
+
+
+@lru_cache
+def schedule(name: str, seed: int) -> tuple[Stretch, ...]:
+    """The stretches of a plain lift."""
+    plain = Plain((name, seed))
+    _run(name, seed, plain)
+    return plain.stretches
+
+
+def _run(name: str, seed: int, branches: Branches) -> Ended:
+    config, attack = config_of(name, seed), Attack()
+    rig = attack.rig = simulated(config, seed, paced=False, wires=attack.wires)
+    cell = rig.cell
+    assert isinstance(cell, SimulatedCell)
+    attack.pads.of(cell.board)
+    attack.arm.clock = rig.clock
+    attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
+    seen, struck_in = Observer(cell), ""
+    if isinstance(branches, Plain):
+        branches.told = attack.told
+
+    def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
+        nonlocal struck_in
+        if (case := branches.due(tick.decision.phase)) is not None:
+            struck_in = tick.decision.phase.value
+            attack.begin(case, rig.clock.now_ns)
+        attack.tick(rig.clock.now_ns)
+        if truth is not None:
+            seen.take(truth, bool(attack.struck_ns), tick.decision.phase in SAFE_PHASES)
+
+    trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
+    at_end, arm_mps = cell.truth(), speed(cell, rig.clock.now_ns)
+    fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
+    trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
+    safe = trial.controller.phase in SAFE_PHASES
+    _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
+    later = cell.truth()
+    outcome = lift.judge(config, seed, trial, None).outcome
+    failure, said = trial.failure(config), trial.end(config) or End("", "", "")
+    arm_s, hand_s = _delays(trial, seen) if attack.struck_ns else (None, None)
+    (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
+    safe_ns = seen.safe_ns
+    return Ended(
+        case=branches.case or Case(0, name, seed, None), struck_in=struck_in, taken=taken,
+        then_taken=then_taken,
+        taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
+        outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
+        message="" if failure is None else failure.message,
+        arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
+        finished=trial.controller.finished and _in_time(trial), arm_s=arm_s, hand_s=hand_s,
+        safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,
+        arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
+        later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
+        peak_n=max(later.peak_n), entered_n=seen.entered_n, least_n=seen.least_n,
+        pressed_n=max(at_end.normal_n), later_pressed_n=max(later.normal_n),
+        lifted_m=seen.lifted_m, let_go_m=seen.let_go_m, slid_m=seen.slid_m,
+        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps),
+    )  # fmt: skip
+
+
+def _delays(trial: FinishedTrial, seen: Observer) -> tuple[float | None, float | None]:
+    """From the safe state until the arm and until the fingers moved no more, s; None without."""
+    entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_PHASES]
+    if not entered:
+        return None, None
+    moved_ns = seen.arm_moved_ns, seen.hand_moved_ns
+    arm_s, hand_s = (max(0, t_ns - entered[0]) * 1e-9 for t_ns in moved_ns)
+    return arm_s, hand_s
+
+
+def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], None]) -> None:
+    for _ in range(LATER_NS // STEP_NS):
+        rig.clock.sleep_until_ns(rig.clock.now_ns + STEP_NS)
+        flush(rig.clock.now_ns)
+        look()
+
+
+def _phase(trial: FinishedTrial) -> str:
+    """The end it came to, or the phase that its safe state followed."""
+    if trial.controller.phase in END_PHASES:
+        return trial.controller.phase.value
+    going = [e.phase for e in trial.controller.machine.log if e.phase not in SAFE_PHASES]
+    return going[-1] if going else Phase.IDLE.value
+
+
+def _in_time(trial: FinishedTrial) -> bool:
+    return "did not end in time" not in trial.controller.fault_cause

@@ -1,0 +1,401 @@
+"""What stands between a driver and its device's model, and spoils what passes: bytes, registers,
+samples, as the driver sees them. Nothing here knows of controller, guard or loop.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.interface import SlipDetector
+from drivers.errors import LinkLost
+from drivers.interfaces import Vector3
+from drivers.robotiq.driver import RegisterTransport
+from drivers.takktile.board import Transfer
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.receiver import UsbBoard
+from drivers.ur.driver import ArmSample
+from drivers.ur.model import ArmModel
+from grasp.clock import Clock
+from tests.nightly.faults.cases import AXES, TAXELS, Fault
+from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb, wrong
+from tests.nightly.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
+
+Codes = NDArray[np.int16]
+WATCHDOG_NS = 100_000_000  # of the arm's controller: unkicked for so long it stops the program
+HEARTBEAT_NS = 200_000_000  # a client not heard for so long is taken for dead, and the arm stopped
+PROGRAM_END_MPS2 = 1.2  # assumed: no harder than the moves themselves
+SLOW_FRAME_NS = 40_000_000  # from frame to frame of a slow bus
+PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slice(12, 18),
+             "temperatures": slice(0, 18)}  # fmt: skip
+PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
+RAIL, SHIFT = 1023, 150  # codes
+# codes a second, of one taxel or shared by those of a finger, as if pressed more and more
+DRIFT_PS = 60.0
+WIDTH = 6  # bits below a code in its word
+
+
+class Wire:
+    """The faults of one device; ``struck`` is what has struck so far."""
+
+    def __init__(self) -> None:
+        self.struck: list[Struck] = []
+        self.told: list[str] = []  # commands, in their order
+
+    def links(self) -> list[Struck]:
+        return [s for s in self.struck if s.fault.part == "link"]
+
+    def gone(self, now_ns: int) -> bool:
+        return any(s.gone(now_ns) for s in self.links())
+
+    def slow(self, now_ns: int) -> bool:
+        return any(s.fault.kind == "slow" and s.on(now_ns) for s in self.links())
+
+    def lies(self, now_ns: int) -> list[Struck]:
+        return [s for s in self.struck if s.fault.part == "state" and s.on(now_ns)]
+
+    def taken(self, what: str, now_ns: int) -> str:
+        """What becomes of this command: the kind of fault that takes it, or nothing."""
+        self.told.append(what)
+        of_commands = (s for s in self.struck if s.fault.part == "command")
+        return next((s.fault.kind for s in of_commands if s.takes(what, now_ns)), "")
+
+
+class HandWire(Wire):
+    """Registers of the gripper, both ways."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._inner: Any = None
+        self._past: Past[tuple[int, ...]] = Past()
+        self._kept: dict[int, int] = {}
+        self._here: tuple[int, ...] = (0, 0, 0)  # positions that were told last, counts
+        self._due: list[tuple[int, int, tuple[int, ...]]] = []  # when, first register, words
+        self._image: tuple[int, ...] = (0,) * 8  # that the hand was told
+
+    def around(self, transport: RegisterTransport) -> RegisterTransport:
+        self._inner = transport
+        return self
+
+    def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
+        self._reach(now_ns)
+        words = tuple(registers)
+        self._image = (*self._image[:first], *words, *self._image[first + len(words) :])
+        kind = self.taken(verb(first, words, self._here), now_ns)
+        if self.slow(now_ns) or kind in ("late", "repeated"):
+            self._due.append((now_ns + BEHIND_NS, first, words))
+        if kind == "half done":
+            self._inner.write(first, words[: (len(words) + 1) // 2], now_ns)
+        elif kind not in ("lost", "late") and not self.slow(now_ns):
+            self._inner.write(first, words, now_ns)
+
+    def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
+        self._reach(now_ns)
+        words = tuple(self._inner.read(first, count, now_ns))
+        self._past.add(now_ns, words)
+        if self.slow(now_ns):
+            words = self._past.behind()
+        for lie in self.lies(now_ns):
+            words = self._said(lie, words, now_ns)
+        if first == 0 and len(words) == 8:
+            self._here = tuple(FIELDS[name].of(words) for name in ("gPOA", "gPOB", "gPOC"))
+        return words
+
+    def tick(self, now_ns: int) -> None:
+        """Another client writes, once or again and again, past the link."""
+        for s in self.struck:
+            again = not s.times or (not s.recovers and now_ns >= s.took_ns + BEHIND_NS)
+            if s.fault.part == "registers" and again:
+                s.times, s.took_ns = s.times + 1, now_ns
+                self._inner.write(*self._written(s.fault), now_ns)
+
+    def _written(self, fault: Fault) -> tuple[int, tuple[int, ...]]:
+        what = fault.kind.partition(" ")[0]
+        if fault.what not in COMMAND_FIELDS:
+            return 0, IMAGES[what]
+        field = COMMAND_FIELDS[fault.what]
+        words = field.set(self._image, 0 if what == "cleared" else field.most)
+        return field.word, words[field.word : field.word + 1]
+
+    def flush(self, now_ns: int) -> None:
+        """Commands that were held back arrive once they are due."""
+        due = [held for held in self._due if held[0] <= now_ns]
+        self._due = [held for held in self._due if held[0] > now_ns]
+        for _, first, words in due:
+            self._inner.write(first, words, now_ns)
+
+    def _reach(self, now_ns: int) -> None:
+        self.flush(now_ns)
+        if self.gone(now_ns):
+            raise LinkLost(
+                "the gripper does not answer", "check its power, cable and address; then try again"
+            )
+
+    def _said(self, lie: Struck, words: tuple[int, ...], now_ns: int) -> tuple[int, ...]:
+        field, kind = FIELDS[lie.fault.what], lie.fault.kind
+        if kind == "frozen":
+            value = self._kept.setdefault(id(lie), field.of(words))
+        elif kind == "late":
+            value = field.of(self._past.behind())
+        elif kind == "missing" or (kind == "flickers" and lie.flickers(now_ns)):
+            value = 0
+        elif kind == "flickers":
+            value = field.of(words)
+        else:
+            value = wrong(lie.fault.what, kind, field.of(words))
+        return field.set(words, value)
+
+
+NOTHING: dict[str, Any] = {
+    "t_ns": 0, "position_m": (0.0, 0.0, 0.0), "velocity_mps": (0.0, 0.0, 0.0), "moving": False,
+    "protective_stop": False, "angle_rad": 0.0, "spin_radps": 0.0, "speed_fraction": 0.0,
+}  # fmt: skip
+LEAPS = {"t_ns": 1_000_000_000, "position_m": 0.05, "velocity_mps": 0.2, "angle_rad": 0.5,
+         "spin_radps": 0.5, "speed_fraction": -0.6}  # fmt: skip
+BEYOND = {"t_ns": -(1 << 40), "position_m": 99.0, "velocity_mps": 50.0, "angle_rad": 100.0,
+          "spin_radps": 100.0, "speed_fraction": 100.0}  # fmt: skip
+
+
+def with_number(value: Any, axis: str, number: float, add: bool = False) -> Any:
+    """A scalar, or a vector with this part of it so."""
+    if not axis:
+        return value + number if add else number
+    i = AXES.index(axis)
+    return (*value[:i], value[i] + number if add else number, *value[i + 1 :])
+
+
+class ArmWire(Wire):
+    """The arm's controller as its driver reaches it, with the watchdogs of a real one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._model: Any = None
+        self._past: Past[ArmSample] = Past()
+        self._kept: dict[int, Any] = {}
+        self._due: list[tuple[int, str, tuple[Any, ...]]] = []
+        self._bitten: set[int] = set()
+        self.clock: Clock | None = None
+
+    def around(self, model: ArmModel) -> "ArmWire":
+        self._model = model
+        return self
+
+    def move_l(
+        self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        return self._told("move", "move_l", (target_m, speed_mps, acceleration_mps2), now_ns)
+
+    def speed_l(
+        self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        return self._told("move", "speed_l", (velocity_mps, spin_radps, acceleration_mps2), now_ns)
+
+    def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
+        self._told("stop", "stop_l", (deceleration_mps2,), now_ns)
+
+    def set_payload(self, mass_kg: float) -> None:
+        self._model.set_payload(mass_kg)
+
+    def read(self, now_ns: int) -> ArmSample:
+        self._reach(now_ns)
+        sample: ArmSample = self._model.read(now_ns)
+        self._past.add(now_ns, sample)
+        if self.slow(now_ns):
+            sample = self._past.behind()
+        for lie in self.lies(now_ns):
+            sample = self._said(lie, sample, now_ns)
+        return sample
+
+    def flush(self, now_ns: int) -> None:
+        """Commands that were held back arrive once they are due; a watchdog bites."""
+        due = [held for held in self._due if held[0] <= now_ns]
+        self._due = [held for held in self._due if held[0] > now_ns]
+        for _, name, words in due:
+            getattr(self._model, name)(*words, now_ns)
+        for cut in self.links():
+            bites = cut.gone(now_ns) and cut.fault.kind == "cut"
+            if bites and now_ns - cut.since_ns >= WATCHDOG_NS and id(cut) not in self._bitten:
+                self._bitten.add(id(cut))
+                self.unheard(now_ns)
+
+    def unheard(self, now_ns: int) -> None:
+        """Nobody is heard: what moves is stopped."""
+        self._model.stop_l(PROGRAM_END_MPS2, now_ns)
+
+    def _reach(self, now_ns: int) -> None:
+        self.flush(now_ns)
+        if self.gone(now_ns):
+            raise LinkLost(
+                "link to the arm lost: the arm controller sends no data any more",
+                "check its power and network; then start the run again",
+            )
+
+    def _told(self, what: str, name: str, words: tuple[Any, ...], now_ns: int) -> bool:
+        """A driver's time is that of its last sample, which is long ago where the loop stood
+        still: nothing can have moved since then because of what is told now."""
+        if self.clock is not None:
+            now_ns = max(now_ns, self.clock.now_ns)
+        self._reach(now_ns)
+        kind = self.taken(what, now_ns)
+        held = self.slow(now_ns) or kind == "late"
+        if held or kind == "repeated":
+            self._due.append((now_ns + BEHIND_NS, name, words))
+        if kind == "half done":
+            self._half(name, words, now_ns)
+        elif kind != "lost" and not held:
+            return getattr(self._model, name)(*words, now_ns) is not False
+        return True
+
+    def _half(self, name: str, words: tuple[Any, ...], now_ns: int) -> None:
+        """A move ends half-way, a stop at half the speed."""
+        if name == "move_l":
+            here = self._model.position(now_ns)
+            half = tuple(0.5 * (a + b) for a, b in zip(here, words[0], strict=True))
+            self._model.move_l(half, *words[1:], now_ns)
+        elif name == "stop_l":
+            x, y, z = self._model.velocity(now_ns)
+            self._model.speed_l((0.5 * x, 0.5 * y, 0.5 * z), 0.0, words[0], now_ns)
+
+    def _said(self, lie: Struck, sample: ArmSample, now_ns: int) -> ArmSample:
+        (name, _, axis), kind = lie.fault.what.partition(" "), lie.fault.kind
+        true = getattr(sample, name)
+        if kind == "frozen":
+            value = self._kept.setdefault(id(lie), true)
+        elif kind == "late":
+            value = getattr(self._past.behind(), name)
+        elif kind == "missing":
+            value = NOTHING[name]
+        elif kind == "flickers":
+            value = true is not lie.flickers(now_ns)
+        elif kind == "not a number":
+            value = with_number(true, axis, float("nan"))
+        elif kind == "out of range":
+            value = with_number(true, axis, BEYOND[name])
+        else:
+            said = isinstance(true, bool)
+            value = not true if said else with_number(true, axis, LEAPS[name], add=True)
+        return msgspec.structs.replace(sample, **{name: value})
+
+
+def coded(frame: bytes) -> Codes:
+    """(cells, 2) words of pressure and temperature."""
+    return np.frombuffer(frame, ">u2").astype(np.int16).reshape(-1, 2)
+
+
+class PadWire(Wire):
+    """Transfers of the tactile board. Its link is struck at the board itself, which alone can be
+    unplugged or keep a read waiting."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._usb: Any = None
+        self._past: Past[bytes] = Past()
+        self._kept: dict[int, Codes] = {}
+        self._board: Any = None
+
+    def around(self, usb: UsbBoard) -> "PadWire":
+        self._usb = usb
+        return self
+
+    def of(self, board: BoardModel) -> None:
+        """The board behind the link."""
+        self._board = board
+
+    @property
+    def serial(self) -> str:
+        return str(self._usb.serial)
+
+    def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
+        return bytes(self._usb.control(request, value, index, length, now_ns))
+
+    def clear_halt(self) -> None:
+        self._usb.clear_halt()
+
+    def close(self) -> None:
+        self._usb.close()
+
+    def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
+        transfer: Transfer | None = self._usb.bulk_read(size, now_ns)
+        if self.slow(now_ns):
+            self._board.silence(now_ns + SLOW_FRAME_NS)
+        if transfer is None:
+            return None
+        self._past.add(now_ns, transfer.data)
+        words = None
+        for lie in self.lies(now_ns):
+            words = coded(transfer.data) if words is None else words
+            if 2 * words.size == len(transfer.data):  # no other has cut it short
+                words = self._said(lie, words, now_ns)
+        if words is None:
+            return transfer
+        return Transfer(words.astype(">u2").tobytes(), transfer.done_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """The link's own faults, at the board."""
+        for s in self.links():
+            if s.fault.kind == "cut" and s.gone(now_ns) and self._board.plugged:
+                self._board.unplug()
+            elif s.fault.kind == "cut" and not s.on(now_ns) and not self._board.plugged:
+                self._board.replug()
+            elif s.fault.kind == "blinking" and s.gone(now_ns):
+                into_ns = (now_ns - s.since_ns) % BLINK_NS
+                self._board.silence(now_ns + BLINK_NS - into_ns)
+
+    def _said(self, lie: Struck, words: Codes, now_ns: int) -> Codes:
+        """Columns are pressure and temperature, of which one is wrong."""
+        kind, cells = lie.fault.kind, PAD_CODES[lie.fault.what]
+        column = int(lie.fault.what == "temperatures")
+        out = words.copy()
+        if kind == "missing":
+            return np.delete(out, range(len(out))[cells], axis=0)
+        true = out[cells, column]
+        if kind == "frozen":
+            true = self._kept.setdefault(id(lie), true.copy())
+        elif kind == "late":
+            true = coded(self._past.behind())[cells, column]
+        else:
+            codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
+            if kind == "drifts":
+                codes = codes - round(DRIFT_PS / len(codes) * (now_ns - lie.since_ns) * 1e-9)
+            else:
+                codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT
+            true = (np.clip(codes, 0, RAIL).astype(np.uint16) << WIDTH).view(np.int16)
+        out[cells, column] = true
+        return out
+
+
+class FailingDetector(Wire):
+    """A detector that fails as it is told to."""
+
+    def __init__(self, inner: SlipDetector, clock: Clock) -> None:
+        super().__init__()
+        self._inner = inner
+        self._clock = clock
+        self._kept: NDArray[np.float64] | None = None
+        self.name, self.threshold, self.memory = inner.name, inner.threshold, inner.memory
+
+    def reset(self) -> None:
+        self._inner.reset()
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        answer = self._inner.update(counts)
+        for s in self.struck:
+            if s.on(self._clock.now_ns):
+                answer = self._failed(s.fault.kind, answer)
+        return answer
+
+    def _failed(self, kind: str, answer: NDArray[np.float64]) -> NDArray[np.float64]:
+        if kind == "raises":
+            raise MemoryError("no room for a window")
+        if kind == "late":
+            self._clock.sleep_until_ns(self._clock.now_ns + 120_000_000)
+        if kind == "frozen":
+            self._kept = answer.copy() if self._kept is None else self._kept
+            return self._kept
+        wrong_answers = {
+            "not a number": np.full_like(answer, np.nan), "wrong shape": answer[:, None],
+            "hears nothing": np.zeros_like(answer), "hears slip": np.ones_like(answer),
+        }  # fmt: skip
+        return wrong_answers.get(kind, answer)

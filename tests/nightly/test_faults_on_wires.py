@@ -1,0 +1,16 @@
+"""Every fault on real wires at every phase of a lift ends in the safe state, and nothing hangs."""
+
+import pytest
+
+from grasp.phases import Phase
+from tests.wire.scenarios.cell.staged import FAULTS, PHASES, run
+
+
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_ends_in_the_safe_state(
+    fault: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = run(fault, phase, monkeypatch)
+    print(row)
+    assert not row.problems, row

@@ -1,0 +1,97 @@
+"""The control loop of a lift at the first step of a phase: kept once, copied for every test."""
+
+# ruff: noqa: SLF001
+import copy
+import copyreg
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from detector.network import StreamingNetwork
+from drivers.takktile.model.link import ModelLink, ModelUsb
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.rigs.rig import GraspRig
+from scenarios.trial import execution
+
+# rig, loop, controller and trace: they share parts, so they are copied together
+Parts = tuple[Any, ...]
+Kept = dict[Phase, tuple[Parts, list[Tick]]]
+_kept: dict[tuple[str, int], Kept] = {}
+
+for _lock in (threading.Lock, threading.RLock):
+    copyreg.pickle(type(_lock()), lambda _, make=_lock: (make, ()))  # type: ignore[misc]
+
+
+def kept(digest: str, seed: int) -> Kept:
+    """By phase, of the lift with these settings; empty before its first run."""
+    return _kept.setdefault((digest, seed), {})
+
+
+def _array(array: Any, memo: dict[int, Any]) -> Any:
+    """A view stays a view, of the copy of what it looks at."""
+    base = array.base
+    if not isinstance(base, np.ndarray):
+        return array.copy()
+    offset = array.ctypes.data - base.ctypes.data
+    return np.ndarray(array.shape, array.dtype, copy.deepcopy(base, memo), offset, array.strides)
+
+
+def copied(parts: Parts) -> Parts:
+    """Independent of what they are copied from."""
+    detector, memo = parts[1]._step._detector, dict[int, Any]()
+    network = isinstance(detector, StreamingNetwork)
+    if network:  # native parts, bound to arrays by address
+        memo = {id(part): part for part in (detector._session, *detector._bindings)}
+    on_tick, parts[1]._on_tick = parts[1]._on_tick, None
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(copy._deepcopy_dispatch, np.ndarray, _array)  # type: ignore[attr-defined]
+        made: Parts = copy.deepcopy(parts, memo)
+    parts[1]._on_tick, made[1]._on_tick = on_tick, lambda tick: None
+    if network:
+        again = made[1]._step._detector
+        again._bindings = [again._bind(0), again._bind(1)]
+    link: ModelLink = made[0].tactile._link  # its functions refer to the one that was copied
+    link._receiver._connect = lambda serial: ModelUsb(link._model)
+    link._receiver._clock = lambda: link._now_ns
+    return made
+
+
+@contextmanager
+def parts_of(rig: GraspRig) -> Iterator[Callable[[], Parts]]:
+    """Gives the parts of the trial that is run meanwhile."""
+    made: dict[str, Any] = {}
+
+    def noted(name: str) -> Callable[..., Any]:
+        make = getattr(execution, name)
+
+        def call(*args: Any, **more: Any) -> Any:
+            made[name] = make(*args, **more)
+            return made[name]
+
+        return call
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("make_loop", "make_controller", "Trace"):
+            patch.setattr(execution, name, noted(name))
+        yield lambda: (rig, made["make_loop"], made["make_controller"], made["Trace"])
+
+
+@contextmanager
+def resumed(parts: Parts) -> Iterator[GraspRig]:
+    """The next trial on this rig goes on from there."""
+    rig, loop, controller, trace = parts
+
+    def make_loop(*args: Any) -> Any:
+        loop._on_tick = args[4]
+        return loop
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(execution, "make_loop", make_loop)
+        patch.setattr(execution, "make_controller", lambda *_: controller)
+        patch.setattr(execution, "Trace", lambda: trace)
+        yield rig

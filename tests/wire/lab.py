@@ -1,0 +1,228 @@
+"""An emulated lab: a cell, the settings that point at it, and `grasp` as a person runs it there.
+
+One cell serves all tests of a worker, reset between them (`Lab.reset`). Commands run in this
+process, which spares each of them a second of imports; those that a signal ends run in their own.
+"""
+
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
+from grasp.cli.main import main
+from grasp.clock import WallClock
+from grasp.settings import config_dir
+from scenarios.campaign.config import RunConfig, load_config
+from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.wired import open_arm
+from tests.calibrations import OF_A_LAB
+
+ROOT = Path(__file__).parents[2]
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+PATIENCE_S = 120.0  # for what must come at last, on a machine however busy
+QUICK = (
+    "hand.activation_s=0.1", "controller.hold_s=0.3", "controller.lift_height_m=0.08",
+    "controller.lower_speed_mps=0.2", "controller.relax_s=0.2", "controller.listen_s=0.2",
+)  # fmt: skip
+OPEN = 10  # counts
+CONFIRMED = ("--confirm-motion",)
+HARDWARE = ("--rig", "hardware")
+
+
+def sets(assignments: Sequence[str] = QUICK) -> list[str]:
+    return [word for assignment in assignments for word in ("--set", assignment)]
+
+
+def until(condition: Callable[[], Any], what: str = "") -> Any:
+    """Wait for an event; fails when it does not come at all."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"did not come: {what}"
+        time.sleep(0.01)
+    return found
+
+
+class Done(NamedTuple):
+    """How a command ended, and what it wrote."""
+
+    code: int
+    out: str
+    err: str
+
+
+class _Heard(io.StringIO):
+    """Standard error, with somebody who answers each question on it."""
+
+    def __init__(self, answer: Callable[[str], str | None], typed: int) -> None:
+        super().__init__()
+        self._answer, self._typed, self._line = answer, typed, ""
+
+    def write(self, text: str) -> int:
+        *lines, self._line = (self._line + text).split("\n")
+        written = super().write(text)
+        for line in lines:
+            question = line.removeprefix(">>> ")
+            asked = question != line and any(w in line for w in ("type", "Enter", "?"))
+            if asked and (reply := self._answer(question)) is not None:
+                os.write(self._typed, f"{reply}\n".encode())
+        return written
+
+
+def grasp(*words: str, answer: Callable[[str], str | None] | None = None) -> Done:
+    """In this process. ``answer``: what somebody types at a question, None for nothing; without it
+    nobody is there."""
+    reads, types = os.pipe()
+    out, err = io.StringIO(), io.StringIO() if answer is None else _Heard(answer, types)
+    if answer is None:
+        os.close(types)
+    try:
+        with (
+            os.fdopen(reads) as stdin, patch.object(sys, "stdin", stdin),
+            redirect_stdout(out), redirect_stderr(err),
+        ):  # fmt: skip
+            code = main(list(words))
+    finally:
+        if answer is not None:
+            os.close(types)
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+@contextmanager
+def started(*words: str, **options: Any) -> Iterator["subprocess.Popen[str]"]:
+    """A command in a process of its own, killed at the end at the latest."""
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(
+        [*GRASP, *words], env=ENVIRONMENT, text=True, **{**pipes, **options}
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@contextmanager
+def emulate(*words: str) -> Iterator[dict[str, Any]]:
+    """`grasp emulate` in a process of its own; where its devices are."""
+    with started("emulate", *sets(), *words, stderr=None) as process:
+        assert process.stdout is not None
+        yield json.loads(process.stdout.readline())
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE_S) == 0
+
+
+def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
+    """Settings of a lab, with the patience of the rig `emulated`."""
+    hand = path.with_name("paper.toml")
+    hand.write_text(OF_A_LAB)
+    gripper = endpoints["gripper"]
+    text = (config_dir() / "rigs" / "emulated.toml").read_text(encoding="utf-8")
+    for section, told in (
+        ("modbus", f'host = "{gripper["host"]}"\nport = {gripper["port"]}\n'),
+        ("ur", f'host = "{endpoints["arm"]["host"]}"\n'),
+    ):
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{told}")
+    text = text.replace('calibration = "paper"', f'calibration = "{hand}"')
+    path.write_text(f'{text}[usb]\nurl = "{endpoints["tactile"]["url"]}"\n', encoding="utf-8")
+    return path
+
+
+class Lab:
+    """A cell, the file that points at it, and what a person does and sees there."""
+
+    def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
+        self.endpoints = endpoints
+        self.file = lab_file(folder / "lab.toml", endpoints)
+        self.config: RunConfig = load_config("can", "hardware", "energy", self.file)
+        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
+        self.ask = self.cell.ask
+
+    def reset(self) -> None:
+        """As after `grasp emulate` began, but that the object is put in place by hand alone."""
+        self.ask("fault", name="replug")
+        self.ask("fault", name="gripper_fault", code=0)
+        self.ask("fault", name="speed_slider", fraction=1.0)
+        self.dashboard("stop")
+        self.ask("take")
+        self._open()
+        self.write(CommandRegisters())
+        until(lambda: not self.hand.active, "the hand is reset")
+        until(lambda: not self.ask("home")["away_m"], "the arm is where it began")
+
+    def wake(self) -> None:
+        """Activate the hand, which is open."""
+        self.write(CommandRegisters(activate=True))
+        until(lambda: self.hand.ready, "the hand is active")
+
+    def _open(self) -> None:
+        """Whatever mode or fault it is in. So short an activation moves no finger far."""
+        hand = self.hand
+        if max(self.places) < OPEN and not hand.mode and not hand.fault:
+            return
+        self.write(CommandRegisters())
+        until(lambda: not self.hand.active, "the hand is reset")
+        self.wake()
+        self.write(CommandRegisters(activate=True, go_to=True, a=AxisCommand(0, 255, 0)))
+        until(lambda: max(self.places) < OPEN, "the hand is open")
+
+    def grasp(self, *words: str, answer: Callable[[str], str | None] | None = None) -> Done:
+        return grasp(*words, "--config", str(self.file), answer=answer)
+
+    def done(self, *words: str) -> str:
+        """Of a command that moves something, what it wrote; asked again while rubber that was
+        pressed a moment ago still creeps back."""
+        ended: list[Done] = []
+
+        def tried() -> bool:
+            ended.append(self.grasp(*words, *CONFIRMED))
+            return "unsteady at rest" not in ended[-1].err
+
+        until(tried)
+        assert ended[-1].code == 0, ended[-1]
+        return ended[-1].out
+
+    @contextmanager
+    def started(self, *words: str, **options: Any) -> Iterator["subprocess.Popen[str]"]:
+        with started(*words, "--config", str(self.file), **options) as process:
+            yield process
+
+    def dashboard(self, line: str) -> str:
+        host = self.config.ur.host
+        with socket.create_connection((host, 29999), PATIENCE_S) as sock, sock.makefile("rw") as f:
+            f.readline()
+            f.write(line + "\n")
+            f.flush()
+            return f.readline()
+
+    def write(self, command: CommandRegisters) -> None:
+        """What any program may write to the hand."""
+        with closing(ModbusTransport(self.config.modbus, self.config.gripper.link)) as link:
+            link.write(0, command.to_registers(), time.monotonic_ns())
+
+    @property
+    def hand(self) -> StatusRegisters:
+        return read_gripper(self.config)[1]
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        return tuple(finger.position for finger in self.hand.fingers)
+
+    @property
+    def height_m(self) -> float:
+        clock = WallClock()
+        with open_arm(self.config, lambda: clock.now_ns) as arm:
+            arm.pump(clock.now_ns)
+            assert arm.state is not None
+            return arm.state.position_m[2]
