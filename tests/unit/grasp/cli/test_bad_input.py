@@ -36,12 +36,12 @@ BAD_WORDS = """
 nonsense | run | run fly | run lift --object | run lift --seed -1 | run lift --detector=
 run lift --config DIR | run lift --config /dev/zero | run tap --taps -1 | run acquire --speed nan
 run acquire --surface moon | campaign run FILE.toml | campaign run paper --jobs 0 | replay
-campaign summary DIR | campaign summary /dev/null | campaign export FILE | replay FILE | replay DIR
-grip-search --least 5 --most 1 | replay --tactile FILE | runs --runs FILE --json=1 | chart run FILE
-dataset build FILE.toml --out DIR | dataset describe DIR | detector evaluate energy --data DIR
+runs DIR | runs /dev/null | report FILE --to csv | replay FILE | replay DIR
+replay --tactile FILE | runs --runs FILE --json=1 | report FILE --to svg
+dataset build FILE.toml --out DIR | detector evaluate energy --data DIR
 detector evaluate zzz --recording FILE | detector card /dev/zero.onnx | detector train zzz
 tactile identify --url nonsense --seconds 1 | tactile identify --seconds nan
-world calibrate --recording FILE | config show zzz | emulate --gripper-port 70000
+calibrate fingertip --recording FILE | config zzz | emulate --gripper-port 70000
 release --rig zzz
 """
 
@@ -130,7 +130,7 @@ def test_names_that_no_file_can_have_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for words in ("replay NAME", "report NAME", "campaign summary NAME", "run lift --runs=NAME"):
+    for words in ("replay NAME", "report NAME", "runs NAME", "run lift --runs=NAME"):
         for name in ("a" * 300, "\0", "\ud83d", "\udcff"):
             refused([word.replace("NAME", name) for word in words.split()], capsys)
     assert list(tmp_path.iterdir()) == []

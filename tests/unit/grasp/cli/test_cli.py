@@ -151,19 +151,11 @@ def test_settings_are_shown_with_where_they_are_from(
     assert ends["drift"] == "default"
 
 
-def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
-    code, answer = run_json(capsys, "release", "--rig", "simulated")
-    assert code == 0
-    assert max(answer["positions_counts"]) < 10
-    assert answer["gripper"] == "gripper of a cell of its own"
-    assert not {"arm", "fingertips"} & answer.keys()  # of no device that others may be using
-
-
 def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, says in (
-        ("tap --taps 3", "--taps is called --trials now"),
+        ("tap --taps 3", "--taps 3: it is called --trials"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
         ("tap --set controller.keep=true", "holds one object and ends"),
@@ -200,7 +192,7 @@ def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_
     assert json.loads((folder / "result.json").read_text())["success"] is True
     assert "held_within_6cm" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("chart", "run", str(folder), capsys=capsys)[0] == 0
+        assert call("report", str(folder), "--to", "svg", capsys=capsys)[0] == 0
         assert (folder / "run.svg").read_text().startswith("<?xml")
     (tmp_path / "damaged").mkdir()
     damaged = tmp_path / "damaged" / "result.json"

@@ -4,8 +4,6 @@ import json
 import re
 from pathlib import Path
 
-import msgspec
-import numpy as np
 import pytest
 
 from detector.network_file import weights_path
@@ -13,7 +11,7 @@ from detector.recordings import write
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from tests.unit.detector.networks import write_network
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.toys import toys
 
 
 @pytest.fixture(scope="module")
@@ -106,25 +104,3 @@ def test_a_card_says_what_the_weights_are(
     told = capsys.readouterr().err
     assert "'tcm' is no network of this project (did you mean 'tcn'?)" in told
     assert "one of freq-cnn-paper, gru, tcn, tcn-paper, or a file that ends in .onnx" in told
-
-
-def test_false_events_are_counted_on_recordings_at_rest_and_one_slip_in_them_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    slips = toy(1, "train")
-    rest = msgspec.structs.replace(slips, slip=np.zeros_like(slips.slip))
-    files = {}
-    for name, recording in {"rest": rest, "slips": slips}.items():
-        files[name] = tmp_path / f"{name}.npz"
-        write(files[name], recording)
-    words = ["detector", "tune", "--budget", "7", "--static"]
-    assert main([*words, str(files["rest"])]) == 0
-    printed = tmp_path / "own.toml"
-    printed.write_text(capsys.readouterr().out)
-    assert "that is little" in printed.read_text()
-    tuned = load_config("can", "simulated", "energy", [printed])
-    (found,) = answers(capsys, *words, str(files["rest"]), "--json")
-    assert found["minutes"] == pytest.approx(len(rest.t_s) / 6000)
-    assert tuned.energy.threshold_counts == pytest.approx(found["threshold_counts"], rel=0.01)
-    assert main([*words, str(files["slips"])]) == 2
-    assert "holds samples labelled slip" in capsys.readouterr().err

@@ -25,7 +25,7 @@ def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Act
 
 def test_every_number_of_the_command_line_has_bounds() -> None:
     numbers = dict(options(build_parser()))
-    assert {"run", "campaign", "chart", "world", "emulate"} <= {n.split()[1] for n in numbers}
+    assert {"run", "campaign", "calibrate", "emulate"} <= {n.split()[1] for n in numbers}
     for name, action in numbers.items():
         assert callable(action.type)
         below = "-100" if name.startswith("grasp arm step") else "-1"  # a step goes either way

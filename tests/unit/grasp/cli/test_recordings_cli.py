@@ -56,10 +56,3 @@ def test_detector_is_scored_on_a_recording(
         assert name in scores
     assert scores["n_samples"] == 300
     assert scores["auc"] > 0.9
-
-
-def test_threshold_is_tuned_on_lifts_that_do_not_slip(capsys: pytest.CaptureFixture[str]) -> None:
-    code, answer = run_json(capsys, "detector", "tune", "--lifts", "6", "--budget", "6")
-    assert code == 0
-    assert 2.0 < answer["threshold_counts"] < 30.0  # a moving arm is heard in a held object
-    assert 0.2 < answer["minutes"] < 0.6
