@@ -26,7 +26,6 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from drivers.errors import BadFile
 from grasp.files import private_opener
-from grasp.settings import renamed
 from grasp.viewer_schema import schema_name, viewer_schema
 
 LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
@@ -179,19 +178,9 @@ class RunRecording:
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise BadFile(
                 self.path,
-                f"a message on {topic} does not fit: {_renamed(topic, data) or error}",
+                f"a message on {topic} does not fit: {error}",
                 "read it with the version that recorded it (see the file's metadata)",
             ) from error
-
-
-def _renamed(topic: str, data: bytes) -> str:
-    """What of a message is called otherwise now; empty when it does not fit for another reason."""
-    try:
-        fields = msgspec.json.decode(data, type=dict[str, Any])
-    except (msgspec.MsgspecError, UnicodeDecodeError):
-        return ""
-    found = ((name, renamed(f"{topic}.{name}")) for name in fields)
-    return ", ".join(f"{name} is called {new.rsplit('.')[-1]} now" for name, new in found if new)
 
 
 def _plain(value: object) -> Any:

@@ -23,32 +23,6 @@ from grasp.files import waits_for_a_writer
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-# Old dotted names of settings and sections, and of fields of recorded messages as `/topic.field`,
-# to the names they have now: whoever gives an old one is refused and told the new one.
-RENAMED = {
-    "controller.force_cap_n": "guard.force_limit_n",
-    "controller.settle_s": "controller.relax_s + controller.listen_s",
-    "loop.stop_deceleration_mps2": "controller.stop_deceleration_mps2",
-    "tap.impulse_ns": "tap.impulse_n_s",
-    "detector": "energy",
-    "causes.recordings": "causes.share, of all `recordings`",
-    "decision_rules": 'sweep."rule.consecutive"',
-    "decision_samples": 'sweep."rule.consecutive"',
-    "latencies_s": 'sweep."loop.decision_delay_s"',
-    "closing_speeds_mps": 'sweep."controller.closing_speed_mps"',
-    "control.proportional_mps_n": "control.proportional_mps_per_n",
-    "control.integral_mps_ns": "control.integral_mps_per_n_s",
-    "control.derivative_m_n": "control.derivative_m_per_n",
-    "control.integral_limit_ns": "control.integral_limit_n_s",
-    "scene.top_impulse_ns": "scene.top_impulse_n_s",
-    "scene.side_impulse_ns": "scene.side_impulse_n_s",
-    "fingertip.grasp_share": "fingertip.holding_share",
-    "doubt.live_taxels": "doubt.dead_samples, whatever number of taxels is loaded",
-    "scene.aside_m": "object.centre_aside_m",
-    "scene.radius_of_gyration_m": "object.radius_of_gyration_m",
-}
-
-
 # Units that a person may put behind a number, in lower case at the end of a setting's name: of
 # what, and how much of the SI's.
 UNITS = {
@@ -257,15 +231,6 @@ def _value(key: str, text: str) -> Any:
         raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None
 
 
-def renamed(key: str) -> str | None:
-    """The present name of a setting by its old one, or by that of the section it stood in."""
-    parts = PLACE.sub("", key).split(".")
-    for end in range(len(parts), 0, -1):
-        if new := RENAMED.get(".".join(parts[:end])):
-            return ".".join([new, *parts[end:]])
-    return None
-
-
 def load(cls: type[T], layers: Sequence[Layer]) -> T:
     """Merge the layers and convert; raises ConfigError for the first violation."""
     merged, sources = _merged(layers)
@@ -315,8 +280,6 @@ def _explain(
         known = list(getattr(owner, "__struct_fields__", ()))
         missing = "required" in problem
         text = "missing" if missing else f"unknown key{meant(field[1], known)}"
-        if not missing and (new := renamed(key)):
-            return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
         named = NAMED.match(problem)

@@ -19,8 +19,7 @@ from scenarios.benchmark.evaluation_file import (
     no_evaluation,
     read_evaluation,
 )
-from scenarios.report.charts import Plot
-from scenarios.report.curves import Axis, Curve, Mark, curves
+from scenarios.report.charts import Axis, Curve, Mark, Plot, curves
 from scenarios.report.page import render
 from scenarios.report.run_decision import in_words
 

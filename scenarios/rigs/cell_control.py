@@ -17,15 +17,13 @@ from typing import Any, Self
 import msgspec
 
 from drivers.errors import LinkLost
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 
 Obey = Callable[[dict[str, Any]], dict[str, Any]]
 TIMEOUT_S = 5.0
 _CLIENTS = 16
-_PART = 0.1  # of the time, for all clients that ask for more than a little
 _LONGEST = 65_536  # bytes of a request
 _SHOWN = 500  # characters of what was wrong
-_LONGEST_WAIT_S = 1.0
 
 
 class _Handler(socketserver.StreamRequestHandler):
@@ -51,14 +49,13 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def _answer(self, line: bytes) -> bool:
         """False when there is no sense in reading on."""
-        started_s = time.thread_time()
         whole = line.endswith(b"\n") or len(line) < _LONGEST
         try:
             reply = self.server.obey(self._request(line)) if whole else {"error": "line too long"}
         except Exception as error:  # a client's mistake must not end the cell
             reply = {"error": f"{type(error).__name__}: {error}"[:_SHOWN]}
         self._say(reply)
-        self.server.charge(self.connection, time.thread_time() - started_s)
+        self.server.heard(self.connection)
         return whole
 
     def _request(self, line: bytes) -> dict[str, Any]:
@@ -81,10 +78,8 @@ class _Server(socketserver.ThreadingTCPServer):
         super().__init__((host, 0), _Handler)
         self.obey = obey
         self.token = token
-        self.ending = threading.Event()
         self._crowd = threading.Lock()
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._shares: Shares[socket.socket] = Shares(_PART)
         self._open = 0
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
@@ -109,17 +104,10 @@ class _Server(socketserver.ThreadingTCPServer):
         with self._crowd:
             self._open -= 1
             self._places.leave(connection)
-            self._shares.forget(connection)
 
-    def charge(self, connection: socket.socket, used_s: float) -> None:
-        """Note what a request has cost; returns once the client is within its share."""
+    def heard(self, connection: socket.socket) -> None:
         with self._crowd:
-            now_s = time.monotonic()
-            self._places.heard(connection, now_s)
-            self._shares.charge(connection, used_s, now_s)
-            wait_s = self._shares.wait_s(connection, now_s)
-        if wait_s > 0.0:
-            self.ending.wait(min(wait_s, _LONGEST_WAIT_S))
+            self._places.heard(connection, time.monotonic())
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that went away is no news."""
@@ -140,7 +128,6 @@ class ControlServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.ending.set()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join(TIMEOUT_S)

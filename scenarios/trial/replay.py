@@ -28,7 +28,7 @@ from grasp.messages import (
 )
 from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
-from grasp.settings import Layer, load, renamed
+from grasp.settings import Layer, load
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
@@ -83,7 +83,7 @@ def _config(recording: RunRecording, detector: str | None) -> tuple[TrialConfig,
     try:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         table["detector_name"] = _trusted(str(table["detector_name"]), detector)
-        known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__ or renamed(k)}
+        known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__}
         return load(TrialConfig, [Layer("metadata", known)]), digest_of(table)
     except (KeyError, RecursionError, msgspec.MsgspecError, ConfigError) as error:
         raise BadFile(

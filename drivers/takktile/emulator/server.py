@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 from drivers.takktile.emulator import descriptors, hop
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
@@ -31,8 +31,6 @@ _JOIN_S = 5.0
 _CLIENTS = 32
 _OPENED = 16  # handles of one connection
 _FAREWELL_S = 1.0  # for the first request of a client that is turned away
-_PART = 0.2  # of the time, for all clients that ask for more than a little
-_LONGEST_WAIT_S = 1.0  # of a client beyond its share, before it is looked at again
 
 
 class _Failure(Exception):
@@ -66,9 +64,8 @@ class BoardServer:
         self._serial = serial
         self._listener: socket.socket | None = None
         self._connections: dict[socket.socket, threading.Thread] = {}  # until the next comes
-        self._crowd = threading.Lock()  # guards the next three
+        self._crowd = threading.Lock()  # guards the next two
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._shares: Shares[socket.socket] = Shares(_PART)
         self._refused = 0  # who has not heard it yet
         self._ending = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
@@ -165,9 +162,9 @@ class BoardServer:
         try:
             while not self._ending.is_set():
                 request = hop.receive(connection, HopRequest)
-                started_s = time.thread_time()
                 hop.send(connection, self._answer(request, connection, opened))
-                self._charge(connection, time.thread_time() - started_s)
+                with self._crowd:
+                    self._places.heard(connection, time.monotonic())
         except OSError:
             pass
         finally:
@@ -176,19 +173,7 @@ class BoardServer:
                     self._forget(handle)
             with self._crowd:
                 self._places.leave(connection)
-                self._shares.forget(connection)
             connection.close()
-
-    def _charge(self, connection: socket.socket, used_s: float) -> None:
-        """A client that has used more than its share waits before it is heard again."""
-        now_s = time.monotonic()
-        with self._crowd:
-            self._places.heard(connection, now_s)
-            self._shares.charge(connection, used_s, now_s)
-            wait_s = self._shares.wait_s(connection, now_s)
-        while wait_s > 0.0 and not self._ending.wait(min(wait_s, _LONGEST_WAIT_S)):
-            with self._crowd:
-                wait_s = self._shares.wait_s(connection, time.monotonic())
 
     def _answer(self, r: HopRequest, connection: socket.socket, opened: list[int]) -> HopReply:
         try:

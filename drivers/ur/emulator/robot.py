@@ -137,11 +137,8 @@ class UrEmulator:
         if self._advance is not None:
             self._advance(now_ns)
         self._server.renew()
-        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget, self._meanwhile)
+        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget)
         self._server.broadcast(self._news())
-
-    def _meanwhile(self) -> None:
-        self._server.serve(0.0)
 
     def _news(self) -> Callable[[Talk], bytes]:
         """What each client hears of this cycle; what nobody hears is not made."""

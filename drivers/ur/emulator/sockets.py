@@ -1,8 +1,7 @@
 """Sockets of the emulator: listeners, connections and their bytes; no thread of its own.
 
-Clients share the time that a cycle leaves for them (`drivers.fairness`): one that floods, or asks
-for much, waits, and its bytes wait in its socket. A port has so many places; who finds none is told
-so and closed.
+What comes is handled in the time that a cycle leaves, a piece of each client in turn. A port has so
+many places (`drivers.fairness`); who finds none is told so and closed.
 """
 
 import contextlib
@@ -12,19 +11,15 @@ import time
 from collections.abc import Callable
 from typing import Literal, Protocol
 
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
 
 _CHUNK = 1024  # what is taken at a time: a millisecond's work at most
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
-_PART = 0.25  # of the time, for all clients that ask for more than a little
-_PROGRAM_PART = 0.2  # as much, for all who send programs: not heard before it is paid, but told
-_PROGRAM_BURST_S = 1.0  # of that, for who sends one after the other now and then
-_PROGRAM_S, _CHAR_S = 3e-4, 3e-6  # what it takes to compile and to begin one, about
 _LEAST_S = 0.001  # of serving, however late a cycle is
-_LOOK_S = 3e-4  # of telling the state, or of answering, before it is looked who asks meanwhile
+_LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
 _FAREWELL_S = 1.0  # a client that was refused has so long to read why
 
 
@@ -67,7 +62,6 @@ class ScriptTalk:
         self._held = b""
         self._program = bytearray()  # as it came: lines of their own would be thirty times as much
         self._depth = 0
-        self.asked_s = 0.0  # of work, by programs
         self.broken = False
 
     def feed(self, data: bytes) -> bytes:
@@ -76,7 +70,7 @@ class ScriptTalk:
             self._take(line + b"\n")
         self.broken = len(self._held) + len(self._program) > MAX_CHARS
         if self.broken:  # which is refused for its length
-            self._ask((self._program + self._held).decode("utf-8", "replace"))
+            self._load((self._program + self._held).decode("utf-8", "replace"))
         return b""
 
     def _take(self, line: bytes) -> None:
@@ -87,11 +81,7 @@ class ScriptTalk:
         text = self._program.decode("utf-8", "replace")
         self._program, self._depth = bytearray(), 0
         if text.strip():
-            self._ask(text)
-
-    def _ask(self, text: str) -> None:
-        self._load(text)
-        self.asked_s += _PROGRAM_S + _CHAR_S * len(text)
+            self._load(text)
 
     def close(self) -> None: ...
 
@@ -114,7 +104,6 @@ class Connection:
         self.sock = sock
         self.talk = talk
         self.places = places
-        self.waits = False  # has used up a share
         self.closed = False
         self._unsent = bytearray()
 
@@ -165,8 +154,6 @@ class Server:
     def __init__(self, refused: Callable[[str], None] = lambda why: None) -> None:
         """``refused`` is told of each client that found no place."""
         self._selector = selectors.DefaultSelector()
-        self._shares: Shares[Connection] = Shares(_PART)
-        self._programs: Shares[Connection] = Shares(_PROGRAM_PART, _PROGRAM_BURST_S)
         self._refused = refused
         self._connections: dict[Connection, bool] = {}  # whether they are of our own channel
         self._farewells: dict[Connection, float] = {}  # when they are closed
@@ -211,34 +198,12 @@ class Server:
 
     def _welcome(self, connection: Connection, greeting: bytes, ours: bool) -> None:
         self._connections[connection] = ours
-        self._watch(connection)
+        self._selector.register(connection.sock, selectors.EVENT_READ, connection)
         self._keep(connection, connection.send(greeting))
 
-    def _watch(self, connection: Connection) -> None:
-        self._selector.register(connection.sock, selectors.EVENT_READ, connection)
-
     def _attend(self, connection: Connection) -> None:
-        started_s = time.thread_time()
+        connection.places.heard(connection, time.monotonic())
         self._keep(connection, connection.receive())
-        self._charge(connection, time.thread_time() - started_s)
-
-    def _charge(self, connection: Connection, used_s: float) -> None:
-        if connection.closed:
-            return
-        now_s = time.monotonic()
-        connection.places.heard(connection, now_s)
-        self._shares.charge(connection, used_s, now_s)
-        talk = connection.talk
-        if isinstance(talk, ScriptTalk) and talk.asked_s:
-            self._programs.charge(connection, talk.asked_s, now_s)
-            talk.asked_s = 0.0
-        if not connection.waits and self._has_to_wait(connection, now_s):
-            connection.waits = True
-            self._selector.unregister(connection.sock)
-
-    def _has_to_wait(self, connection: Connection, now_s: float) -> bool:
-        shares = self._shares, self._programs
-        return any(one.wait_s(connection, now_s) > 0.0 for one in shares)
 
     def _part_from(self, connection: Connection, last: bytes) -> None:
         """Close, but not before the client has read why."""
@@ -258,20 +223,13 @@ class Server:
             self._refused(f"a client was cut off: it has not read {_MAX_UNSENT} bytes")
         del self._connections[connection]
         connection.places.leave(connection)
-        self._shares.forget(connection)
-        self._programs.forget(connection)
-        if not connection.waits:
-            self._selector.unregister(connection.sock)
+        self._selector.unregister(connection.sock)
         connection.sock.close()
         connection.talk.close()
 
     def renew(self) -> None:
-        """Once a cycle: clients who have waited long enough are heard again."""
+        """Once a cycle: clients who were refused have had the time to read why."""
         now_s = time.monotonic()
-        for connection in self._connections:
-            if connection.waits and not self._has_to_wait(connection, now_s):
-                connection.waits = False
-                self._watch(connection)
         for connection in [one for one, until_s in self._farewells.items() if until_s < now_s]:
             del self._farewells[connection]
             connection.sock.close()
@@ -288,11 +246,8 @@ class Server:
             ready = self._selector.select(0)
 
     def _handle(self, ready: list[selectors.SelectorKey], until_s: float) -> None:
-        """Who has used least comes first, and does not wait for all who came before."""
-        looked_s = time.monotonic()
-        for key in sorted(ready, key=lambda one: self._used_s(one.data, looked_s)):
-            now_s = time.monotonic()
-            if now_s > until_s or now_s - looked_s > _LOOK_S:
+        for key in ready:
+            if time.monotonic() > until_s:
                 return
             if key.fileobj.fileno() == -1:  # type: ignore[union-attr] # closed by one before it
                 continue
@@ -301,17 +256,13 @@ class Server:
             else:
                 key.data()
 
-    def _used_s(self, one: object, now_s: float) -> float:
-        return self._shares.used_s(one, now_s) if isinstance(one, Connection) else 0.0
-
     def talks(self) -> list[Talk]:
         """Of all clients."""
         return [connection.talk for connection in self._connections]
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
-        """Send every client what it hears of this cycle; one that waits hears nothing, unless it is
-        for its programs. Nor does one that hears the state and has not read the last one. Who asks
-        meanwhile need not wait for all of them."""
+        """Send every client what it hears of this cycle, but not the state to one that has not read
+        the last one. Who asks meanwhile need not wait for all of them."""
         looked_s = time.monotonic()
         for connection in list(self._connections):
             if time.monotonic() - looked_s > _LOOK_S:
@@ -320,15 +271,11 @@ class Server:
             if connection.closed:
                 continue
             deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
-            waits = connection.waits and self._shares.wait_s(connection, looked_s) > 0.0
-            if not deaf and not waits:
-                started_s = time.thread_time()
-                if data := sample(connection.talk):
-                    alive = connection.send(data)
-                    if not alive and isinstance(connection.talk, ScriptTalk):
-                        connection.hear_out()
-                    self._keep(connection, alive)
-                    self._charge(connection, time.thread_time() - started_s)
+            if not deaf and (data := sample(connection.talk)):
+                alive = connection.send(data)
+                if not alive and isinstance(connection.talk, ScriptTalk):
+                    connection.hear_out()
+                self._keep(connection, alive)
 
     def drop_links(self) -> None:
         """Close the connections of all clients but those of the control channel."""

@@ -22,7 +22,6 @@ from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
 from grasp.messages import ArmMessage, arm_message, recorded_arm
 from grasp.recording import RunRecorder, RunRecording
-from grasp.settings import RENAMED
 from grasp.viewer_schema import viewer_schema
 
 ROOT = Path(__file__).parents[3]
@@ -303,16 +302,6 @@ def test_a_message_of_another_version_is_refused_by_topic(tmp_path: Path) -> Non
     record(tmp_path / "run.mcap", 1)
     recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
     with pytest.raises(BadFile, match="/event"):
-        list(recording)
-
-
-def test_a_message_with_an_old_name_is_refused_with_the_new_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(RENAMED, "/event.text", "/event.side")
-    record(tmp_path / "run.mcap", 1)
-    recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
-    with pytest.raises(BadFile, match="text is called side now"):
         list(recording)
 
 

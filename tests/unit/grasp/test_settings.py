@@ -1,10 +1,8 @@
 """Settings: layers, violations and what their errors say."""
 
 import os
-import re
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from drivers.errors import ConfigError
@@ -141,50 +139,6 @@ def test_number_with_a_unit_is_refused_with_the_number_to_write(text: str, said:
     with pytest.raises(ConfigError) as caught:
         lift(text)
     assert caught.value.message.endswith(f": a number alone is wanted, {said}")
-
-
-def test_old_name_of_a_setting_is_refused_with_the_new_one(tmp_path: Path) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text("[tap]\nimpulse_ns = 0.2\n")
-    with pytest.raises(
-        ConfigError, match=r"tap.impulse_ns: is called tap.impulse_n_s now"
-    ) as caught:
-        lift(file=file)
-    assert caught.value.file == str(file)
-    with pytest.raises(ConfigError, match=r"--set: tap\.impulse_ns: is called tap.impulse_n_s now"):
-        lift("tap.impulse_ns=0.2")
-
-
-def test_old_section_is_refused_with_the_new_one_and_its_keys(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(settings.RENAMED, "grd", "guard")
-    with pytest.raises(ConfigError, match="grd: is called guard now"):
-        lift("grd.force_limit_n=9")
-    assert settings.renamed("grd.force_limit_n") == "guard.force_limit_n"
-
-
-CHANGED = re.compile(
-    r"`([a-z_]+\.[a-z_]+)` and `([a-z_]+\.[a-z_]+)` are `([\w.]+)` and\s+`([\w.]+)` now"
-)
-
-
-def test_settings_that_the_changelog_says_are_called_otherwise_are_refused_with_their_names() -> (
-    None
-):
-    text = (Path(__file__).parents[3] / "CHANGELOG.md").read_text("utf-8")
-    table = re.findall(r"^  \| `([a-z_]+\.[a-z_]+)` \| `([a-z_]+\.[a-z_]+)`", text, re.M)
-    pairs = [pair for a, b, c, d in CHANGED.findall(text) for pair in ((a, c), (b, d))]
-    assert len(table) > 5 and len(pairs) == 2
-    told = {old: settings.renamed(old) for old, _ in (*table, *pairs)}
-    assert {old: (told[old] or "").split(" + ")[0] for old in told} == dict([*table, *pairs])
-
-
-def test_no_old_name_of_a_setting_is_one_in_use() -> None:
-    config = msgspec.to_builtins(lift())
-    for old in settings.RENAMED:
-        section, _, name = old.partition(".")
-        assert name not in config.get(section, {}), old
 
 
 @pytest.mark.parametrize("text", ["guard", "=3", "guard..x=1", "guard=1"])

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Mapping
 
 import drivers.ur.emulator.urscript.syntax as syntax
-from drivers.ur.emulator.urscript.parse import Breathe, ScriptError, no_pause, parse
+from drivers.ur.emulator.urscript.parse import ScriptError, parse
 from drivers.ur.emulator.urscript.run import (
     BREAK,
     CONTINUE,
@@ -31,11 +31,9 @@ from drivers.ur.emulator.urscript.run import (
 )
 
 
-def compile_program(
-    text: str, builtins: Mapping[str, Builtin], breathe: Breathe = no_pause
-) -> Compiled:
+def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
     """Raises ScriptError for text that is no program, or that names what does not exist."""
-    body = parse(text, breathe)
+    body = parse(text)
     if len(body) == 1 and isinstance(body[0], syntax.Function):
         main = body[0]
     else:
@@ -43,7 +41,7 @@ def compile_program(
     if main.parameters:
         raise ScriptError("a program takes no parameters")
     try:
-        return _Compiler(main, builtins, breathe).program()
+        return _Compiler(main, builtins).program()
     except RecursionError:
         raise ScriptError("nested too deep") from None
 
@@ -58,14 +56,11 @@ def _output(target: str, at: syntax.Expression, value: syntax.Expression) -> syn
 class _Compiler:
     """Knows all functions and global names of one program."""
 
-    def __init__(
-        self, main: syntax.Function, builtins: Mapping[str, Builtin], breathe: Breathe
-    ) -> None:
+    def __init__(self, main: syntax.Function, builtins: Mapping[str, Builtin]) -> None:
         self._main = main
         self._builtins = builtins
-        self._breathe = breathe
-        self._weigher = syntax.Weigher(breathe)
-        statements = list(syntax.inside(main.body, breathe))
+        self._weigher = syntax.Weigher()
+        statements = list(syntax.inside(main.body))
         defined = [one for one in statements if isinstance(one, syntax.Function)]
         self._functions = {one.name: UserFunction(one) for one in defined}
         self._definitions = defined
@@ -83,8 +78,7 @@ class _Compiler:
         return Compiled(self._main.name, main)
 
     def _fill(self, function: UserFunction, definition: syntax.Function) -> None:
-        body = _Body(self._functions, self._builtins, self._shared, definition, self._weigher,
-                     self._breathe)  # fmt: skip
+        body = _Body(self._functions, self._builtins, self._shared, definition, self._weigher)
         function.body = body.code()
         work = syntax.CALL_WORK + self._weigher.work(*definition.body)
         function.work = work if work <= MOST_AT_ONCE else syntax.CALL_WORK
@@ -100,15 +94,13 @@ class _Body:
         shared: set[str],
         definition: syntax.Function,
         weigher: syntax.Weigher,
-        breathe: Breathe,
     ) -> None:
         self._functions = functions
         self._weigher = weigher
         self._looks = False  # while an expression of much work is compiled
         self._builtins = builtins
         self._body = definition.body
-        self._breathe = breathe
-        inside = syntax.inside(definition.body, breathe)
+        inside = syntax.inside(definition.body)
         own = [one for one in inside if isinstance(one, syntax.Assign)]
         local = {one.target for one in own if one.scope == "local"} | set(definition.parameters)
         self._shared = shared - local
@@ -153,7 +145,6 @@ class _Body:
         return Code(now) if len(plain) == len(codes) else Code(None, steps)
 
     def _statement(self, statement: syntax.Statement) -> Code:
-        self._breathe()
         match statement:
             case syntax.Assign(target, value, at, _) if at is not None and target in _OUTPUTS:
                 return lift(lambda scope, _: None, [self._call(_output(target, at, value))])
@@ -254,7 +245,6 @@ class _Body:
         return code
 
     def _code(self, expression: syntax.Expression) -> Code:
-        self._breathe()
         match expression:
             case syntax.Literal(value):
                 return Code(lambda scope: value)

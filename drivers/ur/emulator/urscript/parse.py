@@ -45,13 +45,6 @@ _MAX_DIGITS = 40
 _INT_END = 2**31
 
 
-Breathe = Callable[[], None]  # called often; returns at once, or after others have had their time
-
-
-def no_pause() -> None:
-    """For who has all the time there is."""
-
-
 class ScriptError(Exception):
     """The program cannot be compiled, or failed while it ran; the controller ends it."""
 
@@ -89,14 +82,13 @@ _BINDING |= {"+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
 _NOT_BINDING, _MINUS_BINDING = 4, 8
 
 
-def tokens(text: str, breathe: Breathe = no_pause) -> list[Token]:
+def tokens(text: str) -> list[Token]:
     """Raises ScriptError at the first character that begins no token."""
     if len(text) > MAX_CHARS:
         raise ScriptError(f"program longer than {MAX_CHARS} characters")
     found: list[Token] = []
     at, line = 0, 1
     while at < len(text):
-        breathe()
         match = _TOKEN.match(text, at)
         if match is None:
             raise ScriptError(f"line {line}: unexpected character {text[at]!r}")
@@ -124,17 +116,16 @@ def depth_change(line: str) -> int:
     return len(words) - 2 * words.count("end")
 
 
-def parse(text: str, breathe: Breathe = no_pause) -> Body:
+def parse(text: str) -> Body:
     """Syntax tree of a whole program. Raises ScriptError."""
-    return _Parser(tokens(text, breathe), breathe).program()
+    return _Parser(tokens(text)).program()
 
 
 class _Parser:
     """Recursive descent; nesting is bounded, so that no text can exhaust Python's stack."""
 
-    def __init__(self, found: list[Token], breathe: Breathe) -> None:
+    def __init__(self, found: list[Token]) -> None:
         self._tokens = found
-        self._breathe = breathe
         self._at = 0
         self._depth = 0
         self._statements = 0
@@ -189,7 +180,6 @@ class _Parser:
         return self._body("end", *ends)
 
     def _statement(self) -> Statement:
-        self._breathe()
         self._statements += 1
         if self._statements > MAX_STATEMENTS:
             raise ScriptError(f"program of more than {MAX_STATEMENTS} statements")

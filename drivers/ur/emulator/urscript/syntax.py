@@ -1,6 +1,6 @@
 """Syntax tree of URScript: what `urscript.parse` gives and `urscript.compile` takes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from msgspec import Struct
 
@@ -123,17 +123,16 @@ Statement = Assign | Evaluate | If | While | Return | Kill | Plain | Function
 Body = tuple[Statement, ...]
 
 
-def inside(body: Body, breathe: Callable[[], None]) -> Iterator[Statement]:
-    """All statements, those of inner blocks and functions too; ``breathe`` is called at each."""
+def inside(body: Body) -> Iterator[Statement]:
+    """All statements, those of inner blocks and functions too."""
     for statement in body:
-        breathe()
         yield statement
         if isinstance(statement, Function | While):
-            yield from inside(statement.body, breathe)
+            yield from inside(statement.body)
         elif isinstance(statement, If):
             for _, inner in statement.branches:
-                yield from inside(inner, breathe)
-            yield from inside(statement.otherwise, breathe)
+                yield from inside(inner)
+            yield from inside(statement.otherwise)
 
 
 CALL_WORK = 20  # of any built-in function; those that need more look at the clock themselves
@@ -144,8 +143,7 @@ class Weigher:
     """How much work a piece of a program is when each part of it is run once: about a microsecond
     for a value, an operator or a statement."""
 
-    def __init__(self, breathe: Callable[[], None]) -> None:
-        self._breathe = breathe
+    def __init__(self) -> None:
         self._known: dict[int, int] = {}  # by identity: the tree outlives its weigher
 
     def work(self, *pieces: Statement | Expression) -> int:
@@ -153,7 +151,6 @@ class Weigher:
 
     def _of(self, piece: Statement | Expression) -> int:
         if id(piece) not in self._known:
-            self._breathe()
             own = {Call: CALL_WORK, Assign: _ASSIGN_WORK}.get(type(piece), 1)
             self._known[id(piece)] = own + self.work(*_parts(piece))
         return self._known[id(piece)]

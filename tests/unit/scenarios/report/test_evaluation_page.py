@@ -12,8 +12,7 @@ from grasp.cli.main import main
 from scenarios.benchmark.evaluation_file import EvaluationFile, evaluated
 from scenarios.benchmark.scoring import contender
 from scenarios.campaign.config import load_config
-from scenarios.report.charts import BOTTOM, LEFT, RIGHT, TOP
-from scenarios.report.curves import Axis, Curve, Mark, curves
+from scenarios.report.charts import BOTTOM, LEFT, RIGHT, TOP, Axis, Curve, Mark, curves
 from scenarios.report.evaluation_page import evaluation_page
 from tests.unit.detector.toys import toys
 

@@ -156,17 +156,6 @@ def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_pat
         replay_run(out)
 
 
-def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
-    recorded: Path, tmp_path: Path
-) -> None:
-    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    old = settings.replace('"energy":{', '"detector":{')
-    assert old != settings
-    out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
-    with pytest.raises(BadFile, match="detector: is called energy now"):
-        replay_run(out)
-
-
 def test_sections_of_other_scenarios_do_not_matter_to_a_replay(
     recorded: Path, tmp_path: Path
 ) -> None:

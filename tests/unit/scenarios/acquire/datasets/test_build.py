@@ -143,8 +143,6 @@ def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:
     config = load_acquire_config("planar", "simulated")
     with pytest.raises(ConfigError, match="no such setting"):
         with_values(config, {"fingertip.depht_mm": 4.0})
-    with pytest.raises(ConfigError, match=r"is called control\.integral_limit_n_s now"):
-        with_values(config, {"control.integral_limit_ns": 4.0})
     with pytest.raises(ConfigError, match="depth_mm"):
         with_values(config, {"fingertip.depth_mm": 400.0})
 

@@ -1,13 +1,11 @@
 """The emulator on Modbus TCP, byte by byte over plain sockets."""
 
 import asyncio
-import contextlib
 import socket
 import time
 
 import pytest
 
-from drivers.fairness import Shares
 from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 
@@ -194,28 +192,6 @@ def test_who_is_silent_for_longest_makes_room(emulator, dial, monkeypatch) -> No
     assert wires[1].ask(POLL, 11).endswith("02 00 00")
 
 
-def test_a_client_that_floods_leaves_the_others_their_share(emulator, dial, monkeypatch) -> None:
-    """The smaller the part of the time for all, the fewer of its requests are carried out."""
-
-    def flooded() -> int:
-        flood, other = dial(emulator), dial(emulator)
-        flood.socket.setblocking(False)
-        served, until = emulator.requests, time.monotonic() + 0.5
-        while time.monotonic() < until:
-            with contextlib.suppress(BlockingIOError):
-                while True:
-                    flood.socket.send(bytes.fromhex(POLL) * 500)
-            with contextlib.suppress(BlockingIOError):
-                flood.socket.recv(1 << 20)
-            assert other.ask(POLL, 11).endswith("02 00 00")
-        flood.socket.close()
-        return emulator.requests - served
-
-    ours = flooded()
-    monkeypatch.setattr(emulator, "_shares", Shares(0.01))
-    assert flooded() < 0.5 * ours
-
-
 def test_nothing_is_carried_out_for_a_client_that_reads_nothing(emulator, dial, caplog) -> None:
     with socket.socket() as deaf:
         # before it connects: a window of megabytes would be filled at a share of the server's time
@@ -359,25 +335,3 @@ def test_a_model_of_somebody_else_is_advanced_by_them_under_their_lock(dial) -> 
         made = dial(emulator)
         made.ask(POLL, 11)
     assert 77 in advanced
-
-
-def test_a_world_that_takes_long_to_move_on_is_nobodys_work(dial) -> None:
-    """Whoever asks moves it on, and does not wait for that afterwards."""
-    model, waits = GripperModel(FROZEN, 0), []
-
-    def advance(now_ns: int) -> None:
-        until = time.thread_time() + 5e-3
-        while time.thread_time() < until:
-            pass
-
-    class Told(GripperEmulator):
-        def charge(self, connection, used_s: float) -> float:
-            waits.append(super().charge(connection, used_s))
-            return waits[-1]
-
-    with Told(model, advance=advance) as emulator:
-        made = dial(emulator)
-        for _ in range(20):
-            made.ask(POLL, 11)
-    assert len(waits) == 20
-    assert not any(waits)

@@ -8,8 +8,7 @@ import time
 
 import pytest
 
-from drivers.fairness import Budget, Slowly
-from drivers.ur.emulator.compiling import compiling_allowance
+from drivers.fairness import Budget
 from drivers.ur.emulator.controller import RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
@@ -18,7 +17,7 @@ from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
-from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench, told
+from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, told
 from tests.wire.drivers.ur.emulator.test_stock_clients import packages
 
 
@@ -192,68 +191,6 @@ def test_program_has_its_share_however_much_the_arm_takes_to_compute(bench, monk
     assert bench.controller.registers.values["output", "int"][5] > 15
 
 
-COUNT = "n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(1, n)\n{}sync()\nend"
-
-
-def sliced(bench, meanwhile):
-    """A cycle with more time than a slice."""
-    bench.now_ns += PERIOD_NS
-    budget = Budget(1.0)
-    bench.controller.step(bench.now_ns, {}, budget, meanwhile)
-
-
-@pytest.mark.parametrize(
-    "hog",
-    ["def f():\n while True:\n i = 0\n while i < 3000:\n i = i + 1\n end\n sync()\n end\n end\n",
-     "def f():\n" + " a = [1, 2]\n" * 3000 + "end\n",
-     "sec f():\n i = 0\n while i < 30000:\n i = i + 1\n end\n end\n"],
-    ids=["program", "compilation", "secondary program"],
-)  # fmt: skip
-def test_clients_have_a_turn_while_a_program_computes_or_is_compiled(bench, hog):
-    bench.controller.load(hog)
-    turns = []
-    for _ in range(3):
-        sliced(bench, lambda: turns.append(0))
-    bench.controller.close()
-    assert len(turns) >= 5
-
-
-def test_main_program_has_one_turn_a_cycle_however_many_slices_there_are(bench):
-    bench.run(COUNT.format(""))
-    bench.cycles(3)
-    ints = bench.controller.registers.values["output", "int"]
-    bench.controller.load("sec f():\n i = 0\n while i < 20000:\n i = i + 1\n end\n end\n")
-    before, turns = ints[1], []
-    for _ in range(5):
-        sliced(bench, lambda: turns.append(0))
-    assert turns
-    assert ints[1] - before == 5
-
-
-@pytest.mark.parametrize("what", ["stop", "pause", "replace", "protective stop"])
-def test_program_that_is_stopped_between_two_of_its_slices_is_stopped(bench, what):
-    bench.run(COUNT.format("i = 0\nwhile i < 30000:\n i = i + 1\nend\n"))
-    controller, done = bench.controller, []
-    other = "write_output_integer_register(2, 2)\n"
-
-    def meanwhile():
-        if controller.runtime_state is RuntimeState.PLAYING and not done:
-            done.append({
-                "stop": lambda: controller.stop_program("asked"),
-                "pause": controller.pause_program,
-                "replace": lambda: controller.load(other),
-                "protective stop": controller.protective_stop,
-            }[what]())  # fmt: skip
-
-    for _ in range(20):
-        sliced(bench, meanwhile)
-    ints = controller.registers.values["output", "int"]
-    assert done and ints[1] == 1
-    assert ints[2] == (2 if what == "replace" else 0)
-    paused = what in ("pause", "protective stop")
-    assert controller.runtime_state is (RuntimeState.PAUSED if paused else RuntimeState.STOPPED)
-
-
 def test_secondary_programs_wait_for_each_other_but_not_any_number(bench):
     for number in range(20):
         bench.controller.load(f"sec s():\n write_output_integer_register({number}, 1)\nend\n")
@@ -273,59 +210,6 @@ def test_secondary_program_may_stop_the_arm_and_none_is_left_for_afterwards(benc
     bench.cycles(3)
     assert bench.controller.ports.digital_out == 0
     assert not bench.controller.script_errors
-
-
-def test_program_that_is_replaced_before_its_turn_costs_no_thread(bench, monkeypatch):
-    started = []
-    monkeypatch.setattr(
-        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
-    )
-    for number in range(200):
-        bench.controller.load(f"write_output_integer_register({number % 24}, {number})\n")
-    bench.cycles(3)
-    assert len(started) == 1
-    assert sum(bench.controller.registers.values["output", "int"]) == 199
-
-
-@pytest.mark.parametrize("kind", ["def", "sec"])
-def test_program_waits_where_too_much_was_to_be_compiled_of_late_and_the_log_says_so(
-    kind, monkeypatch
-):
-    """0.05 s too much: one second, at a twentieth. Nothing but programs waits."""
-    allowance = compiling_allowance()
-    allowance.use(0.3)
-    monkeypatch.setattr("drivers.ur.emulator.controller.compiling_allowance", lambda: allowance)
-    bench = Bench()
-    program = f"{kind} f():\n write_output_integer_register(0, 7)\nend\n"
-    bench.controller.load(program)
-    bench.controller.load(program.replace("7", "8"))
-    bench.cycles(100)
-    assert bench.controller.registers.values["output", "int"][0] == 0
-    assert bench.controller.cycles == 100
-    bench.cycles(40)
-    assert bench.controller.registers.values["output", "int"][0] == 8
-    told_so = [line for line in bench.controller.messages if "too much was to be compiled" in line]
-    assert len(told_so) == (kind == "def")
-    assert not bench.controller.script_errors
-
-
-def test_programs_that_replace_one_another_are_seldom_begun(bench, monkeypatch):
-    """And a while after them a program begins at once again."""
-    started = []
-    monkeypatch.setattr(
-        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
-    )
-    budget = Budget(0.2)
-    for number in range(300):
-        body = " a = [1, 2, 3]\n" * 2000
-        bench.controller.load(f"def f():\n b = {number}\n{body}end\n")
-        bench.controller.step((number + 1) * PERIOD_NS, {}, budget)
-    assert 20 < len(started) < 150
-    bench.controller.stop_program("test")
-    bench.cycles(300)
-    bench.controller.load("def g():\n write_output_integer_register(0, 7)\nend\n")
-    bench.cycles(3)
-    assert bench.controller.registers.values["output", "int"][0] == 7
 
 
 def test_state_of_an_arm_that_stands_tells_its_modes_and_the_speed_slider(bench):

@@ -6,7 +6,6 @@ import time
 
 import pytest
 
-from drivers.fairness import Shares
 from drivers.ur.emulator.sockets import Farewell, LineTalk, ScriptTalk, Server
 
 PATIENCE_S = 20.0
@@ -72,59 +71,6 @@ def test_who_asks_while_many_are_told_the_state_does_not_wait_for_all_of_them():
         server.broadcast(sample)
         assert len(heard_at) == 29
         assert heard_at[2] == ["is anybody there?"]
-
-
-def test_who_has_asked_for_less_is_answered_first_and_who_sends_programs_waits_but_is_told(
-    monkeypatch,
-):
-    def keeps_all(part, burst_s=None):
-        return Shares(part, burst_s) if burst_s else Shares(1e-6, burst_s=1e9)
-
-    asked, loaded = [], []
-    with contextlib.ExitStack() as serving:
-        # nothing is forgotten, and nobody waits for it
-        monkeypatch.setattr("drivers.ur.emulator.sockets.Shares", keeps_all)
-        server = Server()
-        monkeypatch.undo()
-        serving.callback(server.close)
-
-        def answer(line):
-            asked.append(line)
-            until = time.thread_time() + 2e-3
-            while time.thread_time() < until:
-                pass
-            return line
-
-        lines = server.listen("127.0.0.1", 0, lambda: (LineTalk(answer), b""), most=32)
-        scripts = server.listen(
-            "127.0.0.1", 0, lambda: (ScriptTalk(loaded.append, "cycle"), b""), most=32
-        )
-        much, little, sends = (
-            serving.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE_S))
-            for port in (lines, lines, scripts)
-        )
-        deadline = time.monotonic() + PATIENCE_S
-        while len(server.talks()) < 3 and time.monotonic() < deadline:
-            server.serve(0.01)
-        much.sendall(b"much\n")
-        while not asked and time.monotonic() < deadline:
-            server.serve(0.01)
-        for client, text in ((much, b"much\n"), (little, b"little\n")):
-            client.sendall(text)
-        while len(asked) < 3 and time.monotonic() < deadline:
-            server.serve(0.0)
-        assert asked == ["much", "little", "much"]
-        program = b"def f():\n" + b" a = 1\n" * 5000 + b"end\n"
-        for _ in range(20):  # 0.1 s of work each, by their length
-            sends.sendall(program)
-        until = time.monotonic() + 0.5
-        while time.monotonic() < until or not loaded:
-            server.renew()
-            server.serve(0.005)
-        assert 1 <= len(loaded) < 10
-        sends.settimeout(PATIENCE_S)
-        server.broadcast(lambda talk: b"state")
-        assert sends.recv(100) == b"state"
 
 
 def test_program_of_a_client_that_has_gone_is_taken_before_its_line_is_closed():
