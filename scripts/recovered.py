@@ -30,11 +30,11 @@ from detector.scores.unlabelled import SETTLED, hold_of
 from drivers.errors import UsageError
 from scenarios.benchmark.label_free import rule_of
 from scenarios.campaign.config import RunConfig, load_config
+from scenarios.lab.fingertips import Touch, taken_rest
 from scenarios.lab.fit import Line
 from scenarios.lab.hand import Hand
 from scenarios.lab.scale import Presser
 from scenarios.lab.sessions import ROUNDS, Weighing, _press_by_counts
-from scenarios.lab.touch import Touch, taken_rest
 from scenarios.rigs.opening import open_rig
 from scenarios.world.cell import LaidWeight, SimulatedCell
 from tests.wire.scenarios.lab.scales import CONFIRMED, N_PER_G, Lab, true_slope

@@ -102,7 +102,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them."""
-    from scenarios.lab.first import gently
+    from scenarios.lab.ready import gently
     from scenarios.tap.tap import tap_config
 
     if args.scenario == "tap":
@@ -147,7 +147,7 @@ def _plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 def release(config: Any, args: argparse.Namespace) -> int:
     """Raises what the release would: exits 0 only where the fingers would be opened."""
-    from drivers.robotiq.modes import SCISSOR, SPREADS
+    from drivers.robotiq.protocol import SCISSOR, SPREADS
     from scenarios.lab.ready import hand_seen
     from scenarios.rigs.permission import gripper_address
     from scenarios.rigs.release import not_active

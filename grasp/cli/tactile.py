@@ -114,7 +114,7 @@ def take_rest(args: argparse.Namespace) -> int:
 
 
 def udev(args: argparse.Namespace) -> int:
-    from drivers.takktile.link.udev import INSTALL, RULE
+    from drivers.takktile.link.sysfs import INSTALL, RULE
 
     print(f"# install: {INSTALL}")
     print(RULE)

@@ -27,19 +27,17 @@ from drivers.interfaces import (
     GripperState,
 )
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.modes import check_closing
+from drivers.robotiq.protocol import check_closing
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
+from scenarios.lab.fingertips import Touch
 from scenarios.lab.fit import AGAIN, N_PER_G, Byte, Law, Line
 from scenarios.lab.hand import Say
-from scenarios.lab.insist import insist
-from scenarios.lab.steps import Steps, lead_counts, walk
-from scenarios.lab.touch import Touch
+from scenarios.lab.steps import Steps, insist, lead_counts, walk
 from scenarios.rigs.calibration import MANUAL
-from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import check_fault, mode_of, not_active
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator

@@ -10,6 +10,7 @@ from drivers.errors import Refused, UsageError
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS
 from grasp import interruption
 from grasp.clock import WallClock
+from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.lab.fit import (
     Byte,
     Line,
@@ -38,7 +39,6 @@ from scenarios.lab.scale import (
     reading,
     typed,
 )
-from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
 from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.config import TrialConfig

@@ -6,11 +6,41 @@ from typing import Any
 
 from drivers.errors import ConfigError
 from grasp import interruption
+from grasp.clock import WallClock
 from scenarios.rigs import open_files
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.hardware import hardware
-from scenarios.rigs.permission import HARDWARE, MotionPermit
-from scenarios.rigs.rig import GraspRig, PressRig, Rig
+from scenarios.rigs.permission import (
+    HARDWARE,
+    MotionPermit,
+    check_devices,
+    devices_of,
+    driving,
+    require,
+)
+from scenarios.rigs.rig import GraspRig, PressRig, Rig, connect
+from scenarios.rigs.wired import acknowledgements, wired_devices
+
+
+@contextmanager
+def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[Any, Any]]:
+    """Nothing is known but what the devices say.
+
+    Raises UsageError without a permit, ConfigError where a device has no address, Refused where
+    another process drives one.
+    """
+    way_out = require(permit).let_go
+    check_devices(config)
+    clock = WallClock(WallClock().now_ns)
+    with (
+        driving(*devices_of(config)),
+        wired_devices(config, clock) as (arm, tactile, gripper),
+    ):
+        connect(arm, tactile, gripper, clock, real=True)
+        arm.set_payload(config.arm.payload_kg)
+        yield Rig(
+            arm, tactile, gripper, clock, True, None, None,
+            acknowledgements=acknowledgements(gripper), way_out=way_out,
+        )  # fmt: skip
 
 
 @contextmanager

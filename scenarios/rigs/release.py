@@ -10,11 +10,17 @@ from contextlib import suppress
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.interfaces import Counts3, Gripper, GripperState
 from grasp.clock import Clock, WallClock
-from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
+from scenarios.rigs.permission import (
+    HARDWARE,
+    MotionPermit,
+    board_address,
+    driving,
+    gripper_of,
+    require,
+)
 from scenarios.rigs.rig import activate, to_open
 from scenarios.rigs.wired import board_finder, open_gripper
 

@@ -10,9 +10,8 @@ import pytest
 
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator.tcp import GripperEmulator
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport, TimedTransport
 from drivers.robotiq.link.thread import ThreadedGripper
-from drivers.robotiq.link.timing import TimedTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from grasp.realtime import RealTimeSettings, real_time
 from tests.calibrations import PAPER

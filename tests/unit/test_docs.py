@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grasp.phases import TRANSITIONS, Trigger
 from grasp.settings import names
-from scenarios.acquire.result import AcquireResult
+from scenarios.acquire.acquire import AcquireResult
 from scenarios.campaign.config import load_config
 from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import LiftOutcome

@@ -15,8 +15,16 @@ from contextlib import suppress
 from typing import Any, Final, Self
 
 from drivers.fairness import Places
-from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
-from drivers.robotiq.emulator.pdu import Guard, Hand, TcpGripper, Unanswerable
+from drivers.robotiq.emulator.pdu import (
+    Guard,
+    Hand,
+    TcpGripper,
+    Trouble,
+    Unanswerable,
+    WireFault,
+    WireFaults,
+    damaged,
+)
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 
 __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]

@@ -7,11 +7,36 @@ and temperatures are those of an idle arm. No messages (texts, errors, variables
 import math
 import struct
 import zlib
+from collections.abc import Mapping
 
 from drivers.ur import kinematics
 from drivers.ur.emulator.controller import Controller, RobotMode, RuntimeState, SafetyMode
 from drivers.ur.emulator.plans import JOINT_RANGE, JOINT_SPEEDS
+from drivers.ur.emulator.rtde_wire import Values
 from drivers.ur.emulator.settings import Profile
+
+DOUBLES = 139
+# output fields of RTDE, in order, or how many doubles are nought
+FIELDS: tuple[str | int, ...] = (
+    "timestamp", "target_q", "target_qd", "target_qdd", "target_current", "target_moment",
+    "actual_q", "actual_qd", "actual_current", "joint_control_output", "actual_TCP_pose",
+    "actual_TCP_speed", "actual_TCP_force", "target_TCP_pose", "target_TCP_speed",
+    "actual_digital_input_bits", "joint_temperatures", "actual_execution_time", 1, "robot_mode",
+    "joint_mode", "safety_mode", 6, "actual_tool_accelerometer", 6, "speed_scaling",
+    "actual_momentum", 2, "actual_main_voltage", "actual_robot_voltage", "actual_robot_current",
+    "actual_joint_voltage", "actual_digital_output_bits", "runtime_state", "elbow_position",
+    "elbow_velocity", "safety_status",
+)  # fmt: skip
+_LAYOUT = struct.Struct(f">I{DOUBLES}d")
+
+
+def realtime_message(values: Mapping[str, Values]) -> bytes:
+    """One packet, of the output fields of a cycle."""
+    doubles: list[float] = []
+    for field in FIELDS:
+        doubles += [0.0] * field if isinstance(field, int) else values[field]
+    return _LAYOUT.pack(_LAYOUT.size, *doubles)
+
 
 RATE_HZ = 10
 _STATE, _MESSAGE, _VERSION = 16, 20, 3

@@ -30,8 +30,7 @@ from drivers.ur.emulator.dashboard import BANNER, Dashboard
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
-from drivers.ur.emulator.realtime import realtime_message
+from drivers.ur.emulator.primary import RATE_HZ, realtime_message, state_message, version_message
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Told
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
 from drivers.ur.emulator.rtde_wire import text_packet

@@ -25,8 +25,7 @@ from scenarios.acquire.datasets.own import check_unchanged
 from scenarios.acquire.datasets.plan import Job, pressing
 from scenarios.acquire.datasets.pressed import make_pressed
 from scenarios.acquire.labels import recording
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Session
+from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 

@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
 from grasp.messages import ArmMessage, arm_message, recorded_arm
-from grasp.recording import RunRecorder, RunRecording
-from grasp.viewer_schema import viewer_schema
+from grasp.recording import RunRecorder, RunRecording, viewer_schema
 
 ROOT = Path(__file__).parents[3]
 

@@ -17,7 +17,7 @@ from grasp.settings import (
     thing_layer,
 )
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs.own_settings import own_files_of
+from scenarios.rigs.calibration import own_files_of
 
 
 def lift(*assignments: str, file: Path | None = None) -> RunConfig:

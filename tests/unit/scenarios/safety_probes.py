@@ -16,8 +16,7 @@ from grasp.phases import Phase
 from scenarios.acquire import rig as acquire_rig
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.press import PressController, PressControlSettings, PressPhase, motion
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Session
+from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig

@@ -5,8 +5,13 @@ import pytest
 from drivers.errors import LinkLost, Refused
 from drivers.interfaces import Detection
 from drivers.robotiq.encoding import finger_states, pinches
-from drivers.robotiq.modes import other_than_basic
-from drivers.robotiq.protocol import AxisCommand, AxisStatus, CommandRegisters, StatusRegisters
+from drivers.robotiq.protocol import (
+    AxisCommand,
+    AxisStatus,
+    CommandRegisters,
+    StatusRegisters,
+    other_than_basic,
+)
 from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, QUICK
 from tests.unit.drivers.robotiq.hand import command

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.robotiq.link.timing import Durations, TimedTransport
+from drivers.robotiq.link.modbus import Durations, TimedTransport
 from tests.unit.drivers.robotiq.link_cell import BEGIN_NS, MS, Cell
 
 

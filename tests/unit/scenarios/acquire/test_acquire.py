@@ -21,12 +21,10 @@ from grasp.cli.main import main
 from grasp.messages import ARM, TACTILE, TRUTH
 from grasp.recording import RunRecording
 from scenarios.acquire import acquire
+from scenarios.acquire.acquire import CHANNELS, PRESS, AcquireOutcome, AcquireResult
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.messages import CHANNELS, PRESS
 from scenarios.acquire.press import PressPhase, motion
-from scenarios.acquire.result import AcquireOutcome, AcquireResult
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Sample, Session
+from scenarios.acquire.session import Sample, Session, open_acquire_rig
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.replay import replay_run
 from tests.unit.scenarios.conftest import EAGER

@@ -4,7 +4,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivers.robotiq.emulator.faults import MOST_PLANNED, WireFaults
+from drivers.robotiq.emulator.pdu import MOST_PLANNED, WireFaults
 from drivers.ur.emulator.controller import Controller, RuntimeState
 from drivers.ur.emulator.settings import PROFILES
 from scenarios.rigs.cell_faults import KNOWN, MOST_WAITING, CellFaults, all_in_words

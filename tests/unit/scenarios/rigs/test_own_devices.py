@@ -14,9 +14,8 @@ from grasp.cli.main import main
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs import opening, own_devices
-from scenarios.rigs.cell_lock import devices_of
 from scenarios.rigs.device_checks import ask_devices
-from scenarios.rigs.permission import MotionPermit, check_devices
+from scenarios.rigs.permission import MotionPermit, check_devices, devices_of
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
 OFFER = """

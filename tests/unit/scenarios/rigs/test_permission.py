@@ -16,7 +16,7 @@ from grasp.cli.main import build_parser, main
 from scenarios.acquire.acquire import run as acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
-from scenarios.acquire.rig import open_acquire_rig
+from scenarios.acquire.session import open_acquire_rig
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, Combination, combinations, trials
 from scenarios.campaign.worker import run_trial

@@ -12,7 +12,7 @@ import pytest
 from drivers.errors import DeviceFault
 from drivers.ur.link.preflight import Dashboard, Rtde
 from grasp.clock import WallClock
-from scenarios.rigs.cell_lock import arm_of, driving
+from scenarios.rigs.permission import arm_of, driving
 from scenarios.rigs.wired import open_arm
 from tests.wire.scenarios.lab.bench import CONFIRMED, Lab
 from tests.wire.scenarios.lab.terminal import grasp

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.rigs.cell_lock import driving, gripper_of
+from scenarios.rigs.permission import driving, gripper_of
 from tests.wire.scenarios.lab.bench import CONFIRMED, Lab
 from tests.wire.scenarios.lab.person import played
 from tests.wire.scenarios.lab.terminal import grasp

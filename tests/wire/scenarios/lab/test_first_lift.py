@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lab.first import gently
+from scenarios.lab.ready import gently
 from scenarios.lift import lift
 from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.lab.person import played

@@ -12,7 +12,7 @@ import pytest
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.cell_control import ControlClient
-from scenarios.rigs.cell_lock import driving, gripper_of
+from scenarios.rigs.permission import driving, gripper_of
 from scenarios.rigs.rig import activate
 from scenarios.rigs.wired import wired_gripper
 from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file
