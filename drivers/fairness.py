@@ -1,10 +1,5 @@
-"""Caps on what clients may take of an emulator: so many at a time, so much time for programs.
+"""A cap on the clients of an emulator. Times are seconds of any clock."""
 
-Times are seconds of any clock.
-"""
-
-import math
-import time
 from collections.abc import Hashable
 from typing import Generic, TypeVar
 
@@ -38,18 +33,3 @@ class Places(Generic[Member]):
 
     def leave(self, member: Member) -> None:
         self._heard.pop(member, None)
-
-
-class Budget:
-    """So much processor time for interruptible work in each period."""
-
-    def __init__(self, part: float = math.inf) -> None:
-        self.part = part
-        self._until_s = math.inf
-
-    def begin(self, period_s: float) -> None:
-        """Grant the share of a period to this thread, from now on."""
-        self._until_s = time.thread_time() + self.part * period_s
-
-    def spent(self) -> bool:
-        return time.thread_time() >= self._until_s

@@ -44,7 +44,7 @@ from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.report.live import server
-from scenarios.report.live.trials import LiveTrials
+from scenarios.report.live.feed import LiveTrials
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.emulated_cell import OPEN_M
 from scenarios.rigs.opening import open_rig

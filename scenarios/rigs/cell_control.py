@@ -32,11 +32,7 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         self.connection.settimeout(None)
-        why = self.server.enter(self.connection)
-        if why:
-            self.connection.settimeout(1.0)  # the first request is answered with the reason
-            self.rfile.readline(_LONGEST)
-            self._say({"error": why})
+        if not self.server.enter(self.connection):
             return
         with contextlib.suppress(OSError):
             while (line := self.rfile.readline(_LONGEST)) and self._answer(line):
@@ -80,29 +76,21 @@ class _Server(socketserver.ThreadingTCPServer):
         self.token = token
         self._crowd = threading.Lock()
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._open = 0
 
-    def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Those for whom there is no place hear why, but not any number of them at a time."""
+    def enter(self, connection: socket.socket) -> bool:
+        """Take a place; False where there is none."""
         with self._crowd:
-            return self._open < 2 * _CLIENTS
-
-    def enter(self, connection: socket.socket) -> str:
-        """Take a place; returns why there is none."""
-        with self._crowd:
-            self._open += 1
             try:
                 leaves = self._places.enter(connection, time.monotonic())
-            except OverflowError as error:
-                return str(error)
+            except OverflowError:
+                return False
         if leaves is not None:
             with contextlib.suppress(OSError):
                 leaves.shutdown(socket.SHUT_RDWR)
-        return ""
+        return True
 
     def leave(self, connection: socket.socket) -> None:
         with self._crowd:
-            self._open -= 1
             self._places.leave(connection)
 
     def heard(self, connection: socket.socket) -> None:

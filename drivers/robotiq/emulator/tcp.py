@@ -3,7 +3,7 @@
 Every unit number is answered and echoed, as the hardware does. Requests that arrive together are
 all answered, in order, two of a client before others have their turn. A header that is none
 (another protocol, an absurd length) closes its connection and no other. A client for whom there is
-no place is answered with exception 6, server busy, and closed.
+no place is closed.
 """
 
 import asyncio
@@ -32,8 +32,6 @@ __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
 _HEADER: Final = 7  # transaction, protocol, length, unit
 _LONGEST: Final = 254  # unit and request
 _CLIENTS: Final = 16
-_BUSY: Final = 6  # exception: server device busy
-_FAREWELL_S: Final = 1.0  # for the first request of a client that is turned away
 _AT_ONCE: Final = 2  # requests of one client, before others have their turn
 _UNREAD: Final = 65536  # bytes of replies that a client may leave lying
 _KEEP_UP_S: Final = 0.01
@@ -146,13 +144,6 @@ class _Connection(asyncio.Protocol):
         if transport.is_closing() or transport.get_write_buffer_size() > _UNREAD:
             self.abort()
 
-    def end(self, data: bytes) -> None:
-        """Send this and close."""
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.write(data)
-            transport.close()
-
 
 class GripperEmulator:
     """Serves a hand on a port. ``with`` runs it in a thread, ``async with`` in the running loop.
@@ -181,7 +172,6 @@ class GripperEmulator:
         self._on_frame = on_frame
         self._connections: set[_Connection] = set()
         self._places: Places[_Connection] = Places(_CLIENTS)
-        self._refused: set[_Connection] = set()  # who has not heard it yet
         self._frozen_until_s = 0.0
         self._listener: socket.socket | None = None
         self._keeper: asyncio.Task[None] | None = None
@@ -293,27 +283,14 @@ class GripperEmulator:
         try:
             leaves = self._places.enter(connection, time.monotonic())
         except OverflowError:
-            self._turn_away(connection)
+            connection.abort()
             return
         if leaves is not None:
             leaves.abort()
         self._connections.add(connection)
 
-    def _turn_away(self, connection: _Connection) -> None:
-        if len(self._refused) >= _CLIENTS:
-            connection.abort()
-            return
-        self._refused.add(connection)
-        self._connections.add(connection)  # ends with the others
-        asyncio.get_running_loop().call_later(_FAREWELL_S, self._forget, connection)
-
-    def _forget(self, connection: _Connection) -> None:
-        if connection in self._refused:
-            connection.abort()
-
     def left(self, connection: _Connection) -> None:
         self._connections.discard(connection)
-        self._refused.discard(connection)
         self._places.leave(connection)
 
     def frozen_for_s(self) -> float:
@@ -322,9 +299,6 @@ class GripperEmulator:
 
     def serve(self, frame: bytes, connection: _Connection) -> bool:
         """Carry out one request and answer it; False: it has to wait for the end of a freeze."""
-        if connection in self._refused:
-            connection.end(_exception(frame, _BUSY))
-            return True
         self._places.heard(connection, time.monotonic())
         fault = self.faults.take(frame[_HEADER], self.hand.clock())
         trouble = fault.trouble if fault is not None else None

@@ -3,7 +3,7 @@
 There is no USB bus without hardware, so the seam is the one where pyusb hands a transfer to its
 back end: everything above it, pyusb included, is what a lab runs. Source of the behaviour: the
 TakkTile-usb firmware; libusb and Linux usbfs for what a host says to claims, replugs, time-outs.
-A connection for which there is no place is answered EBUSY and closed.
+A connection for which there is no place is closed.
 """
 
 import contextlib
@@ -30,7 +30,6 @@ _LOOK_AGAIN_S = 0.01  # while a read is pending: whether the board was unplugged
 _JOIN_S = 5.0
 _CLIENTS = 32
 _OPENED = 16  # handles of one connection
-_FAREWELL_S = 1.0  # for the first request of a client that is turned away
 
 
 class _Failure(Exception):
@@ -64,9 +63,8 @@ class BoardServer:
         self._serial = serial
         self._listener: socket.socket | None = None
         self._connections: dict[socket.socket, threading.Thread] = {}  # until the next comes
-        self._crowd = threading.Lock()  # guards the next two
+        self._crowd = threading.Lock()  # guards the next
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._refused = 0  # who has not heard it yet
         self._ending = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
         self._handles: dict[int, int] = {}  # handle -> ``plugs`` of the board when it was opened
@@ -117,13 +115,11 @@ class BoardServer:
             except OSError:
                 return
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            work = self._serve if self._enter(connection) else self._turn_away
-            if work == self._turn_away and not self._may_listen():
-                _say_busy(connection)
+            if not self._enter(connection):
                 connection.close()
                 continue
             thread = threading.Thread(
-                target=work, args=(connection,), name="takktile-connection", daemon=True
+                target=self._serve, args=(connection,), name="takktile-connection", daemon=True
             )
             thread.start()
             living = {c: t for c, t in self._connections.items() if t.is_alive()}
@@ -139,23 +135,6 @@ class BoardServer:
         if leaves is not None:
             _shut(leaves)
         return True
-
-    def _may_listen(self) -> bool:
-        """Of those for whom there is no place, as many wait for a thread to hear their request."""
-        with self._crowd:
-            if self._refused >= _CLIENTS:
-                return False
-            self._refused += 1
-            return True
-
-    def _turn_away(self, connection: socket.socket) -> None:
-        connection.settimeout(_FAREWELL_S)
-        with contextlib.suppress(OSError):
-            hop.receive(connection, HopRequest)
-        _say_busy(connection)
-        connection.close()
-        with self._crowd:
-            self._refused -= 1
 
     def _serve(self, connection: socket.socket) -> None:
         opened: list[int] = []  # handles, which end with this connection
@@ -339,12 +318,6 @@ def _wait(connection: socket.socket, wait_ns: int) -> None:
     time.sleep(wait_s - whole_ms * 1e-3)
     if spoke:
         raise ConnectionAbortedError("the client has gone")
-
-
-def _say_busy(connection: socket.socket) -> None:
-    connection.setblocking(False)
-    with contextlib.suppress(OSError):
-        hop.send(connection, HopReply(errno.EBUSY))
 
 
 def _shut(connection: socket.socket) -> None:

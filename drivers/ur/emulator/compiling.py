@@ -1,14 +1,10 @@
-"""Programs given to a controller: their compilation, and those that run beside the main one."""
+"""Programs given to a controller: their compilation."""
 
 import threading
-from collections import deque
-from typing import Any
 
-from drivers.fairness import Budget
-from drivers.ur.emulator.urscript.builtins import SECONDARY
 from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import ScriptError
-from drivers.ur.emulator.urscript.run import Builtin, Compiled, Program
+from drivers.ur.emulator.urscript.run import Builtin, Compiled
 
 _MOST_WAITING = 8
 
@@ -60,53 +56,3 @@ class Compilation:
         self.cancel()
         if self._thread is not None:
             self._thread.join()
-
-
-class Secondary:
-    """Secondary programs, one after the other: they take no time, move nothing and leave the main
-    program alone."""
-
-    def __init__(self, robot: Any) -> None:
-        self._robot = robot
-        self._waiting: deque[str] = deque()
-        self._compilation = Compilation(SECONDARY)
-        self._compiles = False
-        self._program: Program | None = None
-
-    def load(self, text: str) -> None:
-        if len(self._waiting) < _MOST_WAITING:
-            self._waiting.append(text)
-        else:
-            self._robot.log(f"secondary program refused: {_MOST_WAITING} are waiting")
-
-    def step(self, budget: Budget, wait: bool) -> None:
-        """What there is time for."""
-        if self._program is None and not self._compiles and self._waiting:
-            self._compilation.begin(self._waiting.popleft())
-            self._compiles = True
-        try:
-            if made := self._compilation.take(wait):
-                self._compiles = False
-                if isinstance(made, ScriptError):
-                    raise made
-                self._program = Program(made, self._robot, most_threads=1)
-            if self._program is not None and not self._program.step(budget.spent):
-                self._end()
-        except ScriptError as error:
-            self._robot.script_error(error)
-            self._end()
-
-    def _end(self) -> None:
-        if self._program is not None:
-            self._program.close()
-        self._program = None
-
-    def clear(self) -> None:
-        self._end()
-        self._waiting.clear()
-        self._compilation.cancel()
-        self._compiles = False
-
-    def close(self) -> None:
-        self.clear()
-        self._compilation.close()

@@ -5,12 +5,10 @@ the program and unlocking it ends the program; an emergency stop ends the progra
 arm off. States and bits: "RTDE Guide".
 """
 
-import math
 from collections import deque
 from enum import IntEnum
 
-from drivers.fairness import Budget
-from drivers.ur.emulator.compiling import Compilation, Secondary
+from drivers.ur.emulator.compiling import Compilation
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.ports import Ports
 from drivers.ur.emulator.rtde_wire import BITS, REGISTERS, Scalar, Values
@@ -25,7 +23,6 @@ _KINDS: tuple[tuple[str, Scalar, int], ...] = (
     ("bit", False, BITS),
 )
 _BIT_WORDS = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
-ENDLESS = Budget()
 _KEPT_MESSAGES = 200
 _MESSAGE_CHARS = 500
 
@@ -110,7 +107,6 @@ class Controller:
         self.period_s = settings.controller.period_ns * 1e-9
         self.motion = motion
         self.registers = Registers()
-        self._untaken: dict[str, Values] = {}  # inputs that came in the midst of a program's turn
         self.ports = Ports()
         self.payload_kg = 0.0
         self.payload_cog_m: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -129,17 +125,16 @@ class Controller:
         self._program: Program | None = None
         self._watchdog: Watchdog | None = None
         self._compilation = Compilation(BUILTINS)
-        self._secondary = Secondary(self)
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
-    def step(self, now_ns: int, inputs: dict[str, Values], budget: Budget = ENDLESS) -> None:
-        """One cycle: take the inputs, renew the arm's state, run the program, which is interrupted
-        when its share by ``budget`` is spent. What the arm's motion takes to compute is no part of
-        that share. Without a budget a compilation is waited for."""
+    def step(self, now_ns: int, inputs: dict[str, Values], wait: bool = True) -> None:
+        """One cycle: take the inputs, renew the arm's state, run the program. ``wait`` for a
+        compilation."""
         self._now_ns = now_ns
         self.cycles += 1
-        self._take_registers(inputs)
+        for name, values in inputs.items():
+            self.registers.take_input(name, values)
         self.ports.take_inputs(inputs)
         self.motion.turn_slider(self.ports.speed_fraction)
         trouble = self.motion.update(now_ns)
@@ -149,32 +144,14 @@ class Controller:
         if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
-        budget.begin(self.period_s)
-        self._work(budget)
+        self._work(wait)
         self.motion.brake_if_unowned()
 
-    def _take_registers(self, inputs: dict[str, Values]) -> None:
-        """A program sees the registers of one cycle throughout its turn, also where it is
-        interrupted in the midst of it: a command, and the arguments that came with it."""
-        self._untaken.update(inputs)
-        playing = self.runtime_state is RuntimeState.PLAYING
-        if playing and self._program is not None and self._program.interrupted:
-            return
-        for name, values in self._untaken.items():
-            self.registers.take_input(name, values)
-        self._untaken.clear()
-
-    def _work(self, budget: Budget) -> None:
-        """A turn each for the main program and for those beside it."""
-        wait = math.isinf(budget.part)
+    def _work(self, wait: bool) -> None:
         if compiled := self._compilation.take(wait):
             self._start(compiled)
-        if self.ready:
-            self._secondary.step(budget, wait)
-        else:
-            self._secondary.clear()
         if self.runtime_state is RuntimeState.PLAYING:
-            self._run(budget)
+            self._run()
 
     def skip(self, cycles: int) -> None:
         """Cycles that nobody had the time to run."""
@@ -188,11 +165,11 @@ class Controller:
         elif self._watchdog.expired(self._now_ns):
             self.stop_program(f"watchdog on {self._watchdog.name}")
 
-    def _run(self, budget: Budget) -> None:
+    def _run(self) -> None:
         if self._program is None:
             return
         try:
-            if not self._program.step(budget.spent):
+            if not self._program.step():
                 self.stop_program("program ended")
         except ScriptError as error:
             self.script_errors += 1
@@ -207,16 +184,15 @@ class Controller:
 
     def load(self, text: str) -> None:
         """Replace the program; one that does not compile leaves the controller without any. A new
-        one starts in one of the next cycles, once it is compiled. A secondary one replaces none."""
-        secondary = is_secondary(text)
-        if not secondary:
-            self.stop_program("replaced")
-        if not self.ready:
-            self.log("program refused: the robot is not ready")
-        elif secondary:
-            self._secondary.load(text)
-        else:
+        one starts in one of the next cycles, once it is compiled."""
+        if is_secondary(text):
+            self.log("program refused: secondary programs are not emulated")
+            return
+        self.stop_program("replaced")
+        if self.ready:
             self._compilation.begin(text)
+        else:
+            self.log("program refused: the robot is not ready")
 
     @property
     def ready(self) -> bool:
@@ -246,7 +222,6 @@ class Controller:
         self.messages.append(f"{self.cycles}: {message[:_MESSAGE_CHARS]}")
 
     def close(self) -> None:
-        self._secondary.close()
         self.stop_program("the emulator ends")
         self._compilation.close()
 

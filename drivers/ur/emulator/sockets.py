@@ -1,7 +1,7 @@
 """Sockets of the emulator: listeners, connections and their bytes; no thread of its own.
 
 What comes is handled in the time that a cycle leaves, a piece of each client in turn. A port has so
-many places (`drivers.fairness`); who finds none is told so and closed.
+many places (`drivers.fairness`); who finds none is closed.
 """
 
 import contextlib
@@ -9,7 +9,7 @@ import selectors
 import socket
 import time
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Protocol
 
 from drivers.fairness import Places
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
@@ -20,7 +20,6 @@ _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
 _LEAST_S = 0.001  # of serving, however late a cycle is
 _LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
-_FAREWELL_S = 1.0  # a client that was refused has so long to read why
 
 
 class Talk(Protocol):
@@ -55,10 +54,8 @@ class LineTalk:
 class ScriptTalk:
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
-    def __init__(self, load: Callable[[str], None], hears: Literal["state", "cycle"]) -> None:
-        """``hears``: the state at its own rate, or every cycle."""
+    def __init__(self, load: Callable[[str], None]) -> None:
         self._load = load
-        self.hears = hears
         self._held = b""
         self._program = bytearray()  # as it came: lines of their own would be thirty times as much
         self._depth = 0
@@ -86,17 +83,6 @@ class ScriptTalk:
     def close(self) -> None: ...
 
 
-class Farewell:
-    """Says nothing more to a client that was refused, and does not listen."""
-
-    broken = False
-
-    def feed(self, data: bytes) -> bytes:
-        return b""
-
-    def close(self) -> None: ...
-
-
 class Connection:
     """A client's socket, never blocking, and what waits to be sent to it."""
 
@@ -107,11 +93,6 @@ class Connection:
         self.closed = False
         self._unsent = bytearray()
 
-    @property
-    def behind(self) -> bool:
-        """The client has not taken what was sent."""
-        return bool(self._unsent)
-
     def receive(self) -> bool:
         """Take and answer what has come; False when the connection is at its end."""
         try:
@@ -121,14 +102,6 @@ class Connection:
         except OSError:
             return False
         return bool(data) and self.send(self.talk.feed(data)) and not self.talk.broken
-
-    def hear_out(self) -> None:
-        """Take what came before a client went: a program is often sent, and the line closed."""
-        with contextlib.suppress(OSError):
-            for _ in range(MAX_CHARS // _CHUNK + 1):
-                if self.talk.broken or not (data := self.sock.recv(_CHUNK)):
-                    return
-                self.talk.feed(data)
 
     @property
     def deaf(self) -> bool:
@@ -156,7 +129,6 @@ class Server:
         self._selector = selectors.DefaultSelector()
         self._refused = refused
         self._connections: dict[Connection, bool] = {}  # whether they are of our own channel
-        self._farewells: dict[Connection, float] = {}  # when they are closed
 
     def listen(
         self,
@@ -165,11 +137,10 @@ class Server:
         talk: Callable[[], tuple[Talk, bytes]],
         *,
         most: int,
-        refusal: Callable[[str], bytes] = lambda why: b"",
         ours: bool = False,
     ) -> int:
         """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting. More
-        than ``most`` connections are refused, with what ``refusal`` makes of the reason."""
+        than ``most`` connections are closed at once."""
         sock = socket.create_server((host, port), backlog=_BACKLOG, reuse_port=False)
         sock.setblocking(False)
         number = int(sock.getsockname()[1])
@@ -180,17 +151,18 @@ class Server:
                 client, _ = sock.accept()
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                connection = Connection(client, Farewell(), places)
+                dialogue, greeting = talk()
+                connection = Connection(client, dialogue, places)
                 try:
                     leaves = places.enter(connection, time.monotonic())
                 except OverflowError as error:
                     self._refused(f"port {number}: a client was refused, {error}")
-                    self._part_from(connection, refusal(str(error)))
+                    dialogue.close()
+                    client.close()
                     return
                 if leaves is not None:
                     self._refused(f"port {number}: the client silent for longest had to leave")
                     self._keep(leaves, False)
-                connection.talk, greeting = talk()
                 self._welcome(connection, greeting, ours)
 
         self._selector.register(sock, selectors.EVENT_READ, accept)
@@ -205,16 +177,6 @@ class Server:
         connection.places.heard(connection, time.monotonic())
         self._keep(connection, connection.receive())
 
-    def _part_from(self, connection: Connection, last: bytes) -> None:
-        """Close, but not before the client has read why."""
-        alive = connection.send(last) and len(self._farewells) < connection.places.most
-        if not alive:
-            connection.sock.close()
-            return
-        with contextlib.suppress(OSError):
-            connection.sock.shutdown(socket.SHUT_WR)
-        self._farewells[connection] = time.monotonic() + _FAREWELL_S
-
     def _keep(self, connection: Connection, alive: bool) -> None:
         if alive or connection.closed:
             return
@@ -226,13 +188,6 @@ class Server:
         self._selector.unregister(connection.sock)
         connection.sock.close()
         connection.talk.close()
-
-    def renew(self) -> None:
-        """Once a cycle: clients who were refused have had the time to read why."""
-        now_s = time.monotonic()
-        for connection in [one for one, until_s in self._farewells.items() if until_s < now_s]:
-            del self._farewells[connection]
-            connection.sock.close()
 
     def serve(self, seconds: float) -> None:
         """Wait up to this long for something to come, and handle it."""
@@ -261,21 +216,15 @@ class Server:
         return [connection.talk for connection in self._connections]
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
-        """Send every client what it hears of this cycle, but not the state to one that has not read
-        the last one. Who asks meanwhile need not wait for all of them."""
+        """Send every client what it hears of this cycle. Who asks meanwhile need not wait for all
+        of them."""
         looked_s = time.monotonic()
         for connection in list(self._connections):
             if time.monotonic() - looked_s > _LOOK_S:
                 self.serve(0.0)
                 looked_s = time.monotonic()
-            if connection.closed:
-                continue
-            deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
-            if not deaf and (data := sample(connection.talk)):
-                alive = connection.send(data)
-                if not alive and isinstance(connection.talk, ScriptTalk):
-                    connection.hear_out()
-                self._keep(connection, alive)
+            if not connection.closed and (data := sample(connection.talk)):
+                self._keep(connection, connection.send(data))
 
     def drop_links(self) -> None:
         """Close the connections of all clients but those of the control channel."""
@@ -285,8 +234,6 @@ class Server:
     def close(self) -> None:
         for connection in list(self._connections):
             self._keep(connection, False)
-        for connection in self._farewells:
-            connection.sock.close()
         for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]

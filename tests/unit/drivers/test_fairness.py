@@ -1,10 +1,8 @@
 """Places of clients and budgets of time, with times that the test says."""
 
-import time
-
 import pytest
 
-from drivers.fairness import IDLE_S, Budget, Places
+from drivers.fairness import IDLE_S, Places
 
 
 def test_places_are_given_to_newcomers_once_somebody_is_silent() -> None:
@@ -17,17 +15,3 @@ def test_places_are_given_to_newcomers_once_somebody_is_silent() -> None:
     assert places.enter("c", IDLE_S) == "b"
     places.leave("a")
     assert places.enter("d", IDLE_S) is None
-
-
-def busy(seconds: float) -> None:
-    """Of this thread's processor time."""
-    until_s = time.thread_time() + seconds
-    while time.thread_time() < until_s:
-        pass
-
-
-def test_a_budget_without_a_part_never_ends() -> None:
-    budget = Budget()
-    budget.begin(0.001)
-    busy(0.005)
-    assert not budget.spent()

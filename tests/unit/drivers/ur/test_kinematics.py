@@ -76,7 +76,7 @@ def test_whatever_joints_reach_is_looked_for(q):
      (math.nan, 0, 0, 0, 0, 0), (1e300, 0, 0, 0, 0, 0)],
 )  # fmt: skip
 def test_what_no_wrist_reaches_is_not_looked_for(pose):
-    assert list(kinematics.approach(kinematics.frame(pose), kinematics.ELBOW_UP)) == []
+    assert kinematics.inverse(kinematics.frame(pose), kinematics.ELBOW_UP) is None
 
 
 @given(st.floats(0.4, 0.8), st.floats(-0.3, 0.4), st.floats(0.1, 0.6))

@@ -321,16 +321,6 @@ def test_no_drive_in_a_protective_stop():
     assert sample.spin_radps == 0.0
 
 
-def test_a_motion_that_somebody_else_plans_ends_a_spin_nearly_at_once():
-    model = arm()
-    model.speed_l((0.0, 0.0, 0.0), 1.0, 5.0, 0)
-    began_ns = 1_000 * MS
-    model.follow(START, began_ns)
-    assert model.spin(began_ns) == 1.0
-    assert model.spin(began_ns + 10 * MS) == pytest.approx(0.5)
-    assert model.spin(began_ns + 20 * MS) == pytest.approx(0.0, abs=1e-6)
-
-
 def test_before_its_first_instant_the_tool_stood_as_it_did_then():
     model = ArmModel(PROMPT, 100 * MS)
     model.speed_l((0.0, 0.0, 0.1), 1.0, 1.0, 100 * MS)

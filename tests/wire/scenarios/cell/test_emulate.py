@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from tests.wire.drivers.ur.emulator.pip_clients import NOT_INSTALLED
 from tests.wire.drivers.ur.emulator.test_process import Rtde
+from tests.wire.scenarios.cell.modbus_clients import NOT_INSTALLED
 
 ROOT = Path(__file__).parents[4]
 APP = "import sys; from grasp.cli.main import main; sys.exit(main())"

@@ -11,8 +11,6 @@ from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PacketType, packet
 from drivers.ur.emulator.settings import PROFILES
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk
-from drivers.ur.emulator.urscript.builtins import BUILTINS
-from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import MAX_CHARS
 
 
@@ -39,14 +37,14 @@ def fed(talk: ScriptTalk | LineTalk, data: bytes) -> object:
 def test_program_that_is_not_at_its_end_is_kept_as_it_came(line: str) -> None:
     loaded: list[str] = []
     data = b"def f():\n" + line.encode() * ((MAX_CHARS - 2000) // len(line.encode()))
-    assert kept_mb(lambda: fed(ScriptTalk(loaded.append, "state"), data)) < 1.0
+    assert kept_mb(lambda: fed(ScriptTalk(loaded.append), data)) < 1.0
     assert not loaded
 
 
 def test_program_with_letters_of_several_bytes_is_put_together_again() -> None:
     loaded: list[str] = []
     data = 'def f():\n textmsg("äöü")\nend\n'.encode()
-    talk = ScriptTalk(loaded.append, "state")
+    talk = ScriptTalk(loaded.append)
     for at in range(len(data)):
         talk.feed(data[at : at + 1])
     assert loaded == [data.decode()]
@@ -65,10 +63,3 @@ def test_client_of_rtde_keeps_little() -> None:
         return one
 
     assert kept_mb(client) < 2.0
-
-
-@pytest.mark.slow
-def test_longest_program_is_compiled_within_its_part_of_the_budget() -> None:
-    text = "def f():\n b=1\n" + " a=b+b+b+b+b+b+b+b+b+b\n" * 9900 + "end\n"
-    assert len(text) < MAX_CHARS
-    assert kept_mb(lambda: compile_program(text, BUILTINS)) < 130.0

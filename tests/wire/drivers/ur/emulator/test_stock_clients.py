@@ -4,20 +4,14 @@ UR's Python RTDE client (`record.py`, `example_control_loop.py`), UR's C++ clien
 (`rtde_client`, `dashboard_example`, `primary_pipeline`), and python-urx's monitor of port 30002.
 """
 
-import collections
 import itertools
-import math
 import socket
 import struct
 import time
 
 import pytest
 
-from drivers.ur import kinematics
-from drivers.ur.emulator import robot
-from drivers.ur.emulator.settings import EmulatorSettings
-from tests.wire.drivers.ur.emulator.conftest import own_address
-from tests.wire.drivers.ur.emulator.test_process import Rtde, send_program
+from tests.wire.drivers.ur.emulator.test_process import Rtde
 
 WIDTHS = {
     "DOUBLE": "d", "UINT32": "I", "INT32": "i", "UINT64": "Q", "UINT8": "B", "BOOL": "?",
@@ -90,69 +84,6 @@ def test_stock_recipes_are_recorded_without_a_gap(emulate, names, profile, rate_
         if steps == {1.0}:
             return
     raise AssertionError(steps)
-
-
-# what UR's rtde_control_loop.urp does; its watchdog is of 1 Hz, which a busy machine may not keep
-CONTROL_LOOP = """def rtde_control_loop():
- rtde_set_watchdog("input_int_register_0", 0.5, "stop")
- write_output_integer_register(0, 0)
- while True:
-  write_output_integer_register(0, 1)
-  while read_input_integer_register(0) != 1:
-   sync()
-  end
-  setp = p[0, 0, 0, 0, 0, 0]
-  i = 0
-  while i < 6:
-   setp[i] = read_input_float_register(i)
-   i = i + 1
-  end
-  movej(setp, a=3, v=2)
-  write_output_integer_register(0, 0)
-  while read_input_integer_register(0) == 1:
-   sync()
-  end
- end
-end
-"""
-SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11, 0.04))
-
-
-def test_example_control_loop(emulator):
-    """`example_control_loop.py`: its recipes, its handshake, and both set-points in turn."""
-    send_program(emulator.host, CONTROL_LOOP)
-    with Rtde(emulator.host) as rtde:
-        assert rtde.ask("V", struct.pack(">H", 2)) == ("V", b"\x01")
-        assert rtde.ask("v")[0] == "v"
-        state = b"target_q,target_qd,output_int_register_0"
-        kinds = b"\x01VECTOR6D,VECTOR6D,INT32"
-        assert rtde.ask("O", struct.pack(">d", 125.0) + state) == ("O", kinds)
-        set_point = ",".join(f"input_double_register_{n}" for n in range(6)).encode()
-        assert rtde.ask("I", set_point)[1] == b"\x01" + b",".join([b"DOUBLE"] * 6)
-        assert rtde.ask("I", b"input_int_register_0")[1] == b"\x02INT32"
-        assert rtde.ask("S") == ("S", b"\x01")
-        told, completed, kick, moved, reached = SET_POINTS[0], True, 0, 0.0, []
-        deadline = time.monotonic() + 30.0
-        while len(reached) < 3:
-            assert time.monotonic() < deadline, emulator.fault(do="state")
-            kind, body = rtde.read()
-            _, *joints, register = struct.unpack(">B12di", body)
-            assert kind == "U"
-            moved = max(moved, *map(abs, joints[6:]))
-            if completed and register == 1:
-                completed, told, kick = False, SET_POINTS[told == SET_POINTS[0]], 1
-                rtde.sock.sendall(struct.pack(">HBB6d", 52, ord("U"), 1, *told))
-            elif not completed and register == 0:
-                assert moved > 0.1
-                reached.append((told, kinematics.pose(kinematics.forward(joints[:6]))))
-                completed, kick, moved = True, 0, 0.0
-            rtde.sock.sendall(struct.pack(">HBBi", 8, ord("U"), 2, kick))
-    assert [told for told, _ in reached] == [SET_POINTS[n] for n in (1, 0, 1)]
-    for told, pose in reached:
-        assert pose == pytest.approx(told, abs=1e-6)
-    deadline = time.monotonic() + 15.0
-    while "watchdog" not in " ".join((said := emulator.fault(do="state"))["messages"]):
-        assert time.monotonic() < deadline, said
 
 
 def test_inputs_of_the_stock_recipe_are_taken_and_read_back(emulate):
@@ -238,118 +169,3 @@ def packages(body):
         size, kind = struct.unpack_from(">IB", body)
         yield kind, body[5:size]
         body = body[size:]
-
-
-@pytest.mark.parametrize("port", [30001, 30002])
-def test_version_comes_first_then_the_state_ten_times_a_second(emulator, port):
-    with Primary(emulator.host, port) as primary:
-        kind, body = primary.read()
-        assert kind == 20
-        _, _, message, length = struct.unpack_from(">QbbB", body)
-        assert message == 3
-        after = struct.unpack_from(">BBii", body, 11 + length)
-        assert (body[11 : 11 + length], after) == (b"URControl", (3, 15, 8, 106339))
-        times = [struct.unpack_from(">Q", primary.state()[0])[0] for _ in range(4)]
-        gaps = [b - a for a, b in itertools.pairwise(times)]
-        assert all(gap % 96_000 == 0 for gap in gaps)  # twelve cycles
-
-
-def test_state_has_the_sizes_and_values_that_python_urx_reads(emulator):
-    """A mode package of 47 bytes says version 3.5 or later to it."""
-    with Primary(emulator.host, 30002) as primary:
-        found = primary.state()
-        sizes = {kind: 5 + len(body) for kind, body in found.items()}
-        assert sizes == {0: 47, 1: 251, 2: 37, 3: 72, 4: 101, 5: 225, 6: 445, 7: 61, 8: 8}
-        mode = struct.unpack(">Q7?BB3dB", found[0])
-        assert mode[1:8] == (True, True, True, False, False, False, False)
-        assert mode[8] == 7
-        pose = struct.unpack_from(">6d", found[4])
-        assert pose == pytest.approx((0.5, 0.1, 0.3, math.pi, 0, 0), abs=1e-6)
-        primary.sock.sendall(b"def go():\n set_digital_out(2, True)\n sleep(3)\nend\n")
-        deadline = time.monotonic() + 15.0
-        while not struct.unpack_from(">ii", (found := primary.state())[3])[1] & 4:
-            assert time.monotonic() < deadline
-        assert struct.unpack(">Q7?BB3dB", found[0])[6]  # a program runs
-
-
-@pytest.mark.parametrize(("profile", "period_s"), [("cb3", 0.008), ("e-series", 0.002)])
-def test_real_time_port_tells_every_cycle_what_rtde_tells(emulate, profile, period_s):
-    """1116 bytes: of PolyScope 3.10 to 3.15, and 5.4 to 5.8."""
-    emulator = emulate("--profile", profile)
-    emulator.fault(do="wrench", value=[1, 2, 3, 4, 5, 6])
-    (known,) = recorded(emulator.host, ["actual_q", "robot_mode", "safety_status"], 125, 1)
-    with (
-        socket.create_connection((emulator.host, 30003), timeout=10.0) as sock,
-        sock.makefile("rb") as file,
-    ):
-        packets = [struct.unpack(">I139d", file.read(1116)) for _ in range(20)]
-    assert {packet[0] for packet in packets} == {1116}
-    steps = {round((b[1] - a[1]) / period_s, 3) for a, b in itertools.pairwise(packets)}
-    assert steps == {1.0}
-    last = packets[-1]
-    assert last[32:38] == known[1:7]
-    assert last[56:59] == pytest.approx((0.5, 0.1, 0.3))
-    assert last[68:74] == (1, 2, 3, 4, 5, 6)
-    assert (last[95], last[102], last[132]) == (known[7], 1.0, 1.0)  # no program: stopped
-    assert last[139] == known[8]
-
-
-def test_kinematics_of_the_primary_interface_are_those_of_the_arm(emulator):
-    """`primary_pipeline_calibration`: Denavit-Hartenberg parameters, which give the pose of q."""
-    with Primary(emulator.host, 30001) as primary:
-        found = primary.state()
-    flat = struct.unpack(">6I24dI", found[5])[6:30]
-    theta, a, d, alpha = (flat[n : n + 6] for n in (0, 6, 12, 18))
-    assert (theta, a[1], d[0]) == ((0.0,) * 6, -0.612, 0.1273)
-    assert alpha[0] == pytest.approx(math.pi / 2)
-
-
-def test_client_that_does_not_read_its_state_keeps_its_port(emulator):
-    """ur_rtde opens script ports and never reads from them."""
-    with socket.socket() as deaf:
-        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-        deaf.connect((emulator.host, 30002))
-        with Primary(emulator.host, 30002) as other:
-            for _ in range(20):
-                other.state()
-            deaf.sendall(b"def go():\n set_digital_out(2, True)\n sleep(3)\nend\n")
-            deadline = time.monotonic() + 15.0
-            while not struct.unpack_from(">ii", other.state()[3])[1] & 4:
-                assert time.monotonic() < deadline
-
-
-def test_what_nobody_listens_to_is_not_made(monkeypatch):
-    made = collections.Counter()
-
-    def count(name, real):
-        def counted(*given):
-            made[name] += 1
-            return real(*given)
-
-        monkeypatch.setattr(robot, name, counted)
-
-    for name in ("output_values", "realtime_message", "state_message"):
-        count(name, getattr(robot, name))
-    host = own_address()
-    with robot.UrEmulator(EmulatorSettings(host=host)) as emulator:
-
-        def cycles(number):
-            made.clear()
-            last = emulator.controller.cycles + number
-            emulator.run(lambda: emulator.controller.cycles >= last)
-            return dict(made)
-
-        assert cycles(30) == {}
-        with (
-            socket.create_connection((host, 30003)) as first,
-            socket.create_connection((host, 30003)),
-        ):
-            cycles(10)  # they are let in
-            assert first.recv(4) == b"\0\0\x04\x5c"
-            found = cycles(24)  # once for both; the state is heard by none
-            assert set(found) == {"output_values", "realtime_message"}
-            assert found["realtime_message"] == found["output_values"] >= 20
-        with socket.create_connection((host, 30001)) as state:
-            cycles(30)
-            assert state.recv(4)
-            assert set(cycles(30)) == {"state_message"}

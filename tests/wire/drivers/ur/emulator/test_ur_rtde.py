@@ -16,9 +16,6 @@ import pytest
         "protective_stop",
         "emergency_stop",
         "stop_after_speed",
-        "turns",
-        "joint_speeds",
-        "servo",
         "not_emulated",
         "force_settings",
         "io",
@@ -38,7 +35,7 @@ def test_cb3(emulator, scenario):
 
 @pytest.mark.parametrize(
     "scenario",
-    ["move_l", "speed_l", "servo", "pose_trans", "contact_refused", "not_remote"],
+    ["move_l", "speed_l", "pose_trans", "contact_refused", "not_remote"],
 )
 def test_e_series_at_500_hz(emulate, scenario):
     """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
