@@ -23,17 +23,7 @@ from grasp.files import waits_for_a_writer
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-# Units that a person may put behind a number, in lower case at the end of a setting's name: of
-# what, and how much of the SI's.
-UNITS = {
-    "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "um": ("length", 1e-6),
-    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
-    "N": ("force", 1.0), "mN": ("force", 1e-3), "kg": ("mass", 1.0), "g": ("mass", 1e-3),
-    "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180), "Hz": ("frequency", 1.0),
-}  # fmt: skip
 PLACE = re.compile(r"\[[^]]*\]")  # in a list or a table: which one does not matter
-QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Z]+)")
-
 MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
 
@@ -237,7 +227,7 @@ def load(cls: type[T], layers: Sequence[Layer]) -> T:
     try:
         return msgspec.convert(merged, cls)
     except msgspec.ValidationError as error:
-        raise _explain(cls, str(error), sources, merged) from None
+        raise _explain(cls, str(error), sources) from None
 
 
 def sources_of(layers: Sequence[Layer]) -> dict[str, str]:
@@ -267,9 +257,7 @@ TOGETHER = "what goes together"
 NAMED = re.compile(r"([a-z_]+\.[a-z_0-9]+): ")  # the setting that a problem begins with
 
 
-def _explain(
-    cls: type[msgspec.Struct], message: str, sources: dict[str, str], given: Table
-) -> ConfigError:
+def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
     """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
     problem, _, at = message.partition(" - at `$")
     key = at.rstrip("`").lstrip(".")
@@ -288,25 +276,7 @@ def _explain(
         problem += meant(word[1], re.findall(r"'(\w+)'", allowed(cls, key)))
     if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
         return ConfigError(_source(sources, key), key, problem, TOGETHER)
-    return ConfigError(
-        _source(sources, key), key, _with_unit(key, given) or problem, allowed(cls, key)
-    )
-
-
-def _with_unit(key: str, given: Table) -> str:
-    """What to write in place of a number with its unit; empty where none was given. The unit of a
-    setting is what its name ends in, or the SI's."""
-    value: Any = given
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
-    match = QUANTITY.fullmatch(value) if isinstance(value, str) else None
-    if match is None or match[2] not in UNITS:
-        return ""
-    what, factor = UNITS[match[2]]
-    ending = key.rpartition(".")[2].partition("_")[2].rpartition("_")[2]
-    own = next((UNITS[unit] for unit in UNITS if unit.lower() == ending), (ending and "?", 1.0))
-    bare = f": {float(match[1]) * factor / own[1]:g}" if own[0] in ("", what) else ""
-    return f"a number alone is wanted, not {value}{bare}"
+    return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
 
 
 def _source(sources: dict[str, str], key: str) -> str:

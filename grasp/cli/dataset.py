@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, progress, whole, workers
+from grasp.cli.options import add_workers, decimal, progress, whole, workers
 from grasp.cli.output import json_line
-from grasp.cli.pictures import picture
 from grasp.cli.places import folder_to_fill
 
 HELP = "build and describe data sets of labelled fingertip recordings"
@@ -60,10 +59,6 @@ def _add_describe(actions: Any) -> None:
     parser.add_argument(
         "--split", choices=("train", "validation", "test"), help="of this split alone"
     )
-    parser.add_argument(
-        "--pictures", type=picture, metavar="FILE",
-        help="draw a few recordings, .svg, .png or .pdf; needs the extra `charts`",
-    )  # fmt: skip
     _add_json(parser)
     parser.set_defaults(handler=describe)
 
@@ -178,12 +173,8 @@ def describe(args: argparse.Namespace) -> int:
     from scenarios.acquire.datasets import describe
     from scenarios.benchmark.data_sets import read_set
 
-    if args.pictures is not None:
-        need("charts", "matplotlib")
     recordings = read_set(args.folder, args.split, exits.say)
     figures = describe.describe(recordings)
-    if args.pictures is not None:
-        describe.draw(recordings, args.pictures)
     if args.json:
         print(msgspec.json.encode(figures).decode())
     else:
@@ -193,7 +184,7 @@ def describe(args: argparse.Namespace) -> int:
 
 def print_figures(r: Any) -> None:
     """Figures beside the paper's, as tables."""
-    from scenarios.acquire.datasets.describe import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
+    from scenarios.acquire.datasets.describe import PAPER_SLIP, PAPER_STATIC
 
     print(f"{r.recordings} recordings, {r.samples} samples: {r.static} static, {r.slip} slip")
     print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")
@@ -210,8 +201,6 @@ def print_figures(r: Any) -> None:
         moved = "-" if k.moved is None else f"{100 * k.moved:.1f}"
         print(f"{name:<32}{k.recordings:>10}{k.samples:>9}{100 * k.slip:>8.1f}{moved:>9}"
               f"{100 * k.at_rail:>8.1f}")  # fmt: skip
-    if r.acts:
-        _print_acts(r.acts)
     if r.table:
         print(f"\n{'Table I':<12}{'speed':>7}  {'surface':<12}{'samples':>8}{'slip':>8}"
               f"{'%':>7}{'paper':>7}")  # fmt: skip
@@ -219,19 +208,3 @@ def print_figures(r: Any) -> None:
         paper = "-" if c.paper_percent is None else f"{c.paper_percent:.1f}"
         print(f"{c.motion:<12}{c.speed:>7g}  {c.surface:<12}{c.samples:>8}{c.slip:>8}"
               f"{c.percent:>7.1f}{paper:>7}")  # fmt: skip
-    print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(len(r.taxels))))
-    for name, theirs in PAPER_COUNTS.items():
-        ours = [getattr(taxel, name) for taxel in r.taxels]
-        print(f"{name:<16}" + "".join(f"{value:>8.0f}" for value in ours))
-        if len(theirs) == len(ours):
-            print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))
-
-
-def _print_acts(acts: Any) -> None:
-    """What was done to held objects, and how far it moved them for good."""
-    print(f"\n{'act':<12}{'number':>8}{'< 0.5 mm':>10}{'0.5-1 mm':>10}{'> 2 mm':>8}"
-          f"{'furthest, median mm':>21}")  # fmt: skip
-    for name, a in acts.items():
-        shares = zip((a.below_half_mm, a.half_to_one_mm, a.above_two_mm), (8, 8, 6), strict=True)
-        text = "".join(f"{100 * share:>{width}.0f} %" for share, width in shares)
-        print(f"{name:<12}{a.number:>8}{text}{1e3 * a.furthest_p50_m:>21.2f}")

@@ -1,13 +1,15 @@
 """Opens the rig that a configuration names: with a hand around an object, or one finger alone."""
 
+import os
+import resource
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, UsageError
 from grasp import interruption
 from grasp.clock import WallClock
-from scenarios.rigs import open_files
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.permission import (
     HARDWARE,
@@ -19,6 +21,25 @@ from scenarios.rigs.permission import (
 )
 from scenarios.rigs.rig import GraspRig, PressRig, Rig, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
+
+NEEDED = 64  # 30 are enough for a lift on the emulated rig, 24 are not; twice that
+MORE = "let this program open more at once: ulimit -n 1024"
+HERE = Path("/dev/fd")
+
+
+def make_room() -> None:
+    """Raise this process's own limit as far as the system lets it, where it is too low. Raises
+    UsageError: without room a device's link would be told as lost, and the cell as not there."""
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    open_now = len(os.listdir(HERE)) if HERE.is_dir() else 0
+    wanted = open_now + NEEDED
+    if limit == resource.RLIM_INFINITY or limit >= wanted:
+        return
+    if most == resource.RLIM_INFINITY or most >= wanted:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
+            return
+    raise UsageError(f"too few open files allowed: {limit}, and a rig needs {wanted}", MORE)
 
 
 @contextmanager
@@ -66,7 +87,7 @@ def open_press_rig(
 def _open(
     config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
 ) -> Iterator[Rig[Any, Any]]:
-    open_files.require()
+    make_room()
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":

@@ -307,7 +307,7 @@ def run_trial(
         trial = FinishedTrial(
             controller, loop, trace, None, Stalls(), (), None, False, bugs[0], rig.way_out
         )
-        return trial.failure(config, INTERNAL_ERROR)
+        return trial.failure(config)
 
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)

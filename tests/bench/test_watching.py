@@ -31,7 +31,7 @@ from grasp.slip import DISARMED
 from grasp.step import GraspStep
 from grasp.watch import Onlooker
 from scenarios.campaign.config import load_config
-from scenarios.report.live.trials import LiveTrials
+from scenarios.report.live.feed import LiveTrials
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_guard

@@ -128,19 +128,6 @@ def test_a_file_of_ones_own_has_the_section_of_its_thing_alone(text: str, tmp_pa
         thing_layer("objects", "object", str(file))
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [("world.tolerance=1mm", "not 1mm: 0.001"), ("object.mass_kg=300 g", "not 300 g: 0.3"),
-     ("fingertip.slip_direction_deg=90deg", "not 90deg: 90"),
-     ("tactile.max_age_ms=0.02s", "not 0.02s: 20"), ("guard.force_limit_n=9.5N", "not 9.5N: 9.5"),
-     ("controller.lift_height_m=3N", "not 3N"), ("controller.lift_speed_mps=5mm", "not 5mm")],
-)  # fmt: skip
-def test_number_with_a_unit_is_refused_with_the_number_to_write(text: str, said: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        lift(text)
-    assert caught.value.message.endswith(f": a number alone is wanted, {said}")
-
-
 @pytest.mark.parametrize("text", ["guard", "=3", "guard..x=1", "guard=1"])
 def test_malformed_assignment_is_refused(text: str) -> None:
     with pytest.raises(ConfigError):

@@ -13,7 +13,7 @@ from drivers.interfaces import Arm, ArmState, TactileSensor, Vector3
 from drivers.ur.driver import ArmDriver
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
-from scenarios.acquire import rig as acquire_rig
+from scenarios.acquire import session as acquire_rig
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.press import PressController, PressControlSettings, PressPhase, motion
 from scenarios.acquire.session import Session, open_acquire_rig

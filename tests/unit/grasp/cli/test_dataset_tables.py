@@ -1,6 +1,5 @@
 """The tables of `grasp dataset describe`."""
 
-import re
 from types import SimpleNamespace
 
 import pytest
@@ -16,19 +15,6 @@ EMPTY = SimpleNamespace(
 def shown(capsys: pytest.CaptureFixture[str], **figures: object) -> list[str]:
     print_figures(SimpleNamespace(**(vars(EMPTY) | figures)))
     return capsys.readouterr().out.splitlines()
-
-
-def test_each_share_of_what_was_done_stands_below_its_heading(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    deeds = SimpleNamespace(
-        number=12, below_half_mm=1.0, half_to_one_mm=0.25, above_two_mm=0.07, furthest_p50_m=0.0015
-    )
-    lines = shown(capsys, acts={"push": deeds})
-    (at,) = (i for i, line in enumerate(lines) if line.startswith("act "))
-    heading, row = lines[at : at + 2]
-    ends = [match.end() for match in re.finditer(r"number|< 0.5 mm|0.5-1 mm|> 2 mm|mm$", heading)]
-    assert [match.end() for match in re.finditer(r"12|100 %|25 %|7 %|1\.50", row)] == ends
 
 
 def test_table_one_has_its_heading_where_there_are_rows(

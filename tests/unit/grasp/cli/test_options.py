@@ -79,14 +79,6 @@ def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
     assert "make install-charts" in caught.value.remedy
 
 
-@pytest.mark.parametrize("name", ["x", ".", "", "run.xyz", "/"])
-def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_computed(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "describe", "DIR", "--pictures", name]) == 2
-    assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
-
-
 def test_a_picture_in_a_folder_that_is_not_there_is_refused_before_anything_is_computed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -15,7 +15,7 @@ from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, m
 from grasp.cli.report import _html
 from scenarios.rigs import doctor
 
-WRITTEN = ("--out", "--write", "--figure", "--pictures")
+WRITTEN = ("--out", "--write", "--figure")
 MAKE_FOLDERS = (file_with_folders, folder_to_fill)
 
 

@@ -42,7 +42,7 @@ def stub(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     presses = [of_byte(0, [16.0, 16.1, 16.2, 16.1])]
     line = Line(201.8, (200.3, 203.3), 0.04, 0.64, 2.63, 15, 3)
     files: dict[str, Callable[[str], str]] = {
-        "calibrate_hand": lambda note: hand_file("A", presses, law_of(presses), None, "", {}, note),
+        "calibrate_hand": lambda note: hand_file("A", presses, law_of(presses), None, {}, note),
         "press_force": lambda note: force_file("A", line, note),
         "calibrate_force": lambda note: force_file("A", line, note),
     }

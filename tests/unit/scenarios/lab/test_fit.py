@@ -17,14 +17,12 @@ from scenarios.lab.fit import (
     LEAST_ODD_N,
     LEAST_POINTS,
     Point,
-    check_current,
     fit_counts,
     fit_travel,
     law_of,
     odd_one,
     odd_press,
     of_byte,
-    ordered,
     quantile_t,
     tolerance,
 )
@@ -180,34 +178,6 @@ def drifting(share: float, rng: random.Random, order: tuple[float, ...] = MIXED_
         Point(f * (1 + share * i / (len(order) - 1)), TRUE * f + rng.gauss(0.0, 3.0))
         for i, f in enumerate(order)
     ]
-
-
-def test_drifting_scale_is_refused_or_widens_the_interval() -> None:
-    for share, refused_least in ((0.0, 0), (0.02, 0), (0.05, 60), (0.1, 180), (0.2, 200)):
-        refused = held = 0
-        for seed in range(200):
-            try:
-                line = fit_counts(drifting(share, random.Random(seed)))
-            except UsageError as error:
-                assert "drift in the order" in error.message or "uncertain" in error.message
-                refused += 1
-            else:
-                held += line.interval[0] <= TRUE <= line.interval[1]
-        assert refused >= refused_least, share
-        assert held >= 0.9 * (200 - refused), share
-        assert share > 0.0 or refused <= 6
-
-
-def test_readings_in_the_order_of_their_force_are_told_as_such() -> None:
-    """There a drift is no other than a bend."""
-    rising = tuple(sorted(MIXED_N))
-    line = fit_counts(drifting(0.05, random.Random(0), rising))
-    assert line.in_order
-    assert "in the order of their force" in force_file("A", line)
-    again = [*drifting(0.0, random.Random(0), rising), Point(0.5, TRUE * 0.5)]
-    assert not fit_counts(again).in_order
-    assert ordered(again[:-1]) and ordered(again[-2::-1])
-    assert not ordered([msgspec.structs.replace(p, round=1) for p in again[:-1]])
 
 
 def test_one_round_alone_tells_no_spread_and_is_refused() -> None:
@@ -386,7 +356,7 @@ def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
         known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
         far = {b: "a hand with weak springs" for b, n in forces_n.items()
                if n < MANUAL.force_n(b) / FAR}  # fmt: skip
-        text = hand_file("A", known, law_of(known), None, "current", far)
+        text = hand_file("A", known, law_of(known), None, far)
         table = tomllib.loads(text)["calibration"]
         check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
@@ -409,14 +379,6 @@ def test_presses_that_contradict_one_another_are_refused() -> None:
         law_of([strong])
     with pytest.raises(UsageError, match="too few"):
         of_byte(0, [16.0, 16.1, 16.2])
-
-
-def test_current_that_falls_with_force_is_refused() -> None:
-    rising = [Point(10.0 + i, 200.0 + 20 * i) for i in range(6)]
-    assert "rising with force" in check_current(rising)
-    assert "too much alike" in check_current([Point(p.force_n, 200.0) for p in rising])
-    with pytest.raises(UsageError, match="falls"):
-        check_current([Point(p.force_n, 400.0 - p.measured) for p in rising])
 
 
 # Counts to millimetres

@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,7 +12,7 @@ import pytest
 from drivers.errors import UsageError
 from scenarios.campaign.config import load_config
 from scenarios.lab import sessions
-from scenarios.lab.fit import Line, Point, check_current, check_places, law_of, of_byte
+from scenarios.lab.fit import Line, check_places, law_of, of_byte
 from scenarios.lab.scale import (
     Presser,
     check_force,
@@ -103,22 +102,6 @@ def test_reading_that_was_typed_rightly_and_contradicts_the_others_is_asked_abou
     assert [text.startswith("reading 3, 3.00 N") for text in asked] == [True, True]
 
 
-@pytest.mark.parametrize(("typed", "asked"), [
-    (["11.4 N"], "reading 1, 11.40 N, ends this round"),  # for 1.14
-    (["0.5 N", "11.4 N"], "reading 2, 11.40 N, ends this round"),
-])  # fmt: skip
-def test_reading_that_would_end_a_round_of_presses_too_early_is_asked_about_at_once(
-    weigh: Callable[..., tuple[Weighing, Person]], typed: list[str], asked: str
-) -> None:
-    weighing, person = weigh([0.5, 1.14], *typed, "1.14 N")
-    weighing.round = 1
-    for _ in typed:
-        assert weighing.ask("what does it say?")
-    assert weighing.points[-1].force_n == 1.14
-    assert weighing.room_n > 10.0
-    assert sum(asked in text for text in person.said) == 1
-
-
 def test_round_of_presses_ends_by_its_own_readings_and_no_other_round_s(
     weigh: Callable[..., tuple[Weighing, Person]],
 ) -> None:
@@ -135,17 +118,14 @@ def test_round_of_presses_ends_by_its_own_readings_and_no_other_round_s(
 
 
 class Finger:
-    """That always meets the scale, with those currents, mA."""
+    """That always meets the scale."""
 
     counts = 100
 
-    def __init__(self, currents_ma: list[int]) -> None:
-        self._currents_ma = iter(currents_ma)
-
     def idle(self) -> None: ...
 
-    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
-        return True, next(self._currents_ma) if counts == sessions.CLOSED else 0
+    def to(self, counts: int, byte: int = 0) -> bool:
+        return True
 
 
 REASONS: dict[int, str] = {}  # of the presses below, and what was asked
@@ -158,34 +138,28 @@ def _nothing_said() -> None:
     SAID.clear()
 
 
-def presses(currents_ma: list[int], *lines: str) -> tuple[list[float], list[Point]]:
-    seen: list[Point] = []
-    finger = cast(Presser, Finger(currents_ma))
+def presses(*lines: str, count: int = 4) -> list[float]:
     person = Person(*lines)
-    forces = sessions.pressed(finger, 0, len(currents_ma), 60.0, person, seen, REASONS)
+    forces = sessions.pressed(cast(Presser, Finger()), 0, count, 60.0, person, REASONS)
     SAID[:] = person.said
-    return forces, seen
+    return forces
 
 
-def test_press_that_was_mistyped_and_corrected_is_so_for_its_current_too() -> None:
-    typed = ["10.5 N", "5.2 N", "11.5 N", "12 N", "11 N"]
-    forces, seen = presses([300, 350, 400, 450], *typed)
-    assert forces == [10.5, 11.0, 11.5, 12.0]
-    assert [point.force_n for point in seen] == forces
-    assert check_current(seen).endswith("rising with force")
+def test_press_that_was_mistyped_is_corrected() -> None:
+    assert presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N") == [10.5, 11.0, 11.5, 12.0]
 
 
 def test_press_that_contradicts_the_others_though_typed_rightly_ends_it() -> None:
     with pytest.raises(UsageError, match=r"press 4, 15.00 N, contradicts the others .*, twice"):
-        presses([300] * 4, "10 N", "10 N", "10 N", "15 N", "15 N")
+        presses("10 N", "10 N", "10 N", "15 N", "15 N")
 
 
 class Ruled(Finger):
     """In free air, where it is told to be."""
 
-    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
+    def to(self, counts: int, byte: int = 0) -> bool:
         self.counts = counts
-        return False, 0
+        return False
 
 
 @pytest.mark.parametrize(
@@ -196,7 +170,7 @@ def test_place_that_is_none_is_asked_for_again_at_once(typed: str) -> None:
     places = (10, 25, 40, 55, 70)
     asked = [f"At {counts} counts: where is the fingertip, in mm?" for counts in places]
     with pytest.raises(UsageError, match="contradicts"):  # -73 was mistyped
-        sessions.travelled(cast(Presser, Ruled([])), places, person)
+        sessions.travelled(cast(Presser, Ruled()), places, person)
     told = f"{typed!r} is no place on a ruler: a number of millimetres, 2000 at most"
     assert person.said[1:] == [*asked[:2], told, *asked[1:]]
 
@@ -209,7 +183,7 @@ def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
     wrong: str, right: str
 ) -> None:
     """Ten of them contradict one another nowhere: the manual's force is what tells."""
-    forces, _ = presses([300] * 4, *([wrong, right] * 4))
+    forces = presses(*([wrong, right] * 4))
     assert forces == [pytest.approx(newtons(right))] * 4
     assert sum("is far from the 15 N that the manual says of byte 0" in said for said in SAID) == 4
     assert not REASONS
@@ -228,11 +202,11 @@ def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kep
         "2 N",
         "2 N",
     ]
-    forces, _ = presses([300] * 4, *lines)
+    forces = presses(*lines)
     assert forces == [2.0, 2.1, 2.0, 2.0]
     assert REASONS == {0: "fingertips of soft foam"}
     known = [of_byte(0, [2.0] * 10)]
-    text = hand_file("A", known, law_of(known), None, "", REASONS)
+    text = hand_file("A", known, law_of(known), None, REASONS)
     assert "byte 0 is far from the manual's: fingertips of soft foam" in text
     assert tomllib.loads(text)["calibration"]["source"].endswith(": fingertips of soft foam")
 
@@ -256,10 +230,10 @@ def test_byte_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
 
 def test_spread_that_is_too_good_to_be_believed_is_told_beside_what_was_taken() -> None:
     forces = [9.9, 9.91, 9.92, 9.93, 9.94] * 2
-    text = hand_file("A", (known := [of_byte(0, forces)]), law_of(known), None, "", {})
+    text = hand_file("A", (known := [of_byte(0, forces)]), law_of(known), None, {})
     assert "9.92 N, spread 0.01, taken as 0.10, 95 % below 10.48" in text
     wide = [9.0, 10.0] * 5
-    text = hand_file("A", (known := [of_byte(0, wide)]), law_of(known), None, "", {})
+    text = hand_file("A", (known := [of_byte(0, wide)]), law_of(known), None, {})
     assert "9.50 N, spread 0.53, 95 % below" in text
 
 
@@ -273,7 +247,7 @@ def test_places_that_tell_no_travel_are_refused_before_any_is_read(places: list[
 
 def hand_of(newtons: float, travel: object = None) -> str:
     known = [of_byte(0, [newtons] * 10)]
-    return hand_file("A", known, law_of(known), cast(Line, travel), "", {})
+    return hand_file("A", known, law_of(known), cast(Line, travel), {})
 
 
 MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
@@ -307,19 +281,3 @@ def test_force_file_once_loaded_says_how_its_counts_were_come_by_and_when(tmp_pa
     assert assumed.source.in_words() == []
     replaced = msgspec.structs.replace(loaded, source=assumed.source)
     assert replaced.digest() == loaded.digest()  # nothing but people reads it
-
-
-@pytest.mark.parametrize("again", [True, False])
-def test_weights_in_the_order_of_their_force_are_asked_for_the_first_once_more(
-    again: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    forces = [0.5, 1.0, 2.0, 3.0, 4.0]
-    loads = iter([*forces, 0.5])
-    monkeypatch.setattr(sessions, "open_touch", lambda *_, unloaded: nullcontext())
-    monkeypatch.setattr(sessions, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(loads), False))
-    person = Person(*(f"{n} N" for n in forces), "", "0.5 N" if again else "")
-    nothing = cast(Any, None)
-    text = sessions.calibrate_force(nothing, "A", 15.0, person, person.said.append)
-    assert sum("with the first once more" in line for line in person.said) == 1
-    assert ("in the order of their force" in text) != again
-    assert f"{6 if again else 5} readings" in text

@@ -14,7 +14,7 @@ import grasp
 from drivers.errors import ConfigError, UsageError
 from scenarios.library.html import picture, table
 from scenarios.library.results import Lift
-from scenarios.rigs import hardware as hardware_room
+from scenarios.rigs import opening as hardware_room
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 ROOT = Path(__file__).parents[4]

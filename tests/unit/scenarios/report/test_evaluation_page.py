@@ -41,8 +41,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_page_names_what_the_issue_of_it_is(file: Path) -> None:
     page = evaluation_page(file)
     for title in (
-        "False events against delay", "Accuracy against compute", "Calibration", "Delay by speed",
-        "Delay by motion", "The worst misses",
+        "False events against delay", "Accuracy against compute", "Calibration", "The worst misses",
     ):  # fmt: skip
         assert title in page
     assert "<script" not in page

@@ -14,9 +14,8 @@ from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.report.live.feed import LiveAcquisition
+from scenarios.report.live.feed import LiveAcquisition, LiveTrials
 from scenarios.report.live.server import Begin, Message, Row
-from scenarios.report.live.trials import LiveTrials
 from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Begun, Bench
 from tests.unit.scenarios.conftest import config

@@ -265,17 +265,3 @@ def test_file_as_a_whole_is_told_without_a_key(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as told:
         load_config("can", "simulated", "energy", tmp_path / "none.toml")
     assert told.value.message == f"{tmp_path / 'none.toml'}: no such file"
-
-
-def test_another_distribution_with_a_name_of_ours_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Such as another project's `drivers`, installed beside ours."""
-    told = tmp_path / "labkit-1.0.dist-info"
-    told.mkdir()
-    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: labkit\nVersion: 1.0\n")
-    (told / "top_level.txt").write_text("drivers\nlabkit\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    (rival,) = doctor._rivals()
-    assert (rival.status, rival.detail) == ("warn", "drivers is also provided by labkit")
-    assert "environment of its own" in rival.remedy

@@ -21,8 +21,8 @@ from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, Combination, combinations, trials
 from scenarios.campaign.worker import run_trial
 from scenarios.lift import lift
-from scenarios.rigs import hardware as hardware_room
 from scenarios.rigs import opening
+from scenarios.rigs import opening as hardware_room
 from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
 from scenarios.tap import tap
 from scenarios.trial.series import Bench

@@ -333,20 +333,15 @@ def test_a_report_counts_what_is_there(tmp_path: Path, few: list[Job]) -> None:
     assert report.slip == sum(job.slip for job in few)
     assert len(report.table) == 3
     assert sum(cell.percent for cell in report.table) == pytest.approx(100.0)
-    counts = np.concatenate([read(tmp_path / "set" / j.path).counts[:, 0] for j in few])
-    assert [t.mean for t in report.taxels] == pytest.approx(counts.mean(axis=0).tolist())
 
 
-def test_the_command_line_describes_and_draws(
+def test_the_command_line_describes(
     tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("matplotlib")
     build(few, {}, tmp_path / "set", HERE, quiet)
-    picture = tmp_path / "few.svg"
     folder = str(tmp_path / "set")
-    assert main(["dataset", "describe", folder, "--pictures", str(picture)]) == 0
+    assert main(["dataset", "describe", folder]) == 0
     assert "Table I" in capsys.readouterr().out
-    assert "<svg" in picture.read_text()
     assert main(["dataset", "describe", folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recordings"] == 3
 
