@@ -23,41 +23,7 @@ from grasp.files import waits_for_a_writer
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-# Old dotted names of settings and sections, and of fields of recorded messages as `/topic.field`,
-# to the names they have now: whoever gives an old one is refused and told the new one.
-RENAMED = {
-    "controller.force_cap_n": "guard.force_limit_n",
-    "controller.settle_s": "controller.relax_s + controller.listen_s",
-    "loop.stop_deceleration_mps2": "controller.stop_deceleration_mps2",
-    "tap.impulse_ns": "tap.impulse_n_s",
-    "detector": "energy",
-    "causes.recordings": "causes.share, of all `recordings`",
-    "decision_rules": 'sweep."rule.consecutive"',
-    "decision_samples": 'sweep."rule.consecutive"',
-    "latencies_s": 'sweep."loop.decision_delay_s"',
-    "closing_speeds_mps": 'sweep."controller.closing_speed_mps"',
-    "control.proportional_mps_n": "control.proportional_mps_per_n",
-    "control.integral_mps_ns": "control.integral_mps_per_n_s",
-    "control.derivative_m_n": "control.derivative_m_per_n",
-    "control.integral_limit_ns": "control.integral_limit_n_s",
-    "fingertip.grasp_share": "fingertip.holding_share",
-    "doubt.live_taxels": "doubt.dead_samples, whatever number of taxels is loaded",
-    "scene.aside_m": "object.centre_aside_m",
-    "scene.radius_of_gyration_m": "object.radius_of_gyration_m",
-}
-
-
-# Units that a person may put behind a number, in lower case at the end of a setting's name: of
-# what, and how much of the SI's.
-UNITS = {
-    "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "um": ("length", 1e-6),
-    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
-    "N": ("force", 1.0), "mN": ("force", 1e-3), "kg": ("mass", 1.0), "g": ("mass", 1e-3),
-    "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180), "Hz": ("frequency", 1.0),
-}  # fmt: skip
 PLACE = re.compile(r"\[[^]]*\]")  # in a list or a table: which one does not matter
-QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Z]+)")
-
 MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
 
@@ -255,22 +221,13 @@ def _value(key: str, text: str) -> Any:
         raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None
 
 
-def renamed(key: str) -> str | None:
-    """The present name of a setting by its old one, or by that of the section it stood in."""
-    parts = PLACE.sub("", key).split(".")
-    for end in range(len(parts), 0, -1):
-        if new := RENAMED.get(".".join(parts[:end])):
-            return ".".join([new, *parts[end:]])
-    return None
-
-
 def load(cls: type[T], layers: Sequence[Layer]) -> T:
     """Merge the layers and convert; raises ConfigError for the first violation."""
     merged, sources = _merged(layers)
     try:
         return msgspec.convert(merged, cls)
     except msgspec.ValidationError as error:
-        raise _explain(cls, str(error), sources, merged) from None
+        raise _explain(cls, str(error), sources) from None
 
 
 def sources_of(layers: Sequence[Layer]) -> dict[str, str]:
@@ -300,9 +257,7 @@ TOGETHER = "what goes together"
 NAMED = re.compile(r"([a-z_]+\.[a-z_0-9]+): ")  # the setting that a problem begins with
 
 
-def _explain(
-    cls: type[msgspec.Struct], message: str, sources: dict[str, str], given: Table
-) -> ConfigError:
+def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
     """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
     problem, _, at = message.partition(" - at `$")
     key = at.rstrip("`").lstrip(".")
@@ -313,8 +268,6 @@ def _explain(
         known = list(getattr(owner, "__struct_fields__", ()))
         missing = "required" in problem
         text = "missing" if missing else f"unknown key{meant(field[1], known)}"
-        if not missing and (new := renamed(key)):
-            return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
         named = NAMED.match(problem)
@@ -323,25 +276,7 @@ def _explain(
         problem += meant(word[1], re.findall(r"'(\w+)'", allowed(cls, key)))
     if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
         return ConfigError(_source(sources, key), key, problem, TOGETHER)
-    return ConfigError(
-        _source(sources, key), key, _with_unit(key, given) or problem, allowed(cls, key)
-    )
-
-
-def _with_unit(key: str, given: Table) -> str:
-    """What to write in place of a number with its unit; empty where none was given. The unit of a
-    setting is what its name ends in, or the SI's."""
-    value: Any = given
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
-    match = QUANTITY.fullmatch(value) if isinstance(value, str) else None
-    if match is None or match[2] not in UNITS:
-        return ""
-    what, factor = UNITS[match[2]]
-    ending = key.rpartition(".")[2].partition("_")[2].rpartition("_")[2]
-    own = next((UNITS[unit] for unit in UNITS if unit.lower() == ending), (ending and "?", 1.0))
-    bare = f": {float(match[1]) * factor / own[1]:g}" if own[0] in ("", what) else ""
-    return f"a number alone is wanted, not {value}{bare}"
+    return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
 
 
 def _source(sources: dict[str, str], key: str) -> str:

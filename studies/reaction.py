@@ -29,10 +29,10 @@ from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.world_of_seed import cell_settings
-from scenarios.testing.lift_start import LiftStart, at_lift
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.truth import Truth
+from studies.lift_start import LiftStart, at_lift
 from studies.runner import Study, add_trials, markdown, seeds_of
 
 LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)

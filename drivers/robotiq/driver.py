@@ -27,8 +27,14 @@ from drivers.robotiq.exchange import (
     ExchangeStatistics,
     RegisterTransport,
 )
-from drivers.robotiq.modes import BASIC, check_closing
-from drivers.robotiq.protocol import FAULTS, AxisCommand, CommandRegisters, Severity
+from drivers.robotiq.protocol import (
+    BASIC,
+    FAULTS,
+    AxisCommand,
+    CommandRegisters,
+    Severity,
+    check_closing,
+)
 from drivers.robotiq.pumped import PumpedHand, Step
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]

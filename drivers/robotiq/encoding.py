@@ -7,9 +7,9 @@ import msgspec
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, FingerState
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.modes import SCISSOR
 from drivers.robotiq.protocol import (
     FULL_BYTE,
+    SCISSOR,
     AxisCommand,
     AxisStatus,
     CommandRegisters,

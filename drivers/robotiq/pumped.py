@@ -20,10 +20,11 @@ from drivers.robotiq.exchange import (
     RegisterTransport,
     WireLog,
 )
-from drivers.robotiq.modes import BASIC, SCISSOR
 from drivers.robotiq.protocol import (
+    BASIC,
     FAULTS,
     FULL_BYTE,
+    SCISSOR,
     CommandRegisters,
     Severity,
     StatusRegisters,

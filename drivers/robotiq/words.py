@@ -3,8 +3,8 @@ GRIPPER STATUS registers, 2014 p. 44-57."""
 
 from typing import Final
 
-from drivers.robotiq.modes import NAMES as MODES
 from drivers.robotiq.protocol import FAULTS, FULL_BYTE, AxisStatus, StatusRegisters
+from drivers.robotiq.protocol import NAMES as MODES
 
 NAMES: Final = ("A", "B", "C", "scissor")
 MOST_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA

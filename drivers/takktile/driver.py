@@ -8,13 +8,183 @@ from types import TracebackType
 from typing import Protocol, Self
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
-from drivers.interfaces import TactileFrame
-from drivers.takktile.board import Codes, Missed
-from drivers.takktile.fingertips import FrameAssembly
+from drivers.errors import DeviceFault, Refused
+from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
+from drivers.takktile import protocol
+from drivers.takktile.board import Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
 from drivers.takktile.receiver import Readings, ReceiverCounts
 from drivers.takktile.settings import TakkTileSettings
+
+
+class FrameAssembly:
+    """Turns one reading a tick into the latest frame; a tick without one repeats the last."""
+
+    def __init__(self, settings: TakkTileSettings) -> None:
+        self._settings = settings
+        self._max_age_ns = round(settings.max_age_ms * 1e6)
+        self._cells = 0
+        self._order = np.zeros(
+            (FINGERS, settings.taxels), np.intp
+        )  # place in the frame of each taxel
+        self._frame: TactileFrame | None = None
+        self._latest_raw: Codes | None = None
+        self._rest: Codes | None = None
+        self._resting: list[Codes] | None = None  # samples so far, while rest is being taken
+        self._rest_begun_ns = 0
+        self._seq = 0
+        self._frames = 0
+        self._missed = dict.fromkeys(Missed, 0)
+
+    @property
+    def frame(self) -> TactileFrame | None:
+        return self._frame
+
+    @property
+    def latest_raw(self) -> Codes | None:
+        """(3, taxels) int16 codes of the last good sample, rest or not; None before the first."""
+        return self._latest_raw
+
+    @property
+    def rest_taken(self) -> bool:
+        return self._rest is not None
+
+    @property
+    def frames(self) -> int:
+        """Samples used so far."""
+        return self._frames
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Ticks without a sample so far, by cause."""
+        return {cause.value: count for cause, count in self._missed.items()}
+
+    def arrange(self, layout: Layout) -> None:
+        """Take up a board's layout; ``DeviceFault`` when a mapped cell is not alive."""
+        self._order = _frame_order(layout, self._settings)
+        self._cells = layout.frame_cells
+
+    def forget_rest(self) -> None:
+        self._rest = self._resting = self._frame = None
+
+    def begin_rest(self, after_ns: int) -> None:
+        """Take rest counts from samples converted after ``after_ns``."""
+        self.forget_rest()
+        self._resting = []
+        self._rest_begun_ns = after_ns
+
+    def tick(self, reading: Reading | Missed, now_ns: int) -> None:
+        """One tick of the grid; ``Refused`` when it completes rest counts that cannot be right."""
+        self._seq += 1
+        if isinstance(reading, Missed):
+            self._miss(reading, now_ns)
+            return
+        codes = self._decode(reading, now_ns)
+        if isinstance(codes, Missed):
+            self._miss(codes, now_ns)
+            return
+        raw, temperature = codes
+        raw.flags.writeable = temperature.flags.writeable = False
+        self._frames += 1
+        self._latest_raw = raw
+        # The first sample after begin_rest was converted before it: the hand may still have moved.
+        if self._resting is not None and reading.sampled_ns > self._rest_begun_ns:
+            self._take_rest(raw, self._resting)
+        if self._rest is not None:
+            counts = raw - self._rest
+            counts.flags.writeable = False
+            self._frame = TactileFrame(
+                now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
+            )
+
+    def _decode(self, reading: Reading, now_ns: int) -> tuple[Codes, Codes] | Missed:
+        """(3, taxels) pressure and temperature codes."""
+        if now_ns - reading.sampled_ns > self._max_age_ns:
+            return Missed.TOO_OLD
+        codes = protocol.parse_frame(reading.data, self._cells)
+        if codes is None:
+            return Missed.IMPLAUSIBLE
+        pressure, temperature = codes
+        return pressure.take(self._order), temperature.take(self._order)
+
+    def _miss(self, cause: Missed, now_ns: int) -> None:
+        self._missed[cause] += 1
+        if self._frame is None:
+            return
+        missed = self._frame.missed + 1
+        self._frame = msgspec.structs.replace(
+            self._frame,
+            t_ns=now_ns,
+            seq=self._seq,
+            missed=missed,
+            stale=missed >= self._settings.stale_after_missed,
+        )
+
+    def _take_rest(self, raw: Codes, samples: list[Codes]) -> None:
+        samples.append(raw)
+        if len(samples) < self._settings.rest_samples:
+            return
+        self._resting = None
+        taken = np.stack(samples)
+        rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
+        _check_rest(rest, taken.std(axis=0), self._settings)
+        rest.flags.writeable = False
+        self._rest = rest
+
+
+def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]:
+    """(3, taxels) place in the frame of each; ``DeviceFault`` when a mapped cell is not alive."""
+    place = dict(zip(layout.alive, layout.places, strict=True))
+    for finger, cells in zip(FINGER_NAMES, settings.cells, strict=True):
+        for taxel, cell in enumerate(cells):
+            if cell not in place:
+                raise DeviceFault(
+                    f"finger {finger} taxel {taxel} (row {cell[0]}, column {cell[1]}) does not "
+                    f"answer; {len(place)} cells do",
+                    f"check the cable of finger {finger}, or correct `cells` in the settings",
+                )
+    return np.array([[place[cell] for cell in cells] for cells in settings.cells], np.intp)
+
+
+def _check_rest(rest: Codes, std: NDArray[np.float64], settings: TakkTileSettings) -> None:
+    """Raise ``Refused``, naming the worst taxel, when the fingertips cannot have been at rest."""
+    s = settings
+    _refuse_worst(
+        std - s.rest_max_std_counts,
+        std,
+        f"is unsteady at rest: std {{:.1f}} counts, above {s.rest_max_std_counts}",
+        "keep the hand still and untouched, or raise rest_max_std_counts",
+    )
+    _refuse_worst(
+        np.maximum(s.rest_min_counts - rest, rest - s.rest_max_counts),
+        rest,
+        f"rests at code {{}}, outside {s.rest_min_counts}..{s.rest_max_counts}",
+        "open the hand so that nothing touches it, or adjust rest_min_counts and rest_max_counts",
+    )
+    if s.rest_reference is not None:
+        shift = rest - np.array(s.rest_reference)
+        _refuse_worst(
+            abs(shift) - s.rest_reference_tolerance_counts,
+            shift,
+            "rests {:+d} counts from rest_reference, "
+            f"more than {s.rest_reference_tolerance_counts:g}",
+            "open the hand so that nothing touches it, or renew rest_reference",
+        )
+
+
+def _refuse_worst(
+    excess: NDArray[np.generic], values: NDArray[np.generic], what: str, remedy: str
+) -> None:
+    worst = np.unravel_index(np.argmax(excess), excess.shape)
+    if excess[worst] > 0:
+        finger, taxel = worst
+        raise Refused(
+            f"finger {FINGER_NAMES[finger]} taxel {taxel} {what.format(values[worst])}",
+            f"{remedy}; then take the rest again",
+        )
 
 
 class FrameLink(Protocol):

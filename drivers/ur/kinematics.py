@@ -6,7 +6,7 @@ rotation vector, as in URScript; a frame is a homogeneous 4 x 4 matrix.
 """
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,11 @@ _EPSILON = 1e-12
 # The wrist, d6 behind the flange, is d4 beside the plane in which the links reach so far.
 _REACH_M = math.hypot(A_M[1] + A_M[2] - D_M[4], D_M[3]) + 1e-6
 _BESIDE_M = D_M[3] - 1e-6
+JOINT_SPEEDS = (2.0944, 2.0944, 3.1416, 3.1416, 3.1416, 3.1416)  # rad/s, UR10 user manual
+JOINT_RANGE = 2.0 * math.pi  # rad either way, UR10 user manual
+_SLACK = 1.02  # of a joint's speed: rounding is no fault
+_SINGULAR = 0.1  # of the least that the tool moves for a joint, m or rad: assumed
+STILL: Joints = (0.0,) * JOINTS
 
 
 def frames(q: Sequence[float]) -> list[Frame]:
@@ -77,23 +82,11 @@ def inverse(target: Frame, near: Sequence[float]) -> Joints | None:
 
     Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness", 1986.
     """
-    search = approach(target, near)
-    while True:
-        try:
-            next(search)
-        except StopIteration as end:
-            found: Joints | None = end.value
-            return found
-
-
-def approach(target: Frame, near: Sequence[float]) -> Generator[None, None, Joints | None]:
-    """As ``inverse``, with a pause before each iteration."""
     x, y, z = (target[:3, 3] - D_M[5] * target[:3, 2]).tolist()
     if not (math.hypot(x, y, z - D_M[0]) <= _REACH_M and math.hypot(x, y) >= _BESIDE_M):
         return None
     q = np.array(near, dtype=float)
     for _ in range(_ITERATIONS):
-        yield
         chain = frames(q.tolist())
         error = _difference(target, chain[-1])
         if float(np.abs(error).max()) < _TOLERANCE_M:
@@ -168,13 +161,36 @@ def inverted(matrix: Frame) -> Frame:
     return back
 
 
-def turned(start: Frame, end: Frame, share: float) -> Frame:
-    """The orientation a share of the way from one to another, about one axis; 3 x 3."""
-    x, y, z = rotation_vector(end @ start.T)
-    way: Frame = rotation((share * x, share * y, share * z)) @ start
-    return way
-
-
 def turn_between(a: Frame, b: Frame) -> float:
     """Angle of the rotation that leads from one frame's orientation to the other's."""
     return math.hypot(*rotation_vector(a[:3, :3].T @ b[:3, :3]))
+
+
+def beyond(q: Sequence[float], qd: Sequence[float]) -> str:
+    """Which joint is further or faster than it can be; empty when none is."""
+    for joint, (angle, speed, limit) in enumerate(zip(q, qd, JOINT_SPEEDS, strict=True)):
+        if abs(angle) > JOINT_RANGE:
+            return f"joint {joint} at its limit, {angle:.2f} rad"
+        if abs(speed) > limit * _SLACK:
+            return f"joint {joint} too fast, {speed:.2f} rad/s"
+    return ""
+
+
+def where(trouble: str, q: Sequence[float]) -> str:
+    """The same words, and whether the arm is where the tool can hardly go one way whatever joints
+    do."""
+    if not trouble or np.linalg.svd(jacobian(q), compute_uv=False)[-1] > _SINGULAR:
+        return trouble
+    return f"{trouble}: singularity"
+
+
+def in_range(q: Sequence[float], near: Sequence[float]) -> Joints:
+    """The same posture, each joint by whole turns as near to another one as its range lets it."""
+    return tuple(_whole_turns(angle, other) for angle, other in zip(q, near, strict=True))
+
+
+def _whole_turns(angle: float, near: float) -> float:
+    turn = 2.0 * math.pi
+    least = math.ceil((-JOINT_RANGE - angle) / turn)
+    most = math.floor((JOINT_RANGE - angle) / turn)
+    return angle + turn * min(most, max(least, round((near - angle) / turn)))

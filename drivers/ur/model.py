@@ -22,7 +22,6 @@ from drivers.ur.pace import STANDING, Pace, Segment, ahead, times
 
 _STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
-_SPIN_BRAKE_RADPS2 = 50.0  # where a spin goes over into a planned turn: at once, nearly
 _HISTORY = 32  # past segments kept: a few commands, hence far more than one control period
 
 
@@ -159,24 +158,6 @@ class ArmModel:
         """The share of full pace that moves have."""
         return self._pace.at(t_ns)
 
-    def follow(self, target_m: Vector3, now_ns: int) -> int:
-        """Be at a point one controller cycle after this takes effect, at an even speed, and rest
-        there unless told more; returns when that is, ns. For motions that somebody else plans,
-        cycle by cycle. Nothing moves while stopped by safety."""
-        effect_ns = self._effect_ns(now_ns)
-        there_ns = effect_ns + self._period_ns
-        if self.protective_stop:
-            return there_ns
-        at_m = self.position(effect_ns)
-        if self.contrary:
-            target_m = _mirrored(target_m, at_m)
-        x, y, z = (1e9 * (b - a) / self._period_ns for a, b in zip(at_m, target_m, strict=True))
-        way = Segment(effect_ns, at_m, (x, y, z), STANDING)
-        self._replace_from(effect_ns, [way, _rest(there_ns, target_m)])
-        if self.spin(effect_ns):
-            self._spin_to(effect_ns, 0.0, _SPIN_BRAKE_RADPS2)
-        return there_ns
-
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
         """Brake along the present line, from the speed that the tool has when this takes effect."""
         self._stopping = True
@@ -218,10 +199,6 @@ class ArmModel:
         """The world has come so far: that stays as it was, whatever a controller commands that has
         yet to make up for cycles of before."""
         self._seen_ns = max(self._seen_ns, until_ns)
-
-    def behind(self, now_ns: int) -> bool:
-        """A command of now waits for the world, which is further than where it would act."""
-        return self._effect_ns(now_ns) > self._cycle_ns(now_ns + self._latency_ns)
 
     def position(self, t_ns: int) -> Vector3:
         return self._at(t_ns).position(t_ns)

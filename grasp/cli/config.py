@@ -101,7 +101,7 @@ def _read_by(path: Path) -> str:
     run that is told no more would refuse it."""
     from detector.interface import DETECTORS
     from scenarios.campaign.config import load_config, load_for_devices
-    from scenarios.rigs.own_settings import own_layers
+    from scenarios.rigs.calibration import own_layers
     from scenarios.trial.config import check_answer_and_rule
 
     default = load_config("can", "simulated").detector_name

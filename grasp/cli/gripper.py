@@ -71,8 +71,7 @@ def _add_finger(parser: Parser, default: str) -> None:
 
 
 def status(args: argparse.Namespace) -> int:
-    from drivers.robotiq.modes import TO_BASIC, other_than_basic
-    from drivers.robotiq.protocol import FAULTS
+    from drivers.robotiq.protocol import FAULTS, TO_BASIC, other_than_basic
     from drivers.robotiq.words import doubts, lines
     from scenarios.rigs.device_checks import STRANGE
 
@@ -244,7 +243,7 @@ def _move(config: Any, at: Any, to: Any) -> str:
 
 def _spreads(mode: int) -> str:
     """What else a hand does that is told to open fully."""
-    from drivers.robotiq.modes import SCISSOR, SPREADS
+    from drivers.robotiq.protocol import SCISSOR, SPREADS
 
     return SPREADS if mode == SCISSOR else ""
 

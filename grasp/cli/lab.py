@@ -123,7 +123,7 @@ def tell_slow(config: Any) -> None:
 def tell_mode(config: Any, opened: bool = False) -> None:
     """On standard error, of a hand that is not in basic mode, what that means. That scissor mode
     keeps it from closing is told by whoever opens the hand, unless it was ``opened`` only."""
-    from drivers.robotiq.modes import SCISSOR, TO_BASIC, other_than_basic
+    from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
     from scenarios.rigs.device_checks import read_gripper
 
     if config.devices.gripper:

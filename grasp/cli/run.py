@@ -165,7 +165,7 @@ def _acquire(args: argparse.Namespace) -> int:
     from scenarios.acquire import acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
-    from scenarios.report.live.acquisition import LiveAcquisition
+    from scenarios.report.live.feed import LiveAcquisition
 
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)

@@ -10,8 +10,8 @@ from drivers.interfaces import PERIOD_S
 from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
+from scenarios.rigs.calibration import Files, own_layers, rig_layers
 from scenarios.rigs.config import PressRigConfig
-from scenarios.rigs.own_settings import Files, own_layers, rig_layers
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
 
 

@@ -19,6 +19,27 @@ from scenarios.world.truth import PressedTruth
 
 if TYPE_CHECKING:
     from scenarios.world.pressed_cell import PressedCell
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from scenarios.rigs.opening import open_press_rig
+from scenarios.rigs.permission import MotionPermit
+
+
+@contextmanager
+def open_acquire_rig(
+    config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
+) -> Iterator[PressRig]:
+    """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
+    unsteady as the force."""
+    replace = msgspec.structs.replace
+    if config.control.residual_n > 0.0:
+        most = config.session.loaded_rest_max_std_counts
+        tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=most)
+        config = replace(config, tactile=tolerant)
+    with open_press_rig(config, seed, paced, permit) as rig:
+        yield rig
+
 
 SHOWN_AFTER = 4  # samples until the arm's state speaks of a command: no wait is cut short by more
 

@@ -27,7 +27,7 @@ from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
-from scenarios.rigs.own_settings import Files
+from scenarios.rigs.calibration import Files
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from grasp.settings import load
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import ScoringSettings
+from scenarios.rigs.calibration import Files, own_layers
 from scenarios.rigs.config import part
-from scenarios.rigs.own_settings import Files, own_layers
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapScoringSettings, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, check_read, trial_layers

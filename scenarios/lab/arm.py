@@ -10,9 +10,8 @@ from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say
-from scenarios.lab.insist import insist
-from scenarios.rigs.cell_lock import arm_of, driving
-from scenarios.rigs.permission import MotionPermit, arm_address, require
+from scenarios.lab.steps import insist
+from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving, require
 from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
 

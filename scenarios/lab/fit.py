@@ -23,13 +23,11 @@ MOST_BEND = 0.15  # of the range, by which counts may leave a straight line
 LEAST_BEND_N = 0.3
 LEAST_MOST_N = 0.5  # of the strongest reading: ten steps of a kitchen scale of 5 g; assumed
 MOST_HALF = 0.25  # of the slope, by which it may be uncertain
-ORDERED = 0.8  # rank correlation of force and time from which on a drift is not told from a bend
 WEIGHT = -1.5  # power of force: noise may be constant or grow with it
 N_PER_G = 0.00980665
 STEPS_MM = 1.0, 0.5, 0.1  # in which a ruler or a caliper is read
 STEPS_N = *(g * N_PER_G for g in (10, 5, 2, 1, 0.5, 0.1)), 0.1, 0.05, 0.02, 0.01  # a scale
 CREEP = 0.01  # of the slope: a pad that stays loaded goes on to change, by its rubber; assumed
-LEAST_DRIFT = 0.03  # of the slope, from the first reading to the last; less is let be
 # Standard deviations of a sample above its mean below which 95 % of presses lie in 95 % of samples,
 # by its size, where presses scatter exponentially to the harder side: the longest tail of laws
 # whose logarithm bends down (normal ones of ten need 2.9). Between sizes a straight line is above.
@@ -48,8 +46,8 @@ AGAIN = "look at what was typed, then take the readings again"
 
 
 class Point(msgspec.Struct, frozen=True):
-    """A reading of the scale and what was measured with it: counts, or a current. ``round``: that
-    of the press it belongs to, whose readings err alike; 0: it was loaded anew."""
+    """A reading of the scale and the counts measured with it. ``round``: that of the press it
+    belongs to, whose readings err alike; 0: it was loaded anew."""
 
     force_n: float
     measured: float
@@ -58,8 +56,8 @@ class Point(msgspec.Struct, frozen=True):
 
 class Line(msgspec.Struct, frozen=True):
     """Slope with its 95 % interval, the worst distance of a point from it, and the range.
-    ``groups``: of points, whose spread the interval is of. ``offset``: of the
-    scale, by which it misses zero. ``in_order``: as ``ordered``."""
+    ``groups``: of points, whose spread the interval is of. ``offset``: of the scale, by which it
+    misses zero."""
 
     slope: float
     interval: tuple[float, float]
@@ -69,7 +67,6 @@ class Line(msgspec.Struct, frozen=True):
     points: int
     groups: int
     offset: float = 0.0
-    in_order: bool = False
 
 
 class Byte(msgspec.Struct, frozen=True):
@@ -151,7 +148,7 @@ def fit_counts(points: Sequence[Point]) -> Line:
     and a pad that was not at rest shift it, and turn a line that must.
 
     Raises UsageError for too few or too narrow data, for one that does not fit, where counts are no
-    straight line of force that begins near zero, where they drift, and for a slope that is not
+    straight line of force that begins near zero, and for a slope that is not
     known to a quarter.
     """
     forces = [p.force_n for p in points]
@@ -183,28 +180,19 @@ def fit_counts(points: Sequence[Point]) -> Line:
             "tare the scale, begin with nothing on the pad; else take readings up to a smaller "
             "force, --up-to",
         )
-    drift, in_order = drift_of(points), ordered(points)
-    if drift.seen and not in_order:
-        raise UsageError(
-            f"the readings drift in the order in which they were taken, by {drift.share:+.0%} in "
-            "all",
-            "let scale and pad settle, tare the scale, and take them again",
-        )
     half = _half(points, groups)
     if half > MOST_HALF * slope:
         raise UsageError(
             f"{slope:.1f} counts a newton are uncertain by {half:.1f}, more than {MOST_HALF:.0%}",
             "take more readings, weak ones and strong ones",
         )
-    if drift.seen or not in_order:  # else it is as likely a bend, and said
-        half += abs(drift.share) * slope
     half += CREEP * slope
     if all(p.round for p in points):  # at the same places, of which the ends are rounded alike
         half += slope * _step(forces, STEPS_N) / (max(forces) - min(forces))
     interval = slope - half, slope + half
     return Line(
         slope, interval, worst_n, min(forces), max(forces), len(points), len(groups),
-        offset / slope, in_order,
+        offset / slope,
     )  # fmt: skip
 
 
@@ -230,55 +218,6 @@ def _half(points: Sequence[Point], groups: Sequence[Sequence[Point]]) -> float:
     freedom = count - (2 if count == len(points) else 1)
     spread = math.sqrt((count - 1) / count * sum((s - mean) ** 2 for s in slopes))
     return quantile_t(0.975, freedom) * spread
-
-
-def ordered(points: Sequence[Point]) -> bool:
-    """Whether readings that were each loaded anew came in the order of their force, so that what
-    drifts with time is not told from what bends with force."""
-    forces = [p.force_n for p in points]
-    if len(points) < LEAST_POINTS or any(p.round for p in points):
-        return False
-    rank = sorted(range(len(forces)), key=lambda i: forces[i])
-    places = [rank.index(i) for i in range(len(forces))]
-    mean = (len(places) - 1) / 2
-    square = sum((i - mean) ** 2 for i in range(len(places)))
-    along = sum((i - mean) * (place - mean) for i, place in enumerate(places)) / square
-    return abs(along) > ORDERED
-
-
-class Drift(msgspec.Struct, frozen=True):
-    """Of counts a newton from the first reading to the last, as a share; whether that is more than
-    noise."""
-
-    share: float = 0.0
-    seen: bool = False
-
-
-def drift_of(points: Sequence[Point]) -> Drift:
-    """Of readings that were each loaded anew; of rounds their spread tells it, of a few nothing
-    does. Of readings in the order of their force it may as well be a bend."""
-    count = len(points)
-    if count <= LEAST_POINTS or any(p.round for p in points):
-        return Drift()
-    forces, counts = [p.force_n for p in points], [p.measured for p in points]
-    weights = [force**WEIGHT for force in forces]
-
-    def away(y: Sequence[float]) -> list[float]:
-        """What a straight line of force does not tell."""
-        intercept, slope = _line(forces, y, weights)
-        return [b - intercept - slope * a for a, b in zip(forces, y, strict=True)]
-
-    later = away([f * i / (count - 1) for i, f in enumerate(forces)])
-    left = away(counts)
-    square = sum(w * a * a for w, a in zip(weights, later, strict=True))
-    if square <= 1e-9 * sum(w * f * f for w, f in zip(weights, forces, strict=True)):
-        return Drift()
-    drift = sum(w * a * b for w, a, b in zip(weights, later, left, strict=True)) / square
-    rest = [b - drift * a for a, b in zip(later, left, strict=True)]
-    noise = sum(w * a * a for w, a in zip(weights, rest, strict=True)) / (count - 3)
-    share = drift / _weighed(points)[1]
-    least = quantile_t(0.995, count - 3) * math.sqrt(noise / square)
-    return Drift(share, abs(drift) > least and abs(share) > LEAST_DRIFT)
 
 
 def _weighed(points: Sequence[Point]) -> tuple[float, float]:
@@ -366,17 +305,6 @@ def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
     rise_n = max(bounds_n[top] - least_n, 0.1)
     cubic_n: float = least_n + rise_n * (byte / top) ** MOST_EXPONENT
     return max(min(steepest_n, cubic_n), MANUAL.force_n(byte) / FAR)
-
-
-def check_current(presses: Sequence[Point]) -> str:
-    """Whether the motor's current rises with force, in words. Raises UsageError where it falls."""
-    currents = [p.measured for p in presses]
-    if len(presses) < LEAST_PRESSES or max(currents) - min(currents) < 0.1 * max(currents):
-        return f"current {min(currents):.0f} to {max(currents):.0f} mA: too much alike to tell"
-    _, slope = _line(currents, [p.force_n for p in presses])
-    if slope <= 0.0:
-        raise UsageError("the motor's current falls where the scale says more", AGAIN)
-    return f"current {min(currents):.0f} to {max(currents):.0f} mA, rising with force"
 
 
 # Counts to millimetres

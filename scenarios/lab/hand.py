@@ -26,19 +26,16 @@ from drivers.interfaces import (
 )
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.link.modbus import ModbusTransport
-from drivers.robotiq.modes import BASIC, SCISSOR, check_closing
-from drivers.robotiq.protocol import RTU, TCP
+from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.guard import ForceGuard
 from grasp.stiffness import Stiffness
-from scenarios.lab.insist import insist
-from scenarios.lab.steps import AT_REST, Steps, lead_counts, walk
-from scenarios.lab.touch import Touch, open_touch
-from scenarios.rigs.cell_lock import driving, gripper_of
+from scenarios.lab.fingertips import Touch, open_touch
+from scenarios.lab.steps import AT_REST, Steps, insist, lead_counts, walk
 from scenarios.rigs.device_checks import read_gripper
-from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     ACTIVATION_TIMEOUT_S,
     calibration,

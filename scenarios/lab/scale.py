@@ -27,19 +27,17 @@ from drivers.interfaces import (
     GripperState,
 )
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.modes import check_closing
+from drivers.robotiq.protocol import check_closing
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
+from scenarios.lab.fingertips import Touch
 from scenarios.lab.fit import AGAIN, N_PER_G, Byte, Law, Line
 from scenarios.lab.hand import Say
-from scenarios.lab.insist import insist
-from scenarios.lab.steps import Steps, lead_counts, walk
-from scenarios.lab.touch import Touch
+from scenarios.lab.steps import Steps, insist, lead_counts, walk
 from scenarios.rigs.calibration import MANUAL
-from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import check_fault, mode_of, not_active
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator
@@ -147,26 +145,22 @@ class Presser:
         """Ask how it is; raises what the gripper reports."""
         self._gripper.pump(self._clock.now_ns)
 
-    def to(
-        self, counts: int, byte: int = 0, touched: Callable[[], bool] = lambda: False
-    ) -> tuple[bool, int]:
-        """Slowly to there by short steps, or until it is ``touched``; whether it met something, and
-        the most current on the way, mA.
+    def to(self, counts: int, byte: int = 0, touched: Callable[[], bool] = lambda: False) -> bool:
+        """Slowly to there by short steps, or until it is ``touched``; whether it met something.
 
         Raises UsageError for a byte that may press with more than was allowed.
         """
         check_force(self._up_to_n, (byte,))
         a, b, c = (counts if i == self._i else at for i, at in enumerate(self._places))
-        most_ma, met = 0, False
+        met = False
 
         def tell(targets: Counts3) -> None:
             self._gripper.move_to(targets, self._speed_mps, MANUAL.force_n(byte))
 
         def look() -> bool:
-            nonlocal most_ma, met
+            nonlocal met
             self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
             self.look()
-            most_ma = max(most_ma, self._finger.current_ma)
             if not met and touched():
                 met = True
                 self._gripper.hold()
@@ -174,7 +168,7 @@ class Presser:
 
         steps = Steps(self._places, (a, b, c), lead_counts(MANUAL.m_per_count))
         walk(steps, self._clock, lambda: self._state, tell, look)
-        return met or self._finger.detection is Detection.CONTACT_CLOSING, most_ma
+        return met or self._finger.detection is Detection.CONTACT_CLOSING
 
     def back_off(self, say: Say, release: str) -> None:
         """Off the scale by the way it came, and stand there: safe at any time, for a calibration
@@ -256,12 +250,6 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
 # Files
 
 
-IN_ORDER = (
-    "# The readings came in the order of their force: a scale that drifts would look like the pad, "
-    "its slope or its bend, and is NOT in the interval.\n"
-)
-
-
 def force_file(finger: str, line: Line, note: str = "") -> str:
     """Settings for `--config`; raises UsageError for what no settings may say."""
     low, high = line.interval
@@ -277,7 +265,6 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
         f"# Their line misses zero by {line.offset:+.2f} N (rest of the pad, tare of the scale), "
         "which is left out.\n"
         f"# A reading is at most {line.worst:.2f} N from one through zero.\n"
-        f"{IN_ORDER if line.in_order else ''}"
         "# A scale that is wrong by a factor makes these counts wrong by it, and no reading here "
         "tells.\n"
         f"# Beyond {line.most:.2f} N nothing was measured, nor the other fingertips.\n"
@@ -289,7 +276,7 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
 
 
 def hand_file(
-    finger: str, known: list[Byte], law: Law, travel: Line | None, current: str,
+    finger: str, known: list[Byte], law: Law, travel: Line | None,
     reasons: dict[int, str], note: str = "",
 ) -> str:  # fmt: skip
     """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
@@ -303,7 +290,7 @@ def hand_file(
         f"# What finger {finger} presses with on a scale, {now()}. Each force is an upper bound: "
         "95 % of presses stay below, by a rule that is right of 95 % of such files.",
         f"# {told}",
-        f"# A byte that was not pressed counts as strong as its neighbours allow. {current}.",
+        "# A byte that was not pressed counts as strong as its neighbours allow.",
     ]
     if travel is not None:
         low, high = (1e3 * mm for mm in travel.interval)

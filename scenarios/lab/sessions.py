@@ -10,18 +10,17 @@ from drivers.errors import Refused, UsageError
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS
 from grasp import interruption
 from grasp.clock import WallClock
+from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.lab.fit import (
     Byte,
     Line,
     Point,
-    check_current,
     fit_counts,
     fit_travel,
     law_of,
     odd_one,
     odd_press,
     of_byte,
-    ordered,
 )
 from scenarios.lab.hand import TOUCH_N, Say, open_hand
 from scenarios.lab.scale import (
@@ -38,7 +37,6 @@ from scenarios.lab.scale import (
     reading,
     typed,
 )
-from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
 from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.config import TrialConfig
@@ -50,9 +48,7 @@ ALMOST = "At how many counts does the finger almost touch the scale?"
 SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
 SETTLES_S = 1.0  # of a press, before it is read: what is pressed gives way, and presses back less
-LEAP = 2.0  # of the largest step of a round so far: a step beyond is asked about before it ends it
 UNLOADED_S = 2.0  # listened to after a hold
-ORDER = "They came in the order of their force: what drifts would look like the pad"
 UNIT = "with its unit (N, g, kg)"
 
 
@@ -127,7 +123,6 @@ class Weighing:
             )
         self.points.append(Point(force_n, counts, self.round))
         self._say(f"{force_n:.2f} N: {counts:.0f} counts")
-        self._ask_about_a_leap()
         while (odd := odd_one(self.points)) is not None:
             if not self._correct(odd, "contradicts the others"):
                 return  # asked again after the next; of a contradiction no file is made
@@ -140,13 +135,6 @@ class Weighing:
         if force_n <= 0.0:
             raise UsageError("0 N is no load", "Enter alone, if that is what the scale says")
         return force_n
-
-    def _ask_about_a_leap(self) -> None:
-        """A reading after which no more may be pressed, though those before went up by little: too
-        few to contradict it yet, it would end the round."""
-        *before, last = self._steps
-        if self.round and self.room_n <= 0.0 and last > LEAP * max(before, default=0.0):
-            self._correct(len(self.points) - 1, "ends this round: no more may be pressed")
 
     def _correct(self, odd: int, why: str) -> bool:
         """Whether that changed anything: not where it was typed rightly."""
@@ -176,9 +164,6 @@ def calibrate_force(
         question = f"Load fingertip {finger} anew, by a weight or a scale, and type its reading"
         while weighing.ask(f"{question} {UNIT}; Enter alone: no more") or weighing.railed:
             weighing.railed = False
-        if ordered(weighing.points):
-            weighing.ask(f"{ORDER}: load fingertip {finger} with the first once more, and type its "
-                         f"reading {UNIT}; Enter alone: leave it so")  # fmt: skip
         return force_file(finger, weighing.fit(), note)
 
 
@@ -214,7 +199,7 @@ def _press_by_counts(presser: Presser, near: int, weighing: Weighing) -> None:
     """Once up, until a taxel, the motor, --up-to or a person says that it is enough."""
     begun = len(weighing.points)
     for counts in range(near + 1, CLOSED):
-        met, _ = presser.to(counts)
+        met = presser.to(counts)
         weighing.settle()
         pressed = len(weighing.points) > begun
         more = "no more" if pressed else "nothing yet"
@@ -236,7 +221,7 @@ def _near(
         if not (line.isdecimal() and int(line) < CLOSED):
             question = f"{line!r} is no whole number from 0 to {CLOSED - 1}. {ALMOST}"
             continue
-        met, _ = presser.to(int(line), touched=touched)
+        met = presser.to(int(line), touched=touched)
         if not met:
             return int(line)
         at = presser.counts
@@ -258,26 +243,24 @@ def calibrate_hand(
     check_force(up_to_n, bytes_)
     with open_presser(config, permit, finger, up_to_n, say) as presser:
         known: list[Byte] = []
-        seen: list[Point] = []
         reasons: dict[int, str] = {}
         for byte in sorted(set(bytes_) | {0}):
-            forces = pressed(presser, byte, presses, up_to_n, operator, seen, reasons)
+            forces = pressed(presser, byte, presses, up_to_n, operator, reasons)
             known.append(of_byte(byte, forces))
             say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
         travel = travelled(presser, places, operator) if places else None
         presser.to(0)
-    return hand_file(finger, known, law_of(known), travel, check_current(seen), reasons, note)
+    return hand_file(finger, known, law_of(known), travel, reasons, note)
 
 
 def pressed(
     presser: Presser, byte: int, presses: int, up_to_n: float, operator: Operator,
-    seen: list[Point], reasons: dict[int, str],
+    reasons: dict[int, str],
 ) -> list[float]:  # fmt: skip
-    """What a person read of so many presses of a byte, N; each goes to ``seen`` with its current.
-    ``reasons``: why a byte is far from the manual's, which is asked of the first such press.
-    Raises Refused without a scale, UsageError for one that the others contradict to the end."""
+    """What a person read of so many presses of a byte, N. ``reasons``: why a byte is far from the
+    manual's, which is asked of the first such press. Raises Refused without a scale, UsageError for
+    one that the others contradict to the end."""
     forces: list[float] = []
-    currents_ma: list[int] = []
 
     def read(title: str) -> float:
         force_n = reading(operator, title, presser.idle, up_to_n)
@@ -294,13 +277,11 @@ def pressed(
         return force_n
 
     for number in range(1, presses + 1):
-        met, most_ma = presser.to(CLOSED, byte)
-        if not met:
+        if not presser.to(CLOSED, byte):
             presser.to(0)
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
         title = f"Byte {byte}, press {number} of {presses}: what does the scale say, {UNIT}?"
         forces.append(read(title))
-        currents_ma.append(most_ma)
         while (odd := odd_press(forces)) is not None:
             typed_n = forces[odd]
             told = f"press {odd + 1}, {typed_n:.2f} N, contradicts the others of this byte"
@@ -308,7 +289,6 @@ def pressed(
             if forces[odd] == typed_n:
                 raise UsageError(f"{told}, twice", "see that the scale lies firm, then begin anew")
         presser.to(max(0, presser.counts - BACK_COUNTS))
-    seen += map(Point, forces, currents_ma)
     return forces
 
 
@@ -328,7 +308,7 @@ def travelled(presser: Presser, places: Sequence[int], operator: Operator) -> Li
     ask(operator, "Take the scale away, lay a ruler beside the fingertip: Enter", presser.idle)
     stood, found_mm = [], []
     for counts in places:
-        met, _ = presser.to(counts)
+        met = presser.to(counts)
         if met:
             raise Refused(f"the finger met something before {counts} counts", "clear its way")
         found_mm.append(_place(presser, operator))

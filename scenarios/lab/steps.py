@@ -7,10 +7,28 @@ its force whenever it starts (`hand.override_s`).
 
 from collections.abc import Callable
 
-from drivers.errors import DeviceFault
-from drivers.interfaces import Counts3, Detection, FingerState, GripperState
+from drivers.errors import DeviceFault, SuppressAll
+from drivers.interfaces import PERIOD_NS, Counts3, Detection, FingerState, GripperState
 from grasp import interruption
 from grasp.clock import Clock
+
+TRIES = 3
+LONG_NS = 1_000_000_000
+
+
+def insist(action: Callable[[], None], clock: Clock) -> bool:
+    """Whether it was done; raises nothing."""
+    begun_ns = clock.now_ns
+    for _ in range(TRIES):
+        with SuppressAll():
+            action()
+            return True
+        if clock.now_ns - begun_ns > LONG_NS:
+            break
+        with SuppressAll():
+            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
+    return False
+
 
 LEAD_M = 0.004  # that a finger is told to go further than it is seen to be
 STEP_S = 5.0  # within which a step is seen to be made; assumed, at least speed it takes 0.2 s

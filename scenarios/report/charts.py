@@ -1,14 +1,15 @@
 """Small plots as numbers for a template to draw in SVG: no script, sharp on paper."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import msgspec
 
-WIDTH, HEIGHT = 360, 200
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
 MOST_POINTS = 200  # of a line: one in two pixels
+ASIDE = 2.0 / (RIGHT - LEFT)  # of an axis, so that intervals do not hide one another
 
 
 class Tick(msgspec.Struct, frozen=True):
@@ -18,8 +19,8 @@ class Tick(msgspec.Struct, frozen=True):
     text: str
 
 
-class Dot(msgspec.Struct, frozen=True):
-    """A value with its interval, in the plot's units, and in words."""
+class Mark(msgspec.Struct, frozen=True):
+    """A dot with an interval of y, and its words."""
 
     x: float
     y: float
@@ -34,7 +35,7 @@ class Line(msgspec.Struct, frozen=True):
 
     name: str
     points: str
-    dots: list[Dot] = []
+    dots: list[Mark] = []
     style: str = ""
 
 
@@ -54,7 +55,53 @@ class Plot(msgspec.Struct, frozen=True):
     x_ticks: list[Tick]
     y_ticks: list[Tick]
     lines: list[Line]
-    spans: list[Span] = []
+    spans: list[Span]
+
+
+class Axis(msgspec.Struct, frozen=True):
+    """From ``low`` to ``high``, what lies beyond drawn at the edge; logarithmic where both are
+    positive and ``log`` says so."""
+
+    label: str
+    low: float
+    high: float
+    log: bool = False
+
+    def share(self, value: float) -> float:
+        """Where a value stands, from 0 at ``low`` to 1 at ``high``."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        at = self._scaled(min(max(value, self.low), self.high))
+        return (at - low) / (high - low)
+
+    def x(self, value: float) -> float:
+        return round(LEFT + self.share(value) * (RIGHT - LEFT), 1)
+
+    def y(self, value: float) -> float:
+        return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
+
+    def ticks(self) -> list[float]:
+        """Whole decades, or about five round numbers."""
+        if self.log:
+            first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
+            return [10.0**i for i in range(first, last + 1)]
+        rough = (self.high - self.low) / TICKS
+        magnitude = 10.0 ** math.floor(math.log10(rough))
+        step = next(m * magnitude for m in (1.0, 2.0, 5.0, 10.0) if m * magnitude >= rough * 0.999)
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        return [i * step for i in range(first, last + 1)]
+
+    def _scaled(self, value: float) -> float:
+        return math.log10(value) if self.log else value
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """What `curves` draws as a line: points, or steps between them, and marks on it."""
+
+    name: str
+    points: Sequence[tuple[float, float]]
+    marks: Sequence[Mark] = ()
+    style: str = ""
+    stairs: bool = False
 
 
 class Rate(msgspec.Struct, frozen=True):
@@ -67,53 +114,39 @@ class Rate(msgspec.Struct, frozen=True):
     interval: tuple[float, float]
 
 
-def shares(title: str, unit: str, named: Sequence[tuple[str, Sequence[float]]]) -> Plot | None:
-    """Share of trials, of each name, that had come to a value by x; what never came is infinite and
-    leaves its line below 100 %. None where nothing came."""
-    finite = [v for _, values in named for v in values if math.isfinite(v)]
-    if not finite:
-        return None
-    low, high = min(0.0, *finite), max(finite)
-    high = high if high > low else low + 1.0
-    lines = []
-    for name, values in named:
-        came = sorted(v for v in values if math.isfinite(v))
-        if not came:
-            continue
-        steps = [(came[0], 0.0), *((v, (i + 1) / len(values)) for i, v in enumerate(came))]
-        steps.append((high, len(came) / len(values)))
-        every = max(1, len(steps) // MOST_POINTS)
-        kept = [step for i, step in enumerate(steps) if i % every == 0 or i == len(steps) - 1]
-        lines.append(Line(name, _stairs(kept, low, high)))
-    return Plot(title, unit, "share of trials", _numbers(low, high), _percents(), lines)
+def curves(
+    title: str, x: Axis, y: Axis, drawn: Sequence[Curve],
+    spans: Sequence[tuple[float, float]] = (), places: dict[float, str] | None = None,
+    percent: bool = False,
+) -> Plot:  # fmt: skip
+    """A plot. ``spans`` of x are shaded; ``places``: names of some x in place of numbers."""
+    named = places if places is not None else {at: f"{at:g}" for at in x.ticks()}
+    heights = (0.0, 0.25, 0.5, 0.75, 1.0) if percent else y.ticks()
+    return Plot(
+        title,
+        x.label,
+        y.label,
+        _apart([Tick(x.x(at), text) for at, text in sorted(named.items())]),
+        [Tick(y.y(at), f"{at:.0%}" if percent else f"{at:g}") for at in heights],
+        [_line(curve, x, y) for curve in drawn],
+        [
+            Span(x.x(low), round(x.x(high) - x.x(low), 1))
+            for low, high in spans
+            if high >= x.low and low <= x.high
+        ],
+    )
 
 
-def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
-    """Success over what was varied: by number, or by place where it is no number."""
-    known = {rate.x: rate.label for _, found in named for rate in found}
-    low, high = min(known), max(known)
-    margin = 0.04 * (high - low) or 0.5
-    low, high = low - margin, high + margin
-    lines = []
-    for i, (name, found) in enumerate(named):
-        aside = 2.0 * (i - (len(named) - 1) / 2)  # so that intervals do not hide one another
-        dots = [
-            Dot(
-                round(_x(rate.x, low, high) + aside, 1),
-                _y(rate.successes / rate.trials),
-                _y(rate.interval[0]),
-                _y(rate.interval[1]),
-                f"{name}, {rate.label}: {rate.successes} of {rate.trials}",
-            )
-            for rate in sorted(found, key=lambda rate: rate.x)
-            if rate.trials
-        ]
-        lines.append(Line(name, " ".join(f"{dot.x},{dot.y}" for dot in dots), dots))
-    ticks = [Tick(_x(x, low, high), known[x]) for x in sorted(known)]
-    return Plot(title, unit, "success, 95 %", apart(ticks), _percents(), lines)
+def _line(curve: Curve, x: Axis, y: Axis) -> Line:
+    points = [(x.x(at), y.y(value)) for at, value in curve.points]
+    if curve.stairs:
+        corners = [(after[0], before[1]) for before, after in itertools.pairwise(points)]
+        points = [p for pair in zip(points, [*corners, points[-1]], strict=True) for p in pair]
+    dots = [Mark(x.x(m.x), y.y(m.y), y.y(m.low), y.y(m.high), m.words) for m in curve.marks]
+    return Line(curve.name, " ".join(f"{a},{b}" for a, b in points), dots, curve.style)
 
 
-def apart(ticks: Sequence[Tick]) -> list[Tick]:
+def _apart(ticks: Sequence[Tick]) -> list[Tick]:
     """Those that do not run into the one before."""
     kept: list[Tick] = []
     for tick in ticks:
@@ -123,31 +156,45 @@ def apart(ticks: Sequence[Tick]) -> list[Tick]:
     return kept
 
 
-def _stairs(steps: Sequence[tuple[float, float]], low: float, high: float) -> str:
-    points, before = [], 0.0
-    for x, y in steps:
-        points += [f"{_x(x, low, high)},{_y(before)}", f"{_x(x, low, high)},{_y(y)}"]
-        before = y
-    return " ".join(points)
+def shares(title: str, unit: str, named: Sequence[tuple[str, Sequence[float]]]) -> Plot | None:
+    """Share of trials, of each name, that had come to a value by x; what never came is infinite and
+    leaves its line below 100 %. None where nothing came."""
+    finite = [v for _, values in named for v in values if math.isfinite(v)]
+    if not finite:
+        return None
+    low, high = min(0.0, *finite), max(finite)
+    high = high if high > low else low + 1.0
+    drawn = []
+    for name, values in named:
+        came = sorted(v for v in values if math.isfinite(v))
+        if not came:
+            continue
+        steps = [(came[0], 0.0), *((v, (i + 1) / len(values)) for i, v in enumerate(came))]
+        steps.append((high, len(came) / len(values)))
+        every = max(1, len(steps) // MOST_POINTS)
+        kept = [step for i, step in enumerate(steps) if i % every == 0 or i == len(steps) - 1]
+        drawn.append(Curve(name, kept, stairs=True))
+    share = Axis("share of trials", 0.0, 1.0)
+    return curves(title, Axis(unit, low, high), share, drawn, percent=True)
 
 
-def _x(value: float, low: float, high: float) -> float:
-    return round(LEFT + (value - low) / (high - low) * (RIGHT - LEFT), 1)
-
-
-def _y(share: float) -> float:
-    return round(BOTTOM - share * (BOTTOM - TOP), 1)
-
-
-def _percents() -> list[Tick]:
-    return [Tick(_y(share), f"{share:.0%}") for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
-
-
-def _numbers(low: float, high: float) -> list[Tick]:
-    """About five round numbers."""
-    rough = (high - low) / TICKS
-    magnitude = 10.0 ** math.floor(math.log10(rough))
-    step = next(m * magnitude for m in (1.0, 2.0, 5.0, 10.0) if m * magnitude >= rough)
-    first = math.ceil(low / step - 1e-9)
-    last = math.floor(high / step + 1e-9)
-    return [Tick(_x(i * step, low, high), f"{i * step:g}") for i in range(first, last + 1)]
+def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
+    """Success over what was varied: by number, or by place where it is no number."""
+    known = {rate.x: rate.label for _, found in named for rate in found}
+    low, high = min(known), max(known)
+    margin = 0.04 * (high - low) or 0.5
+    low, high = low - margin, high + margin
+    drawn = []
+    for i, (name, found) in enumerate(named):
+        aside = ASIDE * (high - low) * (i - (len(named) - 1) / 2)
+        marks = [
+            Mark(
+                rate.x + aside, rate.successes / rate.trials, *rate.interval,
+                f"{name}, {rate.label}: {rate.successes} of {rate.trials}",
+            )
+            for rate in sorted(found, key=lambda rate: rate.x)
+            if rate.trials
+        ]  # fmt: skip
+        drawn.append(Curve(name, [(mark.x, mark.y) for mark in marks], marks))
+    success = Axis("success, 95 %", 0.0, 1.0)
+    return curves(title, Axis(unit, low, high), success, drawn, places=known, percent=True)

@@ -1,6 +1,5 @@
 """The page of an evaluation: `grasp report FILE.json`."""
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -8,26 +7,21 @@ from pathlib import Path
 import msgspec
 
 from detector.decision import RuleSettings
-from detector.scores.quantiles import Quantiles, quantiles
 from scenarios.benchmark.evaluation_file import (
     AFTER_S,
     BEFORE_S,
     Choice,
     Evaluated,
-    SlipHeard,
     SlipTrace,
     no_evaluation,
     read_evaluation,
 )
-from scenarios.report.charts import Plot
-from scenarios.report.curves import Axis, Curve, Mark, curves
+from scenarios.report.charts import Axis, Curve, Mark, Plot, curves
 from scenarios.report.page import render
 from scenarios.report.run_decision import in_words
 
 LEAST_SCALE_MS, STEP_MS = 100.0, 50.0  # of delays: what is later, or never came, is at its top
 RATES = (0.1, 1000.0)  # false events a minute that have a place; fewer are drawn at the left
-SPEEDS_MM = (10.0, 30.0, 100.0)  # edges where speeds are many
-MOST_SPEEDS = 6  # that are shown each by itself
 COST_US = 1.3  # room beside the quickest and the slowest, a factor
 
 
@@ -90,7 +84,6 @@ def evaluation_page(file: Path) -> str:
         sentence=_sentence(every),
         shown=[_shown(each, sheet) for each, sheet in every],
         overview=[plot for plot in (*_speed(every), _cost(every), _reliability(every)) if plot],
-        grouped=[plot for plot in (_by_speed(told.detectors), _by_kind(told.detectors)) if plot],
         data={},
     )
 
@@ -198,65 +191,6 @@ def _reliability(every: Sequence[tuple[Evaluated, Sheet]]) -> Plot | None:
     )  # fmt: skip
 
 
-# Slips by what they were like
-
-
-def _by_kind(every: Sequence[Evaluated]) -> Plot | None:
-    names = list(dict.fromkeys(s.kind for each in every for s in each.slips if s.kind))
-    places = {float(i): name.replace("_", " ") for i, name in enumerate(names)}
-    return _grouped(
-        "Delay by motion", "", every, places,
-        lambda slip: float(names.index(slip.kind)) if slip.kind else None,
-    )  # fmt: skip
-
-
-def _by_speed(every: Sequence[Evaluated]) -> Plot | None:
-    """By the speeds there are, or by ranges of them where they are many."""
-    speeds = sorted(
-        {round(1e3 * s.speed_mps, 3) for each in every for s in each.slips if s.speed_mps}
-    )
-    if len(speeds) <= MOST_SPEEDS:
-        places = {float(i): f"{speed:g}" for i, speed in enumerate(speeds)}
-        edges = [(low + high) / 2 for low, high in itertools.pairwise(speeds)]
-    else:
-        low, middle, high = (f"{edge:g}" for edge in SPEEDS_MM)
-        names = (f"< {low}", f"{low}–{middle}", f"{middle}–{high}", f"> {high}")
-        places, edges = {float(i): name for i, name in enumerate(names)}, list(SPEEDS_MM)
-
-    def place(slip: SlipHeard) -> float | None:
-        if not slip.speed_mps:
-            return None
-        return float(sum(1e3 * slip.speed_mps >= edge for edge in edges))
-
-    return _grouped("Delay by speed", "mm/s", every, places, place)
-
-
-def _grouped(
-    title: str, unit: str, every: Sequence[Evaluated], places: dict[float, str],
-    place: Callable[[SlipHeard], float | None],
-) -> Plot | None:  # fmt: skip
-    """The median delay of each group, with a bar from the tenth to the ninetieth of a hundred."""
-    if not places:
-        return None
-    spreads = [
-        {at: quantiles(s.delay_ms for s in each.slips if place(s) == at) for at in places}
-        for each in every
-    ]
-    ends = [end for found in spreads for q in found.values() if q for end in (q.p10, q.p50, q.p90)]
-    delay = _delays("delay: 10, 50, 90 %", ends)
-    drawn = []
-    for i, (each, found) in enumerate(zip(every, spreads, strict=True)):
-        aside = 0.08 * (i - (len(every) - 1) / 2)  # so that bars do not hide one another
-        marks = []
-        for at, q in found.items():
-            if q is not None:
-                low, middle, high = (_on(delay, ms) for ms in (q.p10, q.p50, q.p90))
-                words = f"{each.detector}, {places[at]} {unit}: {_three(q)}, n {q.count}"
-                marks.append(Mark(at + aside, middle, low, high, words))
-        drawn.append(Curve(each.detector, (), marks))
-    return curves(title, Axis(unit, -0.5, max(places) + 0.5), delay, drawn, places=places)
-
-
 # The worst
 
 
@@ -301,7 +235,7 @@ def _on(axis: Axis, delay_ms: float | None) -> float:
     return axis.high if delay_ms is None else min(delay_ms, axis.high)
 
 
-def _three(q: Spread | Quantiles) -> str:
+def _three(q: Spread) -> str:
     return f"{_ms(q.p50)} (90 %: {_ms(q.p90)}, 99 %: {_ms(q.p99)})"
 
 

@@ -17,16 +17,14 @@ from typing import Any, Self
 import msgspec
 
 from drivers.errors import LinkLost
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 
 Obey = Callable[[dict[str, Any]], dict[str, Any]]
 TIMEOUT_S = 5.0
 ANSWER_S = 60.0  # of a cell that waits for its turn on a busy machine
 _CLIENTS = 16
-_PART = 0.1  # of the time, for all clients that ask for more than a little
 _LONGEST = 65_536  # bytes of a request
 _SHOWN = 500  # characters of what was wrong
-_LONGEST_WAIT_S = 1.0
 
 
 class _Handler(socketserver.StreamRequestHandler):
@@ -35,11 +33,7 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def handle(self) -> None:
         self.connection.settimeout(None)
-        why = self.server.enter(self.connection)
-        if why:
-            self.connection.settimeout(1.0)  # the first request is answered with the reason
-            self.rfile.readline(_LONGEST)
-            self._say({"error": why})
+        if not self.server.enter(self.connection):
             return
         with contextlib.suppress(OSError):
             while (line := self.rfile.readline(_LONGEST)) and self._answer(line):
@@ -52,14 +46,13 @@ class _Handler(socketserver.StreamRequestHandler):
 
     def _answer(self, line: bytes) -> bool:
         """False when there is no sense in reading on."""
-        started_s = time.thread_time()
         whole = line.endswith(b"\n") or len(line) < _LONGEST
         try:
             reply = self.server.obey(self._request(line)) if whole else {"error": "line too long"}
         except Exception as error:  # a client's mistake must not end the cell
             reply = {"error": f"{type(error).__name__}: {error}"[:_SHOWN]}
         self._say(reply)
-        self.server.charge(self.connection, time.thread_time() - started_s)
+        self.server.heard(self.connection)
         return whole
 
     def _request(self, line: bytes) -> dict[str, Any]:
@@ -82,45 +75,28 @@ class _Server(socketserver.ThreadingTCPServer):
         super().__init__((host, 0), _Handler)
         self.obey = obey
         self.token = token
-        self.ending = threading.Event()
         self._crowd = threading.Lock()
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._shares: Shares[socket.socket] = Shares(_PART)
-        self._open = 0
 
-    def verify_request(self, request: Any, client_address: Any) -> bool:
-        """Those for whom there is no place hear why, but not any number of them at a time."""
+    def enter(self, connection: socket.socket) -> bool:
+        """Take a place; False where there is none."""
         with self._crowd:
-            return self._open < 2 * _CLIENTS
-
-    def enter(self, connection: socket.socket) -> str:
-        """Take a place; returns why there is none."""
-        with self._crowd:
-            self._open += 1
             try:
                 leaves = self._places.enter(connection, time.monotonic())
-            except OverflowError as error:
-                return str(error)
+            except OverflowError:
+                return False
         if leaves is not None:
             with contextlib.suppress(OSError):
                 leaves.shutdown(socket.SHUT_RDWR)
-        return ""
+        return True
 
     def leave(self, connection: socket.socket) -> None:
         with self._crowd:
-            self._open -= 1
             self._places.leave(connection)
-            self._shares.forget(connection)
 
-    def charge(self, connection: socket.socket, used_s: float) -> None:
-        """Note what a request has cost; returns once the client is within its share."""
+    def heard(self, connection: socket.socket) -> None:
         with self._crowd:
-            now_s = time.monotonic()
-            self._places.heard(connection, now_s)
-            self._shares.charge(connection, used_s, now_s)
-            wait_s = self._shares.wait_s(connection, now_s)
-        if wait_s > 0.0:
-            self.ending.wait(min(wait_s, _LONGEST_WAIT_S))
+            self._places.heard(connection, time.monotonic())
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that went away is no news."""
@@ -141,7 +117,6 @@ class ControlServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.ending.set()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join(TIMEOUT_S)

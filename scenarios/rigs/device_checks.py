@@ -8,8 +8,16 @@ from typing import Any
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
 from drivers.robotiq.link.modbus import ModbusTransport
-from drivers.robotiq.modes import TO_BASIC, check_closing, other_than_basic
-from drivers.robotiq.protocol import FAULTS, REGISTERS, RTU, TCP, StatusRegisters
+from drivers.robotiq.protocol import (
+    FAULTS,
+    REGISTERS,
+    RTU,
+    TCP,
+    TO_BASIC,
+    StatusRegisters,
+    check_closing,
+    other_than_basic,
+)
 from drivers.robotiq.words import doubts
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.link.thread import ReadingThread
@@ -17,11 +25,17 @@ from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
-from scenarios.rigs.cell_lock import devices_of, driving
 from scenarios.rigs.checks import Check, guarded
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.own_devices import check_offered
-from scenarios.rigs.permission import HARDWARE, arm_address, board_address, gripper_address
+from scenarios.rigs.permission import (
+    HARDWARE,
+    arm_address,
+    board_address,
+    devices_of,
+    driving,
+    gripper_address,
+)
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
 from scenarios.rigs.wired import board_finder
 

@@ -43,7 +43,6 @@ STOPPED_ARM = (
     "the line 'unlock protective stop' to its dashboard, {host} port 29999"
 )
 HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
-HOME_RADPS, HOME_RADPS2 = 0.3, 0.5  # likewise
 STANDING_SLIDER = (
     "the arm's speed slider stands at 0: turn it up first, 'fault speed_slider fraction=1'"
 )
@@ -161,15 +160,12 @@ class EmulatedCell:
         self._go_home(now_ns)
 
     def _go_home(self, now_ns: int) -> None:
-        """Where somebody has asked for it and nothing moves: the turn first, with the joints, then
-        what is left of the way. In the arm's own thread."""
+        """Where somebody has asked for it and nothing moves. In the arm's own thread."""
         motion, asked = self.arm.controller.motion, self._homeward
         self._homeward = False
         if not asked or motion.moving or motion.tripped:
             return
-        if motion.turned_rad:
-            motion.turn_home(HOME_RADPS, HOME_RADPS2)
-            return
+        motion.turn_home()
         with self._lock:
             self.cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
 

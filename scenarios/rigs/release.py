@@ -10,10 +10,15 @@ from contextlib import suppress
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.interfaces import Gripper, GripperState
 from grasp.clock import Clock, WallClock
-from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks
-from scenarios.rigs.permission import MotionPermit, board_address, require
+from scenarios.rigs.permission import (
+    MotionPermit,
+    board_address,
+    driving,
+    gripper_of,
+    require,
+)
 from scenarios.rigs.rig import activate, to_open
 from scenarios.rigs.wired import board_finder, open_gripper
 

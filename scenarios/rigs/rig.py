@@ -8,7 +8,7 @@ import msgspec
 from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.modes import BASIC, check_closing
+from drivers.robotiq.protocol import BASIC, check_closing
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices

@@ -7,9 +7,8 @@ from typing import TypeVar
 from drivers.errors import GraspError, UsageError
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
-from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.link.modbus import ModbusTransport, TimedTransport
 from drivers.robotiq.link.thread import ThreadedGripper
-from drivers.robotiq.link.timing import TimedTransport
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link.thread import ReadingThread

@@ -35,9 +35,14 @@ from grasp.settings import (
     thing_layer,
 )
 from grasp.slip import SlipSettings
-from scenarios.rigs.calibration import calibration_layers
+from scenarios.rigs.calibration import (
+    Files,
+    calibration_layers,
+    own_layers,
+    rig_layers,
+    says_something,
+)
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.own_settings import Files, own_layers, rig_layers, says_something
 from scenarios.rigs.permission import HARDWARE
 from scenarios.world.world_settings import ContactLevels
 

@@ -1,18 +1,20 @@
 """Modbus clients that pip installs and this project does not need, as programs of their own.
 
 pip install --no-deps pyModbusTCP==0.3.1 uModbus==1.0.4 modbus-tk==1.1.5 minimalmodbus==2.1.1
-python -m tests.nightly.modbus_clients CLIENT ENDPOINTS        as JSON, of the cell
+python -m tests.wire.scenarios.cell.modbus_clients CLIENT ENDPOINTS        as JSON, of the cell
 
 Exit code 77: the client is not installed.
 """
 
 import contextlib
 import json
+import os
 import socket
 import sys
+import time
 
-from tests.nightly.pip_clients import play, until
-
+NOT_INSTALLED = 77
+PATIENCE_S = 100.0
 ACTIVATE, READY = 0x0100, 0x31  # rACT; gACT and gIMC = 3
 GO = 0x0900  # rACT and rGTO
 COUNTS = (40, 20)  # of all fingers, where they meet nothing
@@ -20,6 +22,30 @@ FULL = 0xFF00  # speed, at the least force
 TIMEOUT_S = 5.0  # for one answer
 REGISTERS = 8  # each way
 RTU_COMMAND, RTU_STATUS = 0x03E8, 0x07D0
+
+
+def until(holds):
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := holds()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return found
+
+
+def play(scenario):
+    """Ends the program, with what came of it: the clients' threads would keep it going."""
+    try:
+        scenario()
+    except ImportError as error:
+        print(error)
+        code = NOT_INSTALLED
+    except BaseException as error:
+        print(repr(error))
+        code = 1
+    else:
+        code = 0
+    sys.stdout.flush()
+    os._exit(code)
 
 
 def hand(write, read):

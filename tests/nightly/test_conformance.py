@@ -14,8 +14,8 @@ from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.wired import board_finder, wired_gripper
-from scenarios.testing import conformance
-from scenarios.testing.conformance import Bench
+from tests import conformance
+from tests.conformance import Bench
 
 NOW = time.monotonic_ns
 PRESSED_COUNTS = 100

@@ -7,8 +7,8 @@ import pytest
 from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
 from grasp.guard import THUMB_ALONE
-from scenarios.testing.lift_start import at_lift
 from studies import runner
+from studies.lift_start import at_lift
 from studies.reaction import STUDY, Reaction, cliff, find_onset, react
 from tests.unit.scenarios.conftest import config
 

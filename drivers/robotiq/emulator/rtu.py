@@ -13,8 +13,15 @@ import tty
 from collections.abc import Callable
 from typing import Final, Self
 
-from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
-from drivers.robotiq.emulator.pdu import Guard, RtuGripper, Unanswerable
+from drivers.robotiq.emulator.pdu import (
+    Guard,
+    RtuGripper,
+    Trouble,
+    Unanswerable,
+    WireFault,
+    WireFaults,
+    damaged,
+)
 from drivers.robotiq.emulator.tcp import OnFrame, hand_of
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 

@@ -1,9 +1,9 @@
 """A gripper on Modbus TCP: the model behind a real socket, with framing of its own.
 
 Every unit number is answered and echoed, as the hardware does. Requests that arrive together are
-all answered, in order; a client that sends more than its share is read later. A header that is none
+all answered, in order, two of a client before others have their turn. A header that is none
 (another protocol, an absurd length) closes its connection and no other. A client for whom there is
-no place is answered with exception 6, server busy, and closed.
+no place is closed.
 """
 
 import asyncio
@@ -14,9 +14,17 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final, Self
 
-from drivers.fairness import Places, Shares
-from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
-from drivers.robotiq.emulator.pdu import Guard, Hand, TcpGripper, Unanswerable
+from drivers.fairness import Places
+from drivers.robotiq.emulator.pdu import (
+    Guard,
+    Hand,
+    TcpGripper,
+    Trouble,
+    Unanswerable,
+    WireFault,
+    WireFaults,
+    damaged,
+)
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 
 __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
@@ -24,11 +32,6 @@ __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
 _HEADER: Final = 7  # transaction, protocol, length, unit
 _LONGEST: Final = 254  # unit and request
 _CLIENTS: Final = 16
-_BUSY: Final = 6  # exception: server device busy
-_FAREWELL_S: Final = 1.0  # for the first request of a client that is turned away
-_PART: Final = 0.1  # of the time, for all who ask for more than a little: thousands a second
-_REQUEST_S: Final = 3e-5  # about; a world that somebody has to move on meanwhile is nobody's work
-_REST_S: Final = 0.02  # of who has used its share: to wake for each request costs more than it
 _AT_ONCE: Final = 2  # requests of one client, before others have their turn
 _UNREAD: Final = 65536  # bytes of replies that a client may leave lying
 _KEEP_UP_S: Final = 0.01
@@ -91,7 +94,6 @@ class _Connection(asyncio.Protocol):
 
     def _work(self) -> None:
         self._later = None
-        served = 0
         for _ in range(_AT_ONCE):
             frozen_s = self._server.frozen_for_s()
             if frozen_s > 0:
@@ -102,10 +104,8 @@ class _Connection(asyncio.Protocol):
                 break
             if not self._server.serve(frame, self):
                 self._received[:0] = frame
-            served += 1
-        wait_s = self._server.charge(self, served * _REQUEST_S)
-        if wait_s or frame is not None:
-            self._work_in(wait_s)
+        if frame is not None:
+            self._work_in(0.0)
 
     def _work_in(self, seconds: float) -> None:
         """Go on then; up to then the client's bytes wait in its socket."""
@@ -144,13 +144,6 @@ class _Connection(asyncio.Protocol):
         if transport.is_closing() or transport.get_write_buffer_size() > _UNREAD:
             self.abort()
 
-    def end(self, data: bytes) -> None:
-        """Send this and close."""
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.write(data)
-            transport.close()
-
 
 class GripperEmulator:
     """Serves a hand on a port. ``with`` runs it in a thread, ``async with`` in the running loop.
@@ -179,8 +172,6 @@ class GripperEmulator:
         self._on_frame = on_frame
         self._connections: set[_Connection] = set()
         self._places: Places[_Connection] = Places(_CLIENTS)
-        self._shares: Shares[_Connection] = Shares(_PART)
-        self._refused: set[_Connection] = set()  # who has not heard it yet
         self._frozen_until_s = 0.0
         self._listener: socket.socket | None = None
         self._keeper: asyncio.Task[None] | None = None
@@ -292,36 +283,15 @@ class GripperEmulator:
         try:
             leaves = self._places.enter(connection, time.monotonic())
         except OverflowError:
-            self._turn_away(connection)
+            connection.abort()
             return
         if leaves is not None:
             leaves.abort()
         self._connections.add(connection)
 
-    def _turn_away(self, connection: _Connection) -> None:
-        if len(self._refused) >= _CLIENTS:
-            connection.abort()
-            return
-        self._refused.add(connection)
-        self._connections.add(connection)  # ends with the others
-        asyncio.get_running_loop().call_later(_FAREWELL_S, self._forget, connection)
-
-    def _forget(self, connection: _Connection) -> None:
-        if connection in self._refused:
-            connection.abort()
-
     def left(self, connection: _Connection) -> None:
         self._connections.discard(connection)
-        self._refused.discard(connection)
         self._places.leave(connection)
-        self._shares.forget(connection)
-
-    def charge(self, connection: _Connection, used_s: float) -> float:
-        """The client has taken so much time; returns for how long it has to wait."""
-        now_s = time.monotonic()
-        self._shares.charge(connection, used_s, now_s)
-        wait_s = self._shares.wait_s(connection, now_s)
-        return max(wait_s, _REST_S) if wait_s else 0.0
 
     def frozen_for_s(self) -> float:
         """How long nothing will be carried out."""
@@ -329,9 +299,6 @@ class GripperEmulator:
 
     def serve(self, frame: bytes, connection: _Connection) -> bool:
         """Carry out one request and answer it; False: it has to wait for the end of a freeze."""
-        if connection in self._refused:
-            connection.end(_exception(frame, _BUSY))
-            return True
         self._places.heard(connection, time.monotonic())
         fault = self.faults.take(frame[_HEADER], self.hand.clock())
         trouble = fault.trouble if fault is not None else None

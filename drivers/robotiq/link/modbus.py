@@ -7,6 +7,7 @@ functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error wi
 import logging
 import struct
 import termios
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Annotated, Final, Literal
@@ -17,6 +18,49 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
 from drivers.errors import LinkLost
+from drivers.robotiq.exchange import RegisterTransport
+
+KEPT: Final = 4096  # latest durations of each kind
+
+
+class Durations:
+    """A bounded ring of durations in nanoseconds, filled by one thread, read by any."""
+
+    def __init__(self) -> None:
+        self._latest: deque[int] = deque(maxlen=KEPT)
+
+    def add(self, duration_ns: int) -> None:
+        self._latest.append(duration_ns)
+
+    @property
+    def latest_ns(self) -> tuple[int, ...]:
+        """Oldest first."""
+        return tuple(self._latest.copy())
+
+
+class TimedTransport:
+    """A transport that times another one. A request that fails leaves no duration."""
+
+    def __init__(self, inner: RegisterTransport, clock: Callable[[], int]) -> None:
+        """``clock`` gives monotonic nanoseconds."""
+        self._inner = inner
+        self._clock = clock
+        self.writes = Durations()
+        self.reads = Durations()
+        self.acknowledged_ns: int | None = None  # when the latest write was answered
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        start_ns = self._clock()
+        self._inner.write(first_register, registers, now_ns)
+        self.acknowledged_ns = self._clock()
+        self.writes.add(self.acknowledged_ns - start_ns)
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        start_ns = self._clock()
+        registers = self._inner.read(first_register, count, now_ns)
+        self.reads.add(self._clock() - start_ns)
+        return registers
+
 
 _Meta = msgspec.Meta
 

@@ -12,8 +12,8 @@ import msgspec
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
 from drivers.robotiq.encoding import closing_targets
-from drivers.robotiq.link.timing import KEPT, Durations, TimedTransport
-from drivers.robotiq.modes import BASIC
+from drivers.robotiq.link.modbus import KEPT, Durations, TimedTransport
+from drivers.robotiq.protocol import BASIC
 
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0

@@ -3,7 +3,7 @@
 There is no USB bus without hardware, so the seam is the one where pyusb hands a transfer to its
 back end: everything above it, pyusb included, is what a lab runs. Source of the behaviour: the
 TakkTile-usb firmware; libusb and Linux usbfs for what a host says to claims, replugs, time-outs.
-A connection for which there is no place is answered EBUSY and closed.
+A connection for which there is no place is closed.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 from drivers.takktile.emulator import descriptors, hop
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
@@ -30,9 +30,6 @@ _LOOK_AGAIN_S = 0.01  # while a read is pending: whether the board was unplugged
 _JOIN_S = 5.0
 _CLIENTS = 32
 _OPENED = 16  # handles of one connection
-_FAREWELL_S = 1.0  # for the first request of a client that is turned away
-_PART = 0.2  # of the time, for all clients that ask for more than a little
-_LONGEST_WAIT_S = 1.0  # of a client beyond its share, before it is looked at again
 
 
 class _Failure(Exception):
@@ -66,10 +63,8 @@ class BoardServer:
         self._serial = serial
         self._listener: socket.socket | None = None
         self._connections: dict[socket.socket, threading.Thread] = {}  # until the next comes
-        self._crowd = threading.Lock()  # guards the next three
+        self._crowd = threading.Lock()  # guards the next
         self._places: Places[socket.socket] = Places(_CLIENTS)
-        self._shares: Shares[socket.socket] = Shares(_PART)
-        self._refused = 0  # who has not heard it yet
         self._ending = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
         self._handles: dict[int, int] = {}  # handle -> ``plugs`` of the board when it was opened
@@ -120,13 +115,11 @@ class BoardServer:
             except OSError:
                 return
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            work = self._serve if self._enter(connection) else self._turn_away
-            if work == self._turn_away and not self._may_listen():
-                _say_busy(connection)
+            if not self._enter(connection):
                 connection.close()
                 continue
             thread = threading.Thread(
-                target=work, args=(connection,), name="takktile-connection", daemon=True
+                target=self._serve, args=(connection,), name="takktile-connection", daemon=True
             )
             thread.start()
             living = {c: t for c, t in self._connections.items() if t.is_alive()}
@@ -143,31 +136,14 @@ class BoardServer:
             _shut(leaves)
         return True
 
-    def _may_listen(self) -> bool:
-        """Of those for whom there is no place, as many wait for a thread to hear their request."""
-        with self._crowd:
-            if self._refused >= _CLIENTS:
-                return False
-            self._refused += 1
-            return True
-
-    def _turn_away(self, connection: socket.socket) -> None:
-        connection.settimeout(_FAREWELL_S)
-        with contextlib.suppress(OSError):
-            hop.receive(connection, HopRequest)
-        _say_busy(connection)
-        connection.close()
-        with self._crowd:
-            self._refused -= 1
-
     def _serve(self, connection: socket.socket) -> None:
         opened: list[int] = []  # handles, which end with this connection
         try:
             while not self._ending.is_set():
                 request = hop.receive(connection, HopRequest)
-                started_s = time.thread_time()
                 hop.send(connection, self._answer(request, connection, opened))
-                self._charge(connection, time.thread_time() - started_s)
+                with self._crowd:
+                    self._places.heard(connection, time.monotonic())
         except OSError:
             pass
         finally:
@@ -176,19 +152,7 @@ class BoardServer:
                     self._forget(handle)
             with self._crowd:
                 self._places.leave(connection)
-                self._shares.forget(connection)
             connection.close()
-
-    def _charge(self, connection: socket.socket, used_s: float) -> None:
-        """A client that has used more than its share waits before it is heard again."""
-        now_s = time.monotonic()
-        with self._crowd:
-            self._places.heard(connection, now_s)
-            self._shares.charge(connection, used_s, now_s)
-            wait_s = self._shares.wait_s(connection, now_s)
-        while wait_s > 0.0 and not self._ending.wait(min(wait_s, _LONGEST_WAIT_S)):
-            with self._crowd:
-                wait_s = self._shares.wait_s(connection, time.monotonic())
 
     def _answer(self, r: HopRequest, connection: socket.socket, opened: list[int]) -> HopReply:
         try:
@@ -354,12 +318,6 @@ def _wait(connection: socket.socket, wait_ns: int) -> None:
     time.sleep(wait_s - whole_ms * 1e-3)
     if spoke:
         raise ConnectionAbortedError("the client has gone")
-
-
-def _say_busy(connection: socket.socket) -> None:
-    connection.setblocking(False)
-    with contextlib.suppress(OSError):
-        hop.send(connection, HopReply(errno.EBUSY))
 
 
 def _shut(connection: socket.socket) -> None:

@@ -8,6 +8,19 @@ import msgspec
 
 from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID
 
+RULE_FILE = "/etc/udev/rules.d/60-takktile.rules"
+
+RULE = (
+    f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{VENDOR_ID:04x}", ATTR{{idProduct}}=="{PRODUCT_ID:04x}",'
+    ' MODE="0660", TAG+="uaccess"'
+)
+
+INSTALL = (
+    f"echo '{RULE}' | sudo tee {RULE_FILE} && sudo udevadm control --reload && "
+    "sudo udevadm trigger --subsystem-match=usb"
+)
+
+
 DEVICES = Path("/sys/bus/usb/devices")
 IDS = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
 

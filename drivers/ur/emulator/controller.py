@@ -5,13 +5,10 @@ the program and unlocking it ends the program; an emergency stop ends the progra
 arm off. States and bits: "RTDE Guide".
 """
 
-import math
 from collections import deque
-from collections.abc import Callable
 from enum import IntEnum
 
-from drivers.fairness import Budget
-from drivers.ur.emulator.compiling import Compilation, Secondary, compiling_allowance
+from drivers.ur.emulator.compiling import Compilation
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.ports import Ports
 from drivers.ur.emulator.rtde_wire import BITS, REGISTERS, Scalar, Values
@@ -26,10 +23,6 @@ _KINDS: tuple[tuple[str, Scalar, int], ...] = (
     ("bit", False, BITS),
 )
 _BIT_WORDS = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
-_KEPT_PROGRAMS = 8
-_KEPT_CHARS = 300_000  # of all these together
-ENDLESS = Budget()
-_SLICE_S = 3e-4  # of work on programs, before it is looked who asks meanwhile
 _KEPT_MESSAGES = 200
 _MESSAGE_CHARS = 500
 
@@ -114,7 +107,6 @@ class Controller:
         self.period_s = settings.controller.period_ns * 1e-9
         self.motion = motion
         self.registers = Registers()
-        self._untaken: dict[str, Values] = {}  # inputs that came in the midst of a program's turn
         self.ports = Ports()
         self.payload_kg = 0.0
         self.payload_cog_m: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -132,28 +124,17 @@ class Controller:
         self._now_ns = now_ns
         self._program: Program | None = None
         self._watchdog: Watchdog | None = None
-        self._compiled: dict[str, Compiled | ScriptError] = {}
-        self._compiling = compiling_allowance()
-        self._compilation = Compilation(BUILTINS, self._compiling)
-        self._secondary = Secondary(self, self._compiling)
-        self._told_to_wait = -math.inf  # cycle in which the log said so
+        self._compilation = Compilation(BUILTINS)
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
-    def step(
-        self,
-        now_ns: int,
-        inputs: dict[str, Values],
-        budget: Budget = ENDLESS,
-        meanwhile: Callable[[], None] = lambda: None,
-    ) -> None:
-        """One cycle: take the inputs, renew the arm's state, run the program, which is interrupted
-        when its share by ``budget`` is spent, and now and then before, when ``meanwhile`` has its
-        turn. What the arm's motion takes to compute is no part of that share."""
+    def step(self, now_ns: int, inputs: dict[str, Values], wait: bool = True) -> None:
+        """One cycle: take the inputs, renew the arm's state, run the program. ``wait`` for a
+        compilation."""
         self._now_ns = now_ns
         self.cycles += 1
-        self._compiling.elapse(self.period_s)
-        self._take_registers(inputs)
+        for name, values in inputs.items():
+            self.registers.take_input(name, values)
         self.ports.take_inputs(inputs)
         self.motion.turn_slider(self.ports.speed_fraction)
         trouble = self.motion.update(now_ns)
@@ -163,45 +144,14 @@ class Controller:
         if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
-        budget.begin(self.period_s)
-        self._work(budget, meanwhile)
-        budget.end()
+        self._work(wait)
         self.motion.brake_if_unowned()
 
-    def _take_registers(self, inputs: dict[str, Values]) -> None:
-        """A program sees the registers of one cycle throughout its turn, also where it is
-        interrupted in the midst of it: a command, and the arguments that came with it."""
-        self._untaken.update(inputs)
-        playing = self.runtime_state is RuntimeState.PLAYING
-        if playing and self._program is not None and self._program.interrupted:
-            return
-        for name, values in self._untaken.items():
-            self.registers.take_input(name, values)
-        self._untaken.clear()
-
-    def _work(self, budget: Budget, meanwhile: Callable[[], None]) -> None:
-        """Programs and their compilation have slices in turn; the main one has one turn a cycle."""
-        turn: Program | None = None
-        ran = False
-        while True:
-            if self.ready:
-                budget.slice(_SLICE_S)
-                self._secondary.step(budget)
-            else:
-                self._secondary.clear()
-            budget.slice(_SLICE_S)
-            self._compile(budget)
-            if self.runtime_state is not RuntimeState.PLAYING or (
-                ran and self._program is not turn
-            ):
-                turn = None
-            elif turn is not None or not ran:
-                budget.slice(_SLICE_S)
-                turn, ran = self._run(budget), True
-            busy = self._secondary.busy or self._compilation.busy or turn is not None
-            if not busy or budget.over():
-                return
-            meanwhile()
+    def _work(self, wait: bool) -> None:
+        if compiled := self._compilation.take(wait):
+            self._start(compiled)
+        if self.runtime_state is RuntimeState.PLAYING:
+            self._run()
 
     def skip(self, cycles: int) -> None:
         """Cycles that nobody had the time to run."""
@@ -215,18 +165,15 @@ class Controller:
         elif self._watchdog.expired(self._now_ns):
             self.stop_program(f"watchdog on {self._watchdog.name}")
 
-    def _run(self, budget: Budget) -> Program | None:
-        """The program, if it was interrupted."""
-        program = self._program
-        if program is None:
-            return None
+    def _run(self) -> None:
+        if self._program is None:
+            return
         try:
-            if not program.step(budget.spent):
+            if not self._program.step():
                 self.stop_program("program ended")
         except ScriptError as error:
             self.script_errors += 1
             self.stop_program(f"script error: {error}")
-        return program if program is self._program and program.interrupted else None
 
     def script_error(self, error: ScriptError) -> None:
         """Of a program that does not run."""
@@ -237,26 +184,15 @@ class Controller:
 
     def load(self, text: str) -> None:
         """Replace the program; one that does not compile leaves the controller without any. A new
-        one starts in one of the next cycles, once it is compiled. A secondary one replaces none."""
-        secondary = is_secondary(text)
-        if not secondary:
-            self.stop_program("replaced")
-        if not self.ready:
-            self.log("program refused: the robot is not ready")
-        elif secondary:
-            self._secondary.load(text)
-        elif text in self._compiled:
-            self._start(self._compiled[text])
-        else:
+        one starts in one of the next cycles, once it is compiled."""
+        if is_secondary(text):
+            self.log("program refused: secondary programs are not emulated")
+            return
+        self.stop_program("replaced")
+        if self.ready:
             self._compilation.begin(text)
-            self._tell_to_wait()
-
-    def _tell_to_wait(self) -> None:
-        """Once a second at most: who sends so many would fill the log too."""
-        wait_s = self._compiling.wait_s
-        if wait_s and (self.cycles - self._told_to_wait) * self.period_s > 1.0:
-            self._told_to_wait = self.cycles
-            self.log(f"program waits for {wait_s:.1f} s: too much was to be compiled of late")
+        else:
+            self.log("program refused: the robot is not ready")
 
     @property
     def ready(self) -> bool:
@@ -269,20 +205,6 @@ class Controller:
         elif self.ready:
             self._program = Program(compiled, self)
             self.runtime_state = RuntimeState.PLAYING
-
-    def _compile(self, budget: Budget) -> None:
-        """Go on with the program that was loaded, where one is."""
-        if done := self._compilation.go_on(budget):
-            self._keep(*done)
-            self._start(done[1])
-
-    def _keep(self, text: str, compiled: Compiled | ScriptError) -> None:
-        """For the next time that a client sends it; the oldest ones are forgotten."""
-        self._compiled[text] = compiled
-        while len(self._compiled) > 1 and (
-            len(self._compiled) > _KEPT_PROGRAMS or sum(map(len, self._compiled)) > _KEPT_CHARS
-        ):
-            del self._compiled[next(iter(self._compiled))]
 
     def stop_program(self, why: str) -> None:
         self._compilation.cancel()
@@ -300,8 +222,8 @@ class Controller:
         self.messages.append(f"{self.cycles}: {message[:_MESSAGE_CHARS]}")
 
     def close(self) -> None:
-        self._secondary.clear()
         self.stop_program("the emulator ends")
+        self._compilation.close()
 
     # safety and power
 

@@ -11,7 +11,6 @@ _SHIFT = {"standard": 0, "configurable": 8, "tool": 16}  # in actual_digital_out
 _WIDTH = {"standard": 8, "configurable": 8, "tool": 2}
 _CURRENT_A = (0.004, 0.016)  # least, and span, of an output that gives current
 _VOLTAGE_V = (0.0, 10.0)
-FLAGS = 32  # URScript manual: set_flag
 
 
 class Ports:
@@ -24,7 +23,6 @@ class Ports:
         self.analog_ratio = [0.0, 0.0]  # of the outputs, 0 to 1
         self.analog_voltage = [True, True]  # of the outputs; else current
         self.tool_voltage_v = 0
-        self.flags = [False] * FLAGS  # kept from program to program
         self.speed_fraction = 1.0
 
     def take_inputs(self, written: Mapping[str, Values]) -> None:
@@ -43,14 +41,6 @@ class Ports:
                 self.set_analog(index, float(ratio))
         if int(written.get("speed_slider_mask", (0,))[0]) & 1:
             self.set_speed(float(written.get("speed_slider_fraction", (1.0,))[0]))
-
-    def set_digital(self, group: str, index: int, on: bool) -> None:
-        """Raises ValueError for an output that there is not."""
-        self._set_bits(self._bit(group, index), -1 if on else 0)
-
-    def digital(self, bits: int, group: str, index: int) -> bool:
-        """One of the bits of all inputs or outputs. Raises ValueError."""
-        return bool(bits & self._bit(group, index))
 
     def set_analog(self, index: int, ratio: float) -> None:
         """Beyond 0 to 1, or no number: no effect."""
@@ -72,11 +62,6 @@ class Ports:
         """analog_io_types: bits 0 and 1 the inputs, 2 and 3 the outputs; 1 is voltage."""
         first, second = self.analog_voltage
         return 0b11 | first << 2 | second << 3
-
-    def _bit(self, group: str, index: int) -> int:
-        if not 0 <= index < _WIDTH[group]:
-            raise ValueError(f"no {group} digital {index}")
-        return 1 << _SHIFT[group] + index
 
     def _set_bits(self, mask: int, bits: int) -> None:
         self.digital_out = self.digital_out & ~mask | bits & mask

@@ -24,28 +24,24 @@ import msgspec
 
 from drivers.addresses import check_free, check_host
 from drivers.errors import GraspError
-from drivers.fairness import Budget
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.dashboard import BANNER, Dashboard
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
-from drivers.ur.emulator.realtime import realtime_message
+from drivers.ur.emulator.primary import version_message
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Told
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
-from drivers.ur.emulator.rtde_wire import text_packet
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server, Talk
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 DASHBOARD_PORT = 29999
-STATE_PORTS = (30001, 30002)  # primary and secondary: programs in, state out
-SCRIPT_PORT = 30003  # real time: programs in, state out every cycle
+STATE_PORTS = (30001, 30002)  # primary and secondary: programs in
+SCRIPT_PORT = 30003  # real time: programs in
 PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
 SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
 MOST_CLIENTS = 32  # of each port
-_PROGRAM_PART = 0.2  # of the time, for the program and for compiling it
 _LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, not caught up
 
 
@@ -82,7 +78,6 @@ class UrEmulator:
         self._rtde = RtdeServer(settings.controller)
         self._dashboard = Dashboard(settings, self.controller)
         self._faults = FaultChannel(self.controller, self._rtde, self, settings.token)
-        self._budget = Budget(_PROGRAM_PART)
         self._server = Server(self.controller.log)
         try:
             self.fault_port = self._listen(settings)
@@ -92,16 +87,14 @@ class UrEmulator:
 
     def _listen(self, settings: EmulatorSettings) -> int:
         host, listen = settings.host, partial(self._server.listen, most=MOST_CLIENTS)
-        listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""), refusal=text_packet)
-        listen(
-            host, DASHBOARD_PORT, lambda: (LineTalk(self._dashboard.answer), BANNER), refusal=_line
-        )
+        listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
+        listen(host, DASHBOARD_PORT, lambda: (LineTalk(self._dashboard.answer), BANNER))
         version = version_message(settings.controller)
         for port in STATE_PORTS:
-            listen(host, port, lambda: (ScriptTalk(self._load, "state"), version))
-        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(self._load, "cycle"), b""))
+            listen(host, port, lambda: (ScriptTalk(self._load), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(self._load), b""))
         faults = lambda: (LineTalk(self._faults.answer), b"")  # noqa: E731
-        return listen(host, settings.fault_port, faults, refusal=_line, ours=True)
+        return listen(host, settings.fault_port, faults, ours=True)
 
     def _load(self, text: str) -> None:
         if self.controller.remote_control:
@@ -136,30 +129,17 @@ class UrEmulator:
         now_ns = self._now_ns + self._period_ns
         if self._advance is not None:
             self._advance(now_ns)
-        self._server.renew()
-        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget, self._meanwhile)
+        self.controller.step(now_ns, self._rtde.take_inputs(), wait=False)
         self._server.broadcast(self._news())
 
-    def _meanwhile(self) -> None:
-        self._server.serve(0.0)
-
     def _news(self) -> Callable[[Talk], bytes]:
-        """What each client hears of this cycle; what nobody hears is not made."""
-        cycle, heard = self.controller.cycles, {"state": b"", "cycle": b""}
-        talks = self._server.talks()
-        wanted = {talk.hears for talk in talks if isinstance(talk, ScriptTalk)}
-        sampled = any(isinstance(talk, RtdeConnection) for talk in talks)
-        values = output_values(self.controller) if sampled or "cycle" in wanted else {}
-        told = Told(values, self._profile)
-        if "cycle" in wanted:
-            heard["cycle"] = realtime_message(values)
-        if "state" in wanted and cycle % (self._profile.rate_hz // RATE_HZ) == 0:
-            heard["state"] = state_message(self.controller, self._profile)
+        """What each client of RTDE hears of this cycle."""
+        cycle = self.controller.cycles
+        sampled = any(isinstance(talk, RtdeConnection) for talk in self._server.talks())
+        told = Told(output_values(self.controller) if sampled else {}, self._profile)
 
         def news(talk: Talk) -> bytes:
-            if isinstance(talk, RtdeConnection):
-                return talk.sample(cycle, told)
-            return heard[talk.hears] if isinstance(talk, ScriptTalk) else b""
+            return talk.sample(cycle, told) if isinstance(talk, RtdeConnection) else b""
 
         return news
 
@@ -179,10 +159,6 @@ class UrEmulator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _line(text: str) -> bytes:
-    return text.encode() + b"\n"
 
 
 def _arm(settings: EmulatorSettings, now_ns: int) -> ArmModel:

@@ -1,8 +1,7 @@
 """Sockets of the emulator: listeners, connections and their bytes; no thread of its own.
 
-Clients share the time that a cycle leaves for them (`drivers.fairness`): one that floods, or asks
-for much, waits, and its bytes wait in its socket. A port has so many places; who finds none is told
-so and closed.
+What comes is handled in the time that a cycle leaves, a piece of each client in turn. A port has so
+many places (`drivers.fairness`); who finds none is closed.
 """
 
 import contextlib
@@ -10,22 +9,17 @@ import selectors
 import socket
 import time
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Protocol
 
-from drivers.fairness import Places, Shares
+from drivers.fairness import Places
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
 
 _CHUNK = 1024  # what is taken at a time: a millisecond's work at most
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
-_PART = 0.25  # of the time, for all clients that ask for more than a little
-_PROGRAM_PART = 0.2  # as much, for all who send programs: not heard before it is paid, but told
-_PROGRAM_BURST_S = 1.0  # of that, for who sends one after the other now and then
-_PROGRAM_S, _CHAR_S = 3e-4, 3e-6  # what it takes to compile and to begin one, about
 _LEAST_S = 0.001  # of serving, however late a cycle is
-_LOOK_S = 3e-4  # of telling the state, or of answering, before it is looked who asks meanwhile
-_FAREWELL_S = 1.0  # a client that was refused has so long to read why
+_LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
 
 
 class Talk(Protocol):
@@ -60,14 +54,11 @@ class LineTalk:
 class ScriptTalk:
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
-    def __init__(self, load: Callable[[str], None], hears: Literal["state", "cycle"]) -> None:
-        """``hears``: the state at its own rate, or every cycle."""
+    def __init__(self, load: Callable[[str], None]) -> None:
         self._load = load
-        self.hears = hears
         self._held = b""
         self._program = bytearray()  # as it came: lines of their own would be thirty times as much
         self._depth = 0
-        self.asked_s = 0.0  # of work, by programs
         self.broken = False
 
     def feed(self, data: bytes) -> bytes:
@@ -76,7 +67,7 @@ class ScriptTalk:
             self._take(line + b"\n")
         self.broken = len(self._held) + len(self._program) > MAX_CHARS
         if self.broken:  # which is refused for its length
-            self._ask((self._program + self._held).decode("utf-8", "replace"))
+            self._load((self._program + self._held).decode("utf-8", "replace"))
         return b""
 
     def _take(self, line: bytes) -> None:
@@ -87,22 +78,7 @@ class ScriptTalk:
         text = self._program.decode("utf-8", "replace")
         self._program, self._depth = bytearray(), 0
         if text.strip():
-            self._ask(text)
-
-    def _ask(self, text: str) -> None:
-        self._load(text)
-        self.asked_s += _PROGRAM_S + _CHAR_S * len(text)
-
-    def close(self) -> None: ...
-
-
-class Farewell:
-    """Says nothing more to a client that was refused, and does not listen."""
-
-    broken = False
-
-    def feed(self, data: bytes) -> bytes:
-        return b""
+            self._load(text)
 
     def close(self) -> None: ...
 
@@ -114,14 +90,8 @@ class Connection:
         self.sock = sock
         self.talk = talk
         self.places = places
-        self.waits = False  # has used up a share
         self.closed = False
         self._unsent = bytearray()
-
-    @property
-    def behind(self) -> bool:
-        """The client has not taken what was sent."""
-        return bool(self._unsent)
 
     def receive(self) -> bool:
         """Take and answer what has come; False when the connection is at its end."""
@@ -132,14 +102,6 @@ class Connection:
         except OSError:
             return False
         return bool(data) and self.send(self.talk.feed(data)) and not self.talk.broken
-
-    def hear_out(self) -> None:
-        """Take what came before a client went: a program is often sent, and the line closed."""
-        with contextlib.suppress(OSError):
-            for _ in range(MAX_CHARS // _CHUNK + 1):
-                if self.talk.broken or not (data := self.sock.recv(_CHUNK)):
-                    return
-                self.talk.feed(data)
 
     @property
     def deaf(self) -> bool:
@@ -165,11 +127,8 @@ class Server:
     def __init__(self, refused: Callable[[str], None] = lambda why: None) -> None:
         """``refused`` is told of each client that found no place."""
         self._selector = selectors.DefaultSelector()
-        self._shares: Shares[Connection] = Shares(_PART)
-        self._programs: Shares[Connection] = Shares(_PROGRAM_PART, _PROGRAM_BURST_S)
         self._refused = refused
         self._connections: dict[Connection, bool] = {}  # whether they are of our own channel
-        self._farewells: dict[Connection, float] = {}  # when they are closed
 
     def listen(
         self,
@@ -178,11 +137,10 @@ class Server:
         talk: Callable[[], tuple[Talk, bytes]],
         *,
         most: int,
-        refusal: Callable[[str], bytes] = lambda why: b"",
         ours: bool = False,
     ) -> int:
         """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting. More
-        than ``most`` connections are refused, with what ``refusal`` makes of the reason."""
+        than ``most`` connections are closed at once."""
         sock = socket.create_server((host, port), backlog=_BACKLOG, reuse_port=False)
         sock.setblocking(False)
         number = int(sock.getsockname()[1])
@@ -193,17 +151,18 @@ class Server:
                 client, _ = sock.accept()
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                connection = Connection(client, Farewell(), places)
+                dialogue, greeting = talk()
+                connection = Connection(client, dialogue, places)
                 try:
                     leaves = places.enter(connection, time.monotonic())
                 except OverflowError as error:
                     self._refused(f"port {number}: a client was refused, {error}")
-                    self._part_from(connection, refusal(str(error)))
+                    dialogue.close()
+                    client.close()
                     return
                 if leaves is not None:
                     self._refused(f"port {number}: the client silent for longest had to leave")
                     self._keep(leaves, False)
-                connection.talk, greeting = talk()
                 self._welcome(connection, greeting, ours)
 
         self._selector.register(sock, selectors.EVENT_READ, accept)
@@ -211,44 +170,12 @@ class Server:
 
     def _welcome(self, connection: Connection, greeting: bytes, ours: bool) -> None:
         self._connections[connection] = ours
-        self._watch(connection)
+        self._selector.register(connection.sock, selectors.EVENT_READ, connection)
         self._keep(connection, connection.send(greeting))
 
-    def _watch(self, connection: Connection) -> None:
-        self._selector.register(connection.sock, selectors.EVENT_READ, connection)
-
     def _attend(self, connection: Connection) -> None:
-        started_s = time.thread_time()
+        connection.places.heard(connection, time.monotonic())
         self._keep(connection, connection.receive())
-        self._charge(connection, time.thread_time() - started_s)
-
-    def _charge(self, connection: Connection, used_s: float) -> None:
-        if connection.closed:
-            return
-        now_s = time.monotonic()
-        connection.places.heard(connection, now_s)
-        self._shares.charge(connection, used_s, now_s)
-        talk = connection.talk
-        if isinstance(talk, ScriptTalk) and talk.asked_s:
-            self._programs.charge(connection, talk.asked_s, now_s)
-            talk.asked_s = 0.0
-        if not connection.waits and self._has_to_wait(connection, now_s):
-            connection.waits = True
-            self._selector.unregister(connection.sock)
-
-    def _has_to_wait(self, connection: Connection, now_s: float) -> bool:
-        shares = self._shares, self._programs
-        return any(one.wait_s(connection, now_s) > 0.0 for one in shares)
-
-    def _part_from(self, connection: Connection, last: bytes) -> None:
-        """Close, but not before the client has read why."""
-        alive = connection.send(last) and len(self._farewells) < connection.places.most
-        if not alive:
-            connection.sock.close()
-            return
-        with contextlib.suppress(OSError):
-            connection.sock.shutdown(socket.SHUT_WR)
-        self._farewells[connection] = time.monotonic() + _FAREWELL_S
 
     def _keep(self, connection: Connection, alive: bool) -> None:
         if alive or connection.closed:
@@ -258,23 +185,9 @@ class Server:
             self._refused(f"a client was cut off: it has not read {_MAX_UNSENT} bytes")
         del self._connections[connection]
         connection.places.leave(connection)
-        self._shares.forget(connection)
-        self._programs.forget(connection)
-        if not connection.waits:
-            self._selector.unregister(connection.sock)
+        self._selector.unregister(connection.sock)
         connection.sock.close()
         connection.talk.close()
-
-    def renew(self) -> None:
-        """Once a cycle: clients who have waited long enough are heard again."""
-        now_s = time.monotonic()
-        for connection in self._connections:
-            if connection.waits and not self._has_to_wait(connection, now_s):
-                connection.waits = False
-                self._watch(connection)
-        for connection in [one for one, until_s in self._farewells.items() if until_s < now_s]:
-            del self._farewells[connection]
-            connection.sock.close()
 
     def serve(self, seconds: float) -> None:
         """Wait up to this long for something to come, and handle it."""
@@ -288,11 +201,8 @@ class Server:
             ready = self._selector.select(0)
 
     def _handle(self, ready: list[selectors.SelectorKey], until_s: float) -> None:
-        """Who has used least comes first, and does not wait for all who came before."""
-        looked_s = time.monotonic()
-        for key in sorted(ready, key=lambda one: self._used_s(one.data, looked_s)):
-            now_s = time.monotonic()
-            if now_s > until_s or now_s - looked_s > _LOOK_S:
+        for key in ready:
+            if time.monotonic() > until_s:
                 return
             if key.fileobj.fileno() == -1:  # type: ignore[union-attr] # closed by one before it
                 continue
@@ -301,34 +211,20 @@ class Server:
             else:
                 key.data()
 
-    def _used_s(self, one: object, now_s: float) -> float:
-        return self._shares.used_s(one, now_s) if isinstance(one, Connection) else 0.0
-
     def talks(self) -> list[Talk]:
         """Of all clients."""
         return [connection.talk for connection in self._connections]
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
-        """Send every client what it hears of this cycle; one that waits hears nothing, unless it is
-        for its programs. Nor does one that hears the state and has not read the last one. Who asks
-        meanwhile need not wait for all of them."""
+        """Send every client what it hears of this cycle. Who asks meanwhile need not wait for all
+        of them."""
         looked_s = time.monotonic()
         for connection in list(self._connections):
             if time.monotonic() - looked_s > _LOOK_S:
                 self.serve(0.0)
                 looked_s = time.monotonic()
-            if connection.closed:
-                continue
-            deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
-            waits = connection.waits and self._shares.wait_s(connection, looked_s) > 0.0
-            if not deaf and not waits:
-                started_s = time.thread_time()
-                if data := sample(connection.talk):
-                    alive = connection.send(data)
-                    if not alive and isinstance(connection.talk, ScriptTalk):
-                        connection.hear_out()
-                    self._keep(connection, alive)
-                    self._charge(connection, time.thread_time() - started_s)
+            if not connection.closed and (data := sample(connection.talk)):
+                self._keep(connection, connection.send(data))
 
     def drop_links(self) -> None:
         """Close the connections of all clients but those of the control channel."""
@@ -338,8 +234,6 @@ class Server:
     def close(self) -> None:
         for connection in list(self._connections):
             self._keep(connection, False)
-        for connection in self._farewells:
-            connection.sock.close()
         for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]

@@ -21,12 +21,10 @@ from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, make_grasped
-from scenarios.acquire.datasets.own import check_unchanged
 from scenarios.acquire.datasets.plan import Job, pressing
 from scenarios.acquire.datasets.pressed import make_pressed
 from scenarios.acquire.labels import recording
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Session
+from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
@@ -41,7 +39,6 @@ def make(job: Job) -> Recording:
     """The recording of a job: a session on the simulated rig, of which the part is taken that
     holds so many samples of either label."""
     wanted, metadata = job.samples, job.metadata
-    check_unchanged(metadata.files)
     if metadata.cause in GRASPED:
         return make_grasped(metadata, wanted, job.acts, job.path)
     bare = pressing(job.surface, metadata.layout)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import Layer, file_of, load, renamed
+from grasp.settings import Layer, file_of, load
 
 C = TypeVar("C", bound=msgspec.Struct)
 
@@ -23,8 +23,6 @@ def with_values(config: C, values: Mapping[str, Any]) -> C:
     for key, value in values.items():
         section, _, name = key.partition(".")
         if name not in tree.get(section, {}):
-            new = renamed(key)
-            problem = f"is called {new} now" if new else "no such setting"
-            raise ConfigError("randomise", key, problem, "section.key of a setting")
+            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
         tree[section][name] = value
     return load(type(config), [Layer("randomise", tree)])

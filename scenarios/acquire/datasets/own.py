@@ -73,12 +73,3 @@ def check(surfaces: Iterable[str], bodies: Iterable[str]) -> None:
 def fingerprints(*words: str) -> dict[str, str]:
     """Of the files among them."""
     return {word: read_toml(Path(word)).digest for word in words if by_path(word)}
-
-
-def check_unchanged(files: Mapping[str, str]) -> None:
-    """Raises ConfigError where a file is no longer what it was when the recordings were planned."""
-    for word, known in files.items():
-        if read_toml(Path(word)).digest != known:
-            raise ConfigError(
-                word, "-", "has changed since", "the file as it was, or another --out"
-            )

@@ -17,8 +17,7 @@ from scenarios.acquire.datasets.grasped import LEAST_SLIP_M
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rest import TURN_LEVER_M
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Script, Session
+from scenarios.acquire.session import Script, Session, open_acquire_rig
 from scenarios.world.pressed_cell import PressedCell
 
 FixedCause = Literal[

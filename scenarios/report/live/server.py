@@ -14,6 +14,7 @@ import threading
 import webbrowser
 from collections import deque
 from http import HTTPStatus
+from typing import Any
 
 import msgspec
 from websockets.asyncio.server import ServerConnection, serve
@@ -23,8 +24,48 @@ from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
 from grasp.watch import leave_signals_to_the_run
-from scenarios.report.live.messages import Begin, Message, Serve
+from scenarios.report.drawn import Seen
 from scenarios.report.page import render
+
+
+class Serve(msgspec.Struct, frozen=True, tag=True):
+    """The first message: listen on that descriptor, and hand this page to who knows the token."""
+
+    descriptor: int
+    address: str  # host and port
+    token: str
+    title: str
+    fingers: tuple[str, ...]
+    seen: Seen
+    open: bool  # in a browser
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """A trial begins: what came before is over. ``data`` is for the scripts of the page,
+    ``left_s`` how long all that is to come will last, None where nobody can tell."""
+
+    number: int
+    of: int
+    left_s: float | None
+    data: dict[str, Any]
+
+
+class Row(msgspec.Struct, frozen=True, tag=True):
+    """One instant: its phase, and the columns of ``Begin.data`` side by side; None: no number."""
+
+    phase: str
+    values: list[float | None]
+    left_s: float | None = None  # of an acquisition
+
+
+class Said(msgspec.Struct, frozen=True, tag=True):
+    """A line between two trials, or when all is over."""
+
+    text: str
+
+
+Message = Serve | Begin | Row | Said
+
 
 SCRIPTS = (
     "uplot/uPlot.iife.min.js",

@@ -4,7 +4,7 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const MISSING = -(2 ** 31);
 
-// Columns as scenarios/report/packed.py packs them: {name: [Float64Array, ...]}, NaN where nothing is.
+// Columns as scenarios/report/run_page.py packs them: {name: [Float64Array, ...]}, NaN where nothing is.
 async function unpack(packed) {
   const bytes = Uint8Array.from(atob(packed.deflated), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from drivers.errors import ConfigError
@@ -87,13 +86,6 @@ def test_old_name_of_a_setting_is_refused_with_the_new_one(tmp_path: Path) -> No
     assert caught.value.file == str(file)
     with pytest.raises(ConfigError, match=r"--set: tap\.impulse_ns: is called tap.impulse_n_s now"):
         lift("tap.impulse_ns=0.2")
-
-
-def test_no_old_name_of_a_setting_is_one_in_use() -> None:
-    config = msgspec.to_builtins(lift())
-    for old in settings.RENAMED:
-        section, _, name = old.partition(".")
-        assert name not in config.get(section, {}), old
 
 
 def test_unknown_object_is_refused_with_the_known_ones() -> None:

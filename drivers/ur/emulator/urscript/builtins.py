@@ -1,20 +1,16 @@
-"""Functions that an emulated URScript program may call; there are no others.
+"""Functions that an emulated URScript program may call: what the script of ur_rtde needs.
 
 Names, parameters and defaults: Universal Robots, "The URScript Programming Language". The first
 parameter is the calling thread; its ``robot`` is the emulated controller.
 """
 
-import inspect
 import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript.inout import INOUT
 from drivers.ur.emulator.urscript.maths import MATHS, six, three
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import (
-    INTERRUPTED,
-    LOOK_EACH,
     Builtin,
     PoseValue,
     Steps,
@@ -29,7 +25,6 @@ _MAX_SLEEP_S = 3600.0
 _MOST_SHOWN = 500  # characters of a string
 _MOST_KG = 12.5  # of a UR10e; a UR10 carries 10
 _SLOWEST_HZ = 1.0 / _MAX_SLEEP_S  # of a watchdog
-_BETWEEN_MPS2 = 5.0  # braking before a move that begins at rest; m/s2, or rad/s2 of joints; assumed
 
 
 def _known(function: Builtin) -> Builtin:
@@ -60,50 +55,19 @@ def movel(
     target = six(pose)
     if not isinstance(pose, PoseValue):
         target = motion.pose_of(target, None)
-    yield from _stand(thread)
-    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a), _duration(t)))
-
-
-@_known
-def movej(
-    thread: Thread, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 0, r: Value = 0
-) -> Steps:
-    """All joints together, from rest to rest."""
-    motion = thread.robot.motion
-    target = six(q)
-    if isinstance(q, PoseValue):
-        target = _reached((yield from _joints(thread, target, None)))
-    yield from _stand(thread, lines_too=True)
-    yield from _moving(thread, lambda: motion.to_joints(target, finite(v), finite(a), _duration(t)))
-
-
-def _stand(thread: Thread, lines_too: bool = False) -> Steps:
-    """A move begins at rest, but for a line that follows a line: the arm model joins those."""
-    motion = thread.robot.motion
-    if motion.planned or (lines_too and motion.moving):
-        yield from _moving(thread, lambda: motion.stop(_BETWEEN_MPS2))
+    if quantity(t):
+        raise ScriptError("a line in a given time is not emulated")
+    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a)))
 
 
 def _duration(t: Value) -> float:
     return quantity(t, 0.0, _MAX_SLEEP_S)
 
 
-def _joints(thread: Thread, pose: Sequence[float], near: Value) -> Steps:
-    """Joint angles for a pose, or None; the search is interrupted when there is no time left."""
-    search = thread.robot.motion.joints_for(pose, None if near is None else six(near))
-    while True:
-        try:
-            next(search)
-        except StopIteration as end:
-            return end.value
-        if thread.look(LOOK_EACH):
-            yield INTERRUPTED
-
-
-def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
-    if q is None:
-        raise ScriptError("no inverse kinematics solution")
-    return tuple(q)
+def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[float] | None:
+    """Joint angles for a pose, or None."""
+    q = thread.robot.motion.joints_for(pose, None if near is None else six(near))
+    return None if q is None else list(q)
 
 
 @_known
@@ -124,27 +88,6 @@ def _kept(thread: Thread, start: Callable[[], None], t: Value) -> Steps:
             yield
     finally:
         motion.let_go(thread)
-
-
-@_known
-def speedj(thread: Thread, qd: Value, a: Value = 1.4, t: Value = 0) -> Steps:
-    motion, target = thread.robot.motion, six(qd)
-    yield from _kept(thread, lambda: motion.speed_joints(target, finite(a)), t)
-
-
-@_known
-def servoj(
-    thread: Thread,
-    q: Value,
-    a: Value = 0,
-    v: Value = 0,
-    t: Value = 0.008,
-    lookahead_time: Value = 0.1,
-    gain: Value = 300,
-) -> Steps:
-    """Acceleration, speed and gain are ignored: the look-ahead time alone says how closely."""
-    motion, target = thread.robot.motion, six(q)
-    yield from _kept(thread, lambda: motion.servo_joints(target, finite(lookahead_time)), t)
 
 
 @_known
@@ -328,8 +271,11 @@ def get_inverse_kin(
     qnear: Value = None,
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
-) -> Steps:
-    return list(_reached((yield from _joints(thread, six(x), qnear))))
+) -> list[float]:
+    q = _joints(thread, six(x), qnear)
+    if q is None:
+        raise ScriptError("no inverse kinematics solution")
+    return q
 
 
 @_known
@@ -339,8 +285,8 @@ def get_inverse_kin_has_solution(
     qnear: Value = None,
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
-) -> Steps:
-    return (yield from _joints(thread, six(pose), qnear)) is not None
+) -> bool:
+    return _joints(thread, six(pose), qnear) is not None
 
 
 @_known
@@ -351,11 +297,11 @@ def get_forward_kin(thread: Thread, q: Value = None, tcp: Value = None) -> PoseV
 
 
 @_known
-def is_within_safety_limits(thread: Thread, pose: Value) -> Steps:
+def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
     """Reach is the only limit that is modelled."""
     values = six(pose)
     if isinstance(pose, PoseValue):
-        return (yield from _joints(thread, values, None)) is not None
+        return _joints(thread, values) is not None
     return all(abs(angle) <= 2.0 * math.pi for angle in values)
 
 
@@ -366,33 +312,14 @@ def _not_emulated(name: str) -> Builtin:
     return refuse
 
 
+# what ur_rtde's script names beside
 _NOT_EMULATED = (
     "direct_torque enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode "
     "force_mode freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history "
     "get_coriolis_and_centrifugal_torques get_freedrive_status get_jacobian "
     "get_jacobian_time_derivative get_mass_matrix get_target_joint_accelerations "
-    "get_target_waypoint modbus_add_signal modbus_get_signal_status modbus_set_output_signal "
-    "movec movep popup read_port_bit read_port_register request_boolean_from_primary_client "
-    "request_float_from_primary_client request_integer_from_primary_client "
-    "request_string_from_primary_client rpc_factory servoc "
-    "set_conveyor_tick_count socket_close socket_get_var socket_open socket_read_ascii_float "
-    "socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string "
-    "socket_send_byte socket_send_int socket_send_line socket_send_string socket_set_var "
-    "teach_mode tool_contact track_conveyor_circular track_conveyor_linear write_port_bit "
-    "write_port_register"
+    "get_target_waypoint movec movej movep servoc servoj speedj teach_mode tool_contact"
 )
-_SEARCHES = {"get_inverse_kin", "get_inverse_kin_has_solution", "is_within_safety_limits"}
 
 
-def _timeless(name: str, function: Builtin) -> Builtin:
-    if name in _SEARCHES or not inspect.isgeneratorfunction(function):
-        return function
-
-    def refuse(thread: Thread, *values: Value, **named: Value) -> None:
-        raise ScriptError(f"{name} takes time, and a secondary program takes none")
-
-    return refuse
-
-
-BUILTINS |= MATHS | INOUT | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}
-SECONDARY = {name: _timeless(name, function) for name, function in BUILTINS.items()}
+BUILTINS |= MATHS | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

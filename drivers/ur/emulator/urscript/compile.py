@@ -4,12 +4,10 @@ import inspect
 from collections.abc import Mapping
 
 import drivers.ur.emulator.urscript.syntax as syntax
-from drivers.ur.emulator.urscript.parse import Breathe, ScriptError, no_pause, parse
+from drivers.ur.emulator.urscript.parse import ScriptError, parse
 from drivers.ur.emulator.urscript.run import (
     BREAK,
     CONTINUE,
-    INTERRUPTED,
-    MOST_AT_ONCE,
     OPERATORS,
     RETURN,
     Builtin,
@@ -20,7 +18,6 @@ from drivers.ur.emulator.urscript.run import (
     Steps,
     UserFunction,
     Value,
-    charged,
     check_arguments,
     copied,
     lift,
@@ -31,11 +28,9 @@ from drivers.ur.emulator.urscript.run import (
 )
 
 
-def compile_program(
-    text: str, builtins: Mapping[str, Builtin], breathe: Breathe = no_pause
-) -> Compiled:
+def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
     """Raises ScriptError for text that is no program, or that names what does not exist."""
-    body = parse(text, breathe)
+    body = parse(text)
     if len(body) == 1 and isinstance(body[0], syntax.Function):
         main = body[0]
     else:
@@ -43,29 +38,18 @@ def compile_program(
     if main.parameters:
         raise ScriptError("a program takes no parameters")
     try:
-        return _Compiler(main, builtins, breathe).program()
+        return _Compiler(main, builtins).program()
     except RecursionError:
         raise ScriptError("nested too deep") from None
-
-
-_OUTPUTS = ("digital_out", "analog_out")  # arrays of old programs, which python-urx still writes
-
-
-def _output(target: str, at: syntax.Expression, value: syntax.Expression) -> syntax.Call:
-    return syntax.Call(f"set_{target}", (at, value), ())
 
 
 class _Compiler:
     """Knows all functions and global names of one program."""
 
-    def __init__(
-        self, main: syntax.Function, builtins: Mapping[str, Builtin], breathe: Breathe
-    ) -> None:
+    def __init__(self, main: syntax.Function, builtins: Mapping[str, Builtin]) -> None:
         self._main = main
         self._builtins = builtins
-        self._breathe = breathe
-        self._weigher = syntax.Weigher(breathe)
-        statements = list(syntax.inside(main.body, breathe))
+        statements = list(syntax.inside(main.body))
         defined = [one for one in statements if isinstance(one, syntax.Function)]
         self._functions = {one.name: UserFunction(one) for one in defined}
         self._definitions = defined
@@ -83,11 +67,8 @@ class _Compiler:
         return Compiled(self._main.name, main)
 
     def _fill(self, function: UserFunction, definition: syntax.Function) -> None:
-        body = _Body(self._functions, self._builtins, self._shared, definition, self._weigher,
-                     self._breathe)  # fmt: skip
+        body = _Body(self._functions, self._builtins, self._shared, definition)
         function.body = body.code()
-        work = syntax.CALL_WORK + self._weigher.work(*definition.body)
-        function.work = work if work <= MOST_AT_ONCE else syntax.CALL_WORK
 
 
 class _Body:
@@ -99,16 +80,11 @@ class _Body:
         builtins: Mapping[str, Builtin],
         shared: set[str],
         definition: syntax.Function,
-        weigher: syntax.Weigher,
-        breathe: Breathe,
     ) -> None:
         self._functions = functions
-        self._weigher = weigher
-        self._looks = False  # while an expression of much work is compiled
         self._builtins = builtins
         self._body = definition.body
-        self._breathe = breathe
-        inside = syntax.inside(definition.body, breathe)
+        inside = syntax.inside(definition.body)
         own = [one for one in inside if isinstance(one, syntax.Assign)]
         local = {one.target for one in own if one.scope == "local"} | set(definition.parameters)
         self._shared = shared - local
@@ -119,22 +95,11 @@ class _Body:
 
     # statements
 
-    def _long(self, *pieces: syntax.Statement | syntax.Expression) -> bool:
-        """Too much to be run at once: it charges its pieces. Others are charged by what they are
-        in."""
-        return self._weigher.work(*pieces) > MOST_AT_ONCE
-
-    def _piece(self, code: Code, *pieces: syntax.Statement | syntax.Expression) -> Code:
-        """Of something long."""
-        return code if self._long(*pieces) else charged(code, max(1, self._weigher.work(*pieces)))
-
     def _block(self, block: syntax.Body) -> Code:
         body: list[syntax.Statement] = [
             one for one in block if not isinstance(one, syntax.Function)
         ]
         codes = [self._statement(one) for one in body]
-        if self._long(*body):
-            codes = [self._piece(code, one) for code, one in zip(codes, body, strict=True)]
         plain = [code.now for code in codes if code.now is not None]
 
         def now(scope: Scope) -> Value:
@@ -153,10 +118,7 @@ class _Body:
         return Code(now) if len(plain) == len(codes) else Code(None, steps)
 
     def _statement(self, statement: syntax.Statement) -> Code:
-        self._breathe()
         match statement:
-            case syntax.Assign(target, value, at, _) if at is not None and target in _OUTPUTS:
-                return lift(lambda scope, _: None, [self._call(_output(target, at, value))])
             case syntax.Assign():
                 return self._assign(statement)
             case syntax.Evaluate(value):
@@ -191,13 +153,6 @@ class _Body:
     def _if(self, statement: syntax.If) -> Code:
         branches = [(self._expression(c), self._block(body)) for c, body in statement.branches]
         otherwise = self._block(statement.otherwise)
-        if self._long(statement):
-            those = zip(branches, statement.branches, strict=True)
-            branches = [
-                (self._piece(condition, of), self._piece(code, *body))
-                for (condition, code), (of, body) in those
-            ]
-            otherwise = self._piece(otherwise, *statement.otherwise)
         plain = [(c.now, b.now) for c, b in branches if c.now is not None and b.now is not None]
 
         def now(scope: Scope) -> Value:
@@ -217,16 +172,10 @@ class _Body:
 
     def _while(self, statement: syntax.While) -> Code:
         condition, body = self._expression(statement.condition), self._block(statement.body)
-        work = self._weigher.work(statement)
-        if self._long(statement):
-            work = 1
-            condition = self._piece(condition, statement.condition)
-            body = self._piece(body, *statement.body)
 
         def steps(scope: Scope) -> Steps:
             while (yield from condition.steps(scope)):
-                if scope.thread.spend(work):
-                    yield INTERRUPTED
+                scope.thread.spend()
                 signal = yield from body.steps(scope)
                 if signal == BREAK:
                     break
@@ -246,15 +195,6 @@ class _Body:
     # expressions
 
     def _expression(self, expression: syntax.Expression) -> Code:
-        if self._looks or not self._long(expression):
-            return self._code(expression)
-        self._looks = True
-        code = self._code(expression)
-        self._looks = False
-        return code
-
-    def _code(self, expression: syntax.Expression) -> Code:
-        self._breathe()
         match expression:
             case syntax.Literal(value):
                 return Code(lambda scope: value)
@@ -313,8 +253,7 @@ class _Body:
             return builtin(scope.thread, *values[:count], **named)
 
         waits = inspect.isgeneratorfunction(builtin)
-        code = _waiting(apply, arguments) if waits else lift(apply, arguments)
-        return charged(code, syntax.CALL_WORK) if self._looks else code
+        return _waiting(apply, arguments) if waits else lift(apply, arguments)
 
     def _user_call(self, function: UserFunction, call: syntax.Call, arguments: list[Code]) -> Code:
         if function.thread or call.named or len(arguments) != len(function.parameters):

@@ -8,7 +8,6 @@ Python: the tree is all that comes out of here.
 
 import re
 from collections.abc import Callable
-from typing import Any
 
 from msgspec import Struct
 
@@ -35,21 +34,10 @@ from drivers.ur.emulator.urscript.syntax import (
 )
 
 MAX_CHARS = 250_000
-MAX_STATEMENTS = 10_000
-MAX_BRANCHES = 1000  # of one if
 MAX_NESTING = 40
 MAX_TOKENS = 500  # of one chain of operators or indices
-MAX_ITEMS = 100  # of one list or call
-MAX_EXPRESSION = 3000  # tokens, with all that is nested in it
 _MAX_DIGITS = 40
 _INT_END = 2**31
-
-
-Breathe = Callable[[], None]  # called often; returns at once, or after others have had their time
-
-
-def no_pause() -> None:
-    """For who has all the time there is."""
 
 
 class ScriptError(Exception):
@@ -89,14 +77,13 @@ _BINDING |= {"+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
 _NOT_BINDING, _MINUS_BINDING = 4, 8
 
 
-def tokens(text: str, breathe: Breathe = no_pause) -> list[Token]:
+def tokens(text: str) -> list[Token]:
     """Raises ScriptError at the first character that begins no token."""
     if len(text) > MAX_CHARS:
         raise ScriptError(f"program longer than {MAX_CHARS} characters")
     found: list[Token] = []
     at, line = 0, 1
     while at < len(text):
-        breathe()
         match = _TOKEN.match(text, at)
         if match is None:
             raise ScriptError(f"line {line}: unexpected character {text[at]!r}")
@@ -124,22 +111,18 @@ def depth_change(line: str) -> int:
     return len(words) - 2 * words.count("end")
 
 
-def parse(text: str, breathe: Breathe = no_pause) -> Body:
+def parse(text: str) -> Body:
     """Syntax tree of a whole program. Raises ScriptError."""
-    return _Parser(tokens(text, breathe), breathe).program()
+    return _Parser(tokens(text)).program()
 
 
 class _Parser:
     """Recursive descent; nesting is bounded, so that no text can exhaust Python's stack."""
 
-    def __init__(self, found: list[Token], breathe: Breathe) -> None:
+    def __init__(self, found: list[Token]) -> None:
         self._tokens = found
-        self._breathe = breathe
         self._at = 0
         self._depth = 0
-        self._statements = 0
-        self._open = 0  # expressions around the present one
-        self._outermost = 0  # where the outermost of them begins
 
     def program(self) -> Body:
         body = self._body("end of program")
@@ -189,10 +172,6 @@ class _Parser:
         return self._body("end", *ends)
 
     def _statement(self) -> Statement:
-        self._breathe()
-        self._statements += 1
-        if self._statements > MAX_STATEMENTS:
-            raise ScriptError(f"program of more than {MAX_STATEMENTS} statements")
         kind = self._next.kind
         if kind in _PLAIN:
             self._at += 1
@@ -230,8 +209,6 @@ class _Parser:
         while self._took("elif" if branches else "if"):
             condition = self._expression()
             branches.append((condition, self._block("elif", "else")))
-            if len(branches) > MAX_BRANCHES:
-                raise ScriptError(f"line {self._next.line}: more than {MAX_BRANCHES} branches")
         if self._took("else"):
             otherwise = self._block()
         self._take("end")
@@ -272,8 +249,6 @@ class _Parser:
 
     def _expression(self, binding: int = 0) -> Expression:
         self._deeper()
-        self._outermost = self._outermost if self._open else self._at
-        self._open += 1
         left = self._operand()
         start = self._at
         while (mine := _BINDING.get(self._next.kind, 0)) > binding:
@@ -282,9 +257,6 @@ class _Parser:
             self._at += 1
             left = Binary(operator, left, self._expression(mine))
         self._depth -= 1
-        self._open -= 1
-        if self._at - self._outermost > MAX_EXPRESSION:
-            raise ScriptError(f"line {self._next.line}: expression too long")
         return left
 
     def _operand(self) -> Expression:
@@ -350,14 +322,9 @@ class _Parser:
             return Index(Name(name), items[0]) if len(items) == 1 else Sequence(items, True)
         return Name(name)
 
-    def _check_items(self, found: list[Any]) -> None:
-        if len(found) >= MAX_ITEMS:
-            raise ScriptError(f"line {self._next.line}: more than {MAX_ITEMS} items")
-
     def _items(self, end: str) -> tuple[Expression, ...]:
         found: list[Expression] = []
         while not self._took(end):
-            self._check_items(found)
             found.append(self._expression())
             if self._next.kind != end:
                 self._take(",")
@@ -367,7 +334,6 @@ class _Parser:
         positional: list[Expression] = []
         named: list[tuple[str, Expression]] = []
         while not self._took(")"):
-            self._check_items([*positional, *named])
             value = self._expression()
             if isinstance(value, Name) and self._took("="):
                 named.append((value.name, self._expression()))

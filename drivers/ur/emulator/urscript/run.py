@@ -3,14 +3,12 @@
 An expression or statement that can wait for a later controller cycle becomes a generator function,
 every other one a plain function. A thread that loops or calls without ever waiting is ended, as
 the controller does ("infinite loop without time"), and so is a program that uses an unknown name.
-One that computes for longer than a cycle has time for is interrupted, and goes on in the next.
 """
 
 import functools
 import inspect
 import math
 import operator
-import sys
 from collections.abc import Callable, Generator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -19,27 +17,15 @@ import drivers.ur.emulator.urscript.syntax as syntax
 from drivers.ur.emulator.urscript.parse import ScriptError
 
 Value = Any  # int, float, bool, str, list of values, PoseValue, or None of a function without value
-Steps = Generator[Any, None, Value]  # what is yielded: see INTERRUPTED
+Steps = Generator[None, None, Value]  # yields where it waits for the next cycle
 Builtin = Callable[..., Any]
 
 MAX_THREADS = 32
-MOST_BYTES = 32_000_000  # of what a program keeps: its variables, calls and unfinished expressions
-_SLOT_BYTES, _CALL_BYTES = 100, 2000  # of a variable with a number in it; of a call
-MAX_WORK = 2_000_000  # of one thread between two waits: see `syntax.Weigher`
-MOST_AT_ONCE = 300  # work; what is more can be interrupted
+MAX_LOOPS = 100_000  # of one thread between two waits: loops and calls
 MAX_CALLS_DEEP = 40
 MOST = 1e6  # of whatever an arm is told, in its unit: what is made of it stays finite
-LOOK_EACH = 200  # work; looking at the clock is some of it
 _MAX_TEXT = 10_000
 _INT_RANGE = 2**31
-
-
-INTERRUPTED = True  # yielded by a thread that does not wait, but has no time left
-
-
-def never() -> bool:
-    """Time without end."""
-    return False
 
 
 class PoseValue(list[float]):
@@ -58,9 +44,7 @@ class Thread:
         self.handle = handle
         self.steps = steps
         self.deep = 0
-        self.interrupted = False
-        self._spent = 0
-        self._unseen = 0  # work since the clock was looked at
+        self._loops = 0
 
     @property
     def robot(self) -> Any:
@@ -68,71 +52,45 @@ class Thread:
         return self.program.robot
 
     def step(self) -> bool:
-        """Run until the thread waits for the next cycle or is interrupted; False when it has
-        ended."""
-        if not self.interrupted:
-            self._spent = 0
+        """Run until the thread waits for the next cycle; False when it has ended."""
+        self._loops = 0
         try:
-            self.interrupted = next(self.steps) is INTERRUPTED
+            next(self.steps)
         except StopIteration:
-            self.interrupted = False
             return False
         return True
 
-    def spend(self, work: int) -> bool:
-        """Count what is run at most before the next call; True when it has to wait for time."""
-        self._spent += work
-        if self._spent > MAX_WORK:
+    def spend(self) -> None:
+        """Count a loop or a call."""
+        self._loops += 1
+        if self._loops > MAX_LOOPS:
             raise ScriptError("infinite loop without time")
-        return self.look(work)
-
-    def look(self, work: int) -> bool:
-        """True when there is no time for so much work."""
-        self._unseen += work
-        if self._unseen < LOOK_EACH:
-            return False
-        self._unseen = 0
-        return self.program.out_of_time()
 
 
 class Scope:
     """Variables of one call."""
 
-    __slots__ = ("_held", "local", "result", "shared", "thread")
+    __slots__ = ("local", "result", "shared", "thread")
 
     def __init__(self, thread: Thread, local: dict[str, Value]) -> None:
         self.thread = thread
         self.local = local
         self.shared = thread.program.shared
         self.result: Value = None
-        self._held = _CALL_BYTES + sum(map(size_of, local.values()))
-        thread.program.hold(self._held)
 
     def put(self, name: str, value: Value, shared: bool) -> None:
         """Give a variable its value."""
-        values = self.shared if shared else self.local
-        self._hold(size_of(value) - (size_of(values[name]) if name in values else 0), shared)
-        values[name] = value
+        (self.shared if shared else self.local)[name] = value
 
     def put_element(self, name: str, at: Value, value: Value) -> None:
         values = self[name]
-        place, new = position_in(values, at), element_for(values, value)
-        self._hold(size_of(new) - size_of(values[place]), name not in self.local)
-        values[place] = new
+        values[position_in(values, at)] = element_for(values, value)
 
     def __getitem__(self, name: str) -> Value:
         for values in (self.local, self.shared):
             if name in values:
                 return values[name]
         raise ScriptError(f"variable {name} has no value yet")
-
-    def _hold(self, more: int, shared: bool) -> None:
-        if more:
-            self.thread.program.hold(more)
-            self._held += 0 if shared else more
-
-    def end(self) -> None:
-        self.thread.program.hold(-self._held)
 
 
 def _at_once(now: Callable[[Scope], Value] | None, scope: Scope) -> Steps:
@@ -165,36 +123,12 @@ def lift(operation: Callable[..., Value], operands: list[Code]) -> Code:
         return Code(lambda scope: operation(scope, *[now(scope) for now in plain]))
 
     def steps(scope: Scope) -> Steps:
-        values, held = [], 0
-        try:
-            for code in operands:
-                value = code.now(scope) if code.now else (yield from code.steps(scope))
-                values.append(value)
-                scope.thread.program.hold(size_of(value))
-                held += size_of(value)
-            return operation(scope, *values)
-        finally:
-            scope.thread.program.hold(-held)
+        values = []
+        for code in operands:
+            values.append(code.now(scope) if code.now else (yield from code.steps(scope)))
+        return operation(scope, *values)
 
     return Code(None, steps)
-
-
-def charged(code: Code, work: int) -> Code:
-    """As the code, which is first counted, and may be interrupted before it."""
-
-    def steps(scope: Scope) -> Steps:
-        if scope.thread.spend(work):
-            yield INTERRUPTED
-        return code.now(scope) if code.now else (yield from code.steps(scope))
-
-    return Code(None, steps)
-
-
-def size_of(value: Value) -> int:
-    """Bytes; a string that two variables share counts twice."""
-    if isinstance(value, list):
-        return _SLOT_BYTES + sum(map(size_of, value))
-    return _SLOT_BYTES + sys.getsizeof(value) if isinstance(value, str) else _SLOT_BYTES
 
 
 def copied(value: Value) -> Value:
@@ -291,20 +225,15 @@ class UserFunction:
         self.parameters = definition.parameters
         self.thread = definition.thread
         self.body = Code()
-        self.work = 1  # to count at each call
 
     def call(self, thread: Thread, arguments: tuple[Value, ...]) -> Steps:
-        if thread.spend(self.work):
-            yield INTERRUPTED
+        thread.spend()
         if thread.deep >= MAX_CALLS_DEEP:
             raise ScriptError("calls nested too deep")
         values = map(copied, arguments)
         scope = Scope(thread, dict(zip(self.parameters, values, strict=True)))
         thread.deep += 1
-        try:
-            yield from self.body.steps(scope)
-        finally:
-            scope.end()
+        yield from self.body.steps(scope)
         thread.deep -= 1
         return scope.result
 
@@ -335,14 +264,11 @@ class Program:
     def __init__(self, compiled: Compiled, robot: Any, most_threads: int = MAX_THREADS) -> None:
         self.name = compiled.name
         self._most_threads = most_threads
-        self._held = 0  # bytes
         self.robot = robot
         self.shared: dict[str, Value] = {}
         self.critical: Thread | None = None
         self._handles = 0
         self._threads: list[Thread] = []
-        self._turn: list[Thread] = []  # who has not waited yet in this turn
-        self.out_of_time = never
         self.start(compiled.main)
 
     def start(self, function: UserFunction) -> int:
@@ -355,12 +281,6 @@ class Program:
         self._threads.append(thread)
         return thread.handle
 
-    def hold(self, size: int) -> None:
-        """Count bytes that are kept; below 0: that are kept no more."""
-        self._held += size
-        if size > 0 and self._held > MOST_BYTES:
-            raise ScriptError(f"out of memory: a program has {MOST_BYTES // 10**6} MB")
-
     def kill(self, handle: Value, by: Thread) -> None:
         """End a thread; a handle of none, or of one that has ended, is ignored."""
         for thread in [thread for thread in self._threads if thread.handle == handle]:
@@ -368,37 +288,20 @@ class Program:
                 raise ScriptError("a thread cannot kill itself")
             self._end(thread)
 
-    @property
-    def interrupted(self) -> bool:
-        """Not all threads have had their turn."""
-        return bool(self._turn)
-
-    def step(self, out_of_time: Callable[[], bool] = never) -> bool:
-        """One cycle; False once the main thread has ended. Raises ScriptError.
-
-        Each thread runs until it waits, in turn. When there is no time left, the turn is continued
-        in the next cycle.
-        """
-        main, self.out_of_time = self._threads[0], out_of_time
+    def step(self) -> bool:
+        """One cycle: each thread runs until it waits, in turn. False once the main thread has
+        ended. Raises ScriptError."""
+        main = self._threads[0]
         try:
-            self._turn = self._turn or list(self._threads)
-            while self._turn and not out_of_time():
-                if not self._step(self._turn[0]):
-                    del self._turn[0]
+            for thread in list(self._threads):
+                waiting = self.critical is not None and self.critical is not thread
+                if not waiting and thread in self._threads and not thread.step():
+                    self._end(thread)
         except Halt:
             return False
         except (ArithmeticError, RecursionError, TypeError, ValueError) as error:
             raise ScriptError(f"{type(error).__name__}: {error}") from error
         return main in self._threads
-
-    def _step(self, thread: Thread) -> bool:
-        """True when the thread was interrupted."""
-        waiting = self.critical is not None and self.critical is not thread
-        if waiting or thread not in self._threads:
-            return False
-        if not thread.step():
-            self._end(thread)
-        return thread.interrupted
 
     def _end(self, thread: Thread) -> None:
         self._threads.remove(thread)

@@ -1,6 +1,6 @@
 """Syntax tree of URScript: what `urscript.parse` gives and `urscript.compile` takes."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from msgspec import Struct
 
@@ -123,63 +123,13 @@ Statement = Assign | Evaluate | If | While | Return | Kill | Plain | Function
 Body = tuple[Statement, ...]
 
 
-def inside(body: Body, breathe: Callable[[], None]) -> Iterator[Statement]:
-    """All statements, those of inner blocks and functions too; ``breathe`` is called at each."""
+def inside(body: Body) -> Iterator[Statement]:
+    """All statements, those of inner blocks and functions too."""
     for statement in body:
-        breathe()
         yield statement
         if isinstance(statement, Function | While):
-            yield from inside(statement.body, breathe)
+            yield from inside(statement.body)
         elif isinstance(statement, If):
             for _, inner in statement.branches:
-                yield from inside(inner, breathe)
-            yield from inside(statement.otherwise, breathe)
-
-
-CALL_WORK = 20  # of any built-in function; those that need more look at the clock themselves
-_ASSIGN_WORK = 10  # a list is copied and measured
-
-
-class Weigher:
-    """How much work a piece of a program is when each part of it is run once: about a microsecond
-    for a value, an operator or a statement."""
-
-    def __init__(self, breathe: Callable[[], None]) -> None:
-        self._breathe = breathe
-        self._known: dict[int, int] = {}  # by identity: the tree outlives its weigher
-
-    def work(self, *pieces: Statement | Expression) -> int:
-        return sum(map(self._of, pieces))
-
-    def _of(self, piece: Statement | Expression) -> int:
-        if id(piece) not in self._known:
-            self._breathe()
-            own = {Call: CALL_WORK, Assign: _ASSIGN_WORK}.get(type(piece), 1)
-            self._known[id(piece)] = own + self.work(*_parts(piece))
-        return self._known[id(piece)]
-
-
-def _parts(piece: Statement | Expression) -> Iterator[Statement | Expression]:
-    """What is run with it; a definition is not."""
-    match piece:
-        case Sequence(items, _):
-            yield from items
-        case Index(base, at):
-            yield from (base, at)
-        case Call(_, positional, named):
-            yield from positional
-            yield from (value for _, value in named)
-        case Binary(_, left, right):
-            yield from (left, right)
-        case Unary(_, value) | Evaluate(value) | Kill(value):
-            yield value
-        case Assign(_, value, at, _):
-            yield from (value,) if at is None else (value, at)
-        case Return(value) if value is not None:
-            yield value
-        case If(branches, otherwise):
-            for condition, body in branches:
-                yield from (condition, *body)
-            yield from otherwise
-        case While(condition, body):
-            yield from (condition, *body)
+                yield from inside(inner)
+            yield from inside(statement.otherwise)

@@ -18,7 +18,7 @@ from grasp.cli.places import (
     picture,
 )
 
-WRITTEN = ("--out", "--write", "--figure", "--pictures")
+WRITTEN = ("--out", "--write", "--figure")
 MAKE_FOLDERS = (file_with_folders, folder_to_fill)
 
 

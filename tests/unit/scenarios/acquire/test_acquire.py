@@ -19,12 +19,10 @@ from grasp import interruption
 from grasp.messages import ARM, TACTILE, TRUTH
 from grasp.recording import RunRecording
 from scenarios.acquire import acquire
+from scenarios.acquire.acquire import CHANNELS, PRESS, AcquireOutcome, AcquireResult
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.messages import CHANNELS, PRESS
 from scenarios.acquire.press import PressPhase, motion
-from scenarios.acquire.result import AcquireOutcome, AcquireResult
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Sample
+from scenarios.acquire.session import Sample, open_acquire_rig
 from scenarios.rigs.rig import PressRig
 
 

@@ -11,8 +11,7 @@ from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import motion
-from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Session
+from scenarios.acquire.session import Session, open_acquire_rig
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,

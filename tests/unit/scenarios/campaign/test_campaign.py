@@ -64,7 +64,6 @@ def test_a_wrong_file_is_refused_before_anything_runs(tmp_path: Path) -> None:
         ('objects = ["can"]\nprofiles = ["papr"]', "paper"),
         ('objects = ["can"]\ndetectors = ["none"]', "energy"),
         ('objects = ["can"]\n[sweep]\n"loop.decision_delay_s" = [3.0]', "decision_delay_s"),
-        ('objects = ["can"]\nlatencies_s = [0.1]', 'is called sweep."loop.decision_delay_s" now'),
         ('objects = ["can"]\nrepetition = 3', "repetitions"),
         ('objects = ["can"]\nsettings = ["gripper.calibration=manual"]', "guard.force_limit_n"),
     ]:

@@ -227,7 +227,7 @@ def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
         known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
         far = {b: "a hand with weak springs" for b, n in forces_n.items()
                if n < MANUAL.force_n(b) / FAR}  # fmt: skip
-        text = hand_file("A", known, law_of(known), None, "current", far)
+        text = hand_file("A", known, law_of(known), None, far)
         table = tomllib.loads(text)["calibration"]
         check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 

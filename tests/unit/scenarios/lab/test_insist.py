@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from grasp.clock import VirtualClock
-from scenarios.lab.insist import TRIES, insist
+from scenarios.lab.steps import TRIES, insist
 
 
 @pytest.mark.parametrize(

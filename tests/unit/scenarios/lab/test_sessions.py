@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import UsageError
 from scenarios.lab import sessions
-from scenarios.lab.fit import Line, Point, check_current, law_of, of_byte
+from scenarios.lab.fit import Line, law_of, of_byte
 from scenarios.lab.scale import (
     Presser,
     check_force,
@@ -76,17 +76,14 @@ def test_load_that_the_named_pad_does_not_feel_is_told_at_once(
 
 
 class Finger:
-    """That always meets the scale, with those currents, mA."""
+    """That always meets the scale."""
 
     counts = 100
 
-    def __init__(self, currents_ma: list[int]) -> None:
-        self._currents_ma = iter(currents_ma)
-
     def idle(self) -> None: ...
 
-    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
-        return True, next(self._currents_ma) if counts == sessions.CLOSED else 0
+    def to(self, counts: int, byte: int = 0) -> bool:
+        return True
 
 
 REASONS: dict[int, str] = {}  # of the presses below, and what was asked
@@ -99,21 +96,15 @@ def _nothing_said() -> None:
     SAID.clear()
 
 
-def presses(currents_ma: list[int], *lines: str) -> tuple[list[float], list[Point]]:
-    seen: list[Point] = []
-    finger = cast(Presser, Finger(currents_ma))
+def presses(*lines: str, count: int = 4) -> list[float]:
     person = Person(*lines)
-    forces = sessions.pressed(finger, 0, len(currents_ma), 60.0, person, seen, REASONS)
+    forces = sessions.pressed(cast(Presser, Finger()), 0, count, 60.0, person, REASONS)
     SAID[:] = person.said
-    return forces, seen
+    return forces
 
 
-def test_press_that_was_mistyped_and_corrected_is_so_for_its_current_too() -> None:
-    typed = ["10.5 N", "5.2 N", "11.5 N", "12 N", "11 N"]
-    forces, seen = presses([300, 350, 400, 450], *typed)
-    assert forces == [10.5, 11.0, 11.5, 12.0]
-    assert [point.force_n for point in seen] == forces
-    assert check_current(seen).endswith("rising with force")
+def test_press_that_was_mistyped_is_corrected() -> None:
+    assert presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N") == [10.5, 11.0, 11.5, 12.0]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +115,7 @@ def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
     wrong: str, right: str
 ) -> None:
     """Ten of them contradict one another nowhere: the manual's force is what tells."""
-    forces, _ = presses([300] * 4, *([wrong, right] * 4))
+    forces = presses(*([wrong, right] * 4))
     assert forces == [pytest.approx(newtons(right))] * 4
     assert sum("is far from the 15 N that the manual says of byte 0" in said for said in SAID) == 4
     assert not REASONS
@@ -143,11 +134,11 @@ def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kep
         "2 N",
         "2 N",
     ]
-    forces, _ = presses([300] * 4, *lines)
+    forces = presses(*lines)
     assert forces == [2.0, 2.1, 2.0, 2.0]
     assert REASONS == {0: "fingertips of soft foam"}
     known = [of_byte(0, [2.0] * 10)]
-    text = hand_file("A", known, law_of(known), None, "", REASONS)
+    text = hand_file("A", known, law_of(known), None, REASONS)
     assert "byte 0 is far from the manual's: fingertips of soft foam" in text
     assert tomllib.loads(text)["calibration"]["source"].endswith(": fingertips of soft foam")
 
@@ -164,7 +155,7 @@ def test_byte_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
 
 def hand_of(newtons: float, travel: object = None) -> str:
     known = [of_byte(0, [newtons] * 10)]
-    return hand_file("A", known, law_of(known), cast(Line, travel), "", {})
+    return hand_file("A", known, law_of(known), cast(Line, travel), {})
 
 
 MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)

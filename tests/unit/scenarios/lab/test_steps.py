@@ -102,7 +102,7 @@ def test_closing_goes_all_the_way_where_nothing_is_and_opening_back() -> None:
 
 def test_press_has_its_whole_force_though_it_is_told_step_by_step() -> None:
     bench = Bench(SCALE, calibration=MANUAL)
-    met, _ = bench.presser.to(255)
+    met = bench.presser.to(255)
     assert met
     assert bench.rig.springs.force_n(bench.rig.model.travel_m)[0] == pytest.approx(10.0, abs=0.5)
     at = bench.places[0]
@@ -119,7 +119,7 @@ def test_finger_that_touches_something_stands_there() -> None:
         touched[0] = touched[0] or bench.places[0] >= 60
         return touched[0]
 
-    met, _ = bench.presser.to(200, touched=feels)
+    met = bench.presser.to(200, touched=feels)
     assert met
     assert abs(bench.later()[0] - 60) <= LATE
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import Stale
-from scenarios.lab.touch import Touch
+from scenarios.lab.fingertips import Touch
 
 TICK_NS = 10_000_000
 

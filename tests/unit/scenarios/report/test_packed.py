@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from scenarios.report.packed import Column, pack, thinned
+from scenarios.report.run_page import Column, pack, thinned
 from tests.unit.scenarios.report.conftest import unpacked
 
 NUMBERS = st.floats(-1e6, 1e6) | st.just(float("nan"))

@@ -9,8 +9,7 @@ from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
-from drivers.robotiq.modes import BASIC, SCISSOR
-from drivers.robotiq.protocol import CommandRegisters
+from drivers.robotiq.protocol import BASIC, SCISSOR, CommandRegisters
 from grasp.clock import Clock, VirtualClock
 from scenarios.rigs.rig import activate, mode_of, take_over
 from tests.calibrations import PAPER

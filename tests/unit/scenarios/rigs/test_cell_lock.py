@@ -13,13 +13,13 @@ import pytest
 
 from drivers.errors import Refused
 from scenarios.campaign.config import load_config
-from scenarios.rigs.cell_lock import devices_of, driving, gripper_of, lock_path
+from scenarios.rigs.permission import devices_of, driving, gripper_of, lock_path
 
 ROOT = Path(__file__).parents[4]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 HOLD = (
     "import sys, time\n"
-    "from scenarios.rigs.cell_lock import driving\n"
+    "from scenarios.rigs.permission import driving\n"
     "with driving(*sys.argv[1:]):\n"
     "    print('driving', flush=True)\n"
     "    time.sleep(60)\n"
@@ -28,7 +28,7 @@ HOLD = (
 CONTEND = (
     "import os, sys, time\n"
     "from drivers.errors import Refused\n"
-    "from scenarios.rigs.cell_lock import driving\n"
+    "from scenarios.rigs.permission import driving\n"
     "taken = 0\n"
     "while taken < 100:\n"
     "    try:\n"

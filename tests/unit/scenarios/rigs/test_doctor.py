@@ -14,7 +14,7 @@ from drivers.interfaces import TactileFrame
 from drivers.robotiq.protocol import AxisStatus, StatusRegisters
 from scenarios.campaign.config import load_config
 from scenarios.rigs import device_checks, doctor
-from scenarios.rigs.cell_lock import devices_of, driving
+from scenarios.rigs.permission import devices_of, driving
 from scenarios.trial.execution import make_guard
 from tests.unit.grasp.builders import frame
 

@@ -20,8 +20,8 @@ from grasp.clock import VirtualClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.rig import calibration
 from scenarios.rigs.world_of_seed import make_cell
-from scenarios.testing import conformance
-from scenarios.testing.conformance import Bench
+from tests import conformance
+from tests.conformance import Bench
 
 
 class Wire:

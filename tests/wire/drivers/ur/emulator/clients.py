@@ -90,7 +90,8 @@ def move_l(site):
     assert near(c.getForwardKinematics()[:3], target[:3])
     longer = c.getForwardKinematics(site.receive.getActualQ(), [0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
     assert near(longer[:3], [*target[:2], target[2] - 0.01])
-    assert c.moveJ(c.getInverseKinematics(start), 1.0, 2.0)
+    assert c.getInverseKinematics(start)
+    assert c.moveL(start, 0.25, 1.2)
     until(lambda: near(site.position, start[:3]), "not back")
 
 
@@ -213,53 +214,6 @@ def stop_after_speed(site):
     assert "Another thread is already controlling the robot" in messages
 
 
-def turns(site):
-    """Every motion turns the tool: joints, lines, velocities."""
-    c, r = site.connect(), site.receive
-    x, y, z, *_ = site.target()
-    turned = [x, y, z + 0.02, 2.9, 0.4, 0.1]
-    assert c.moveL(turned, 0.25, 1.2)
-    until(lambda: near(r.getActualTCPPose(), turned, 1e-5), "not in its pose")
-    q = r.getActualQ()
-    q[5] += 0.4
-    assert c.moveJ(q, 1.0, 2.0)
-    until(lambda: near(r.getActualQ(), q, 1e-5), "not at its joints")
-    assert c.moveJ_IK(turned, 1.0, 2.0)
-    until(lambda: near(r.getActualTCPPose(), turned, 1e-4), "not back")
-    assert c.speedL([0.0, 0.0, 0.0, 0.0, 0.2, 0.0], 0.5)
-    until(lambda: abs(r.getActualTCPSpeed()[4] - 0.2) < 1e-3, "does not turn")
-    assert c.speedStop(2.0)
-    until(lambda: max(map(abs, r.getActualTCPSpeed())) == 0.0, "does not stop")
-
-
-def joint_speeds(site):
-    c, r = site.connect(), site.receive
-    assert c.speedJ([0.0, 0.0, 0.0, 0.0, 0.0, 0.3], 1.0)
-    until(lambda: abs(r.getActualQd()[5] - 0.3) < 1e-6, "speed not reached")
-    assert c.speedStop(2.0)
-    until(lambda: max(map(abs, r.getActualQd())) == 0.0, "does not stop")
-    assert c.isProgramRunning()
-
-
-def servo(site):
-    c, r = site.connect(), site.receive
-    q = r.getActualQ()
-    for _ in range(50):
-        q[5] += 0.002
-        assert c.servoJ(q, 0.0, 0.0, 0.008, 0.1, 300)
-        time.sleep(0.008)
-    until(lambda: near(r.getActualQ(), q, 1e-3), "does not follow")
-    pose = r.getActualTCPPose()
-    pose[2] += 0.01
-    for _ in range(100):
-        assert c.servoL(pose, 0.0, 0.0, 0.008, 0.1, 300)
-        time.sleep(0.008)
-    until(lambda: near(r.getActualTCPPose(), pose, 1e-3), "does not follow the pose")
-    c.servoStop(2.0)
-    until(lambda: max(map(abs, r.getActualQd())) == 0.0, "does not stop")
-    assert c.isProgramRunning()
-
-
 def not_emulated(site):
     """True from a call that does not wait; the next one tells, and the log says why."""
     c = site.connect()
@@ -363,7 +317,7 @@ def pose_trans(site):
         assert math.dist(c.poseTrans(quarter, step), wanted) < 1e-9, c.poseTrans(quarter, step)
     script = (
         f"there = pose_trans(p{quarter}, p{step})\n"
-        f'  textmsg("off by ", floor(1000000 * point_dist(there, p{wanted})))'
+        f'  textmsg("off by ", floor(1000000 * norm(pose_sub(there, p{wanted}))))'
     )
     assert c.sendCustomScriptFunction("mine", script)
     assert any("off by 0" in line for line in site.fault(do="state")["messages"])

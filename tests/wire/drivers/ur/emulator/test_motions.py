@@ -34,29 +34,6 @@ def test_motion_out_of_reach_is_a_protective_stop(bench):
     assert bench.motion.position[0] < 1.5
 
 
-def test_joints_move_together_and_the_tool_turns_with_them(bench):
-    """Of 0.6 rad and 0.3 rad at 1 rad/s and 2 rad/s2: 0.6 / 1 + 1 / 2 s."""
-    before = bench.motion.q
-    bench.run(
-        "q = get_actual_joint_positions()\nq[5] = q[5] + 0.6\nq[3] = q[3] + 0.3\n"
-        "movej(q, a=2, v=1)\nwrite_output_integer_register(5, 7)"
-    )
-    done = bench.controller.registers.values["output", "int"]
-    fastest, ratios, cycles = 0.0, set(), 0
-    while done[5] != 7:
-        bench.cycles(1)
-        cycles += 1
-        fastest = max(fastest, abs(bench.motion.qd[5]))
-        if bench.motion.qd[5]:
-            ratios.add(round(bench.motion.qd[3] / bench.motion.qd[5], 6))
-    assert cycles * 0.008 == pytest.approx(1.1, abs=0.04)
-    assert fastest == pytest.approx(1.0)
-    assert ratios == {0.5}
-    expected = [b - a for a, b in zip(before, bench.motion.q, strict=True)]
-    assert expected == pytest.approx((0, 0, 0, 0.3, 0, 0.6), abs=1e-6)
-    assert bench.motion.tcp_pose[:3] == pytest.approx(bench.arm.position(bench.now_ns), abs=1e-9)
-
-
 # example_control_loop.py of UR's Python RTDE client
 SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11, 0.04))
 

@@ -199,9 +199,7 @@ NOT_EMULATED = {
     "servoc": "p[0.5, 0.1, 0.3, 0, 3.14, 0]",
     "teach_mode": "",
     "freedrive_mode": "",
-    "popup": '"here"',
-    "socket_open": '"127.0.0.1", 80',
-    "socket_send_string": '"hello"',
+    "movej": "[0, 0, 0, 0, 0, 0]",
 }
 
 

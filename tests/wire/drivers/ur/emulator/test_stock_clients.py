@@ -5,15 +5,13 @@ UR's Python RTDE client (`record.py`, `example_control_loop.py`), UR's C++ clien
 """
 
 import itertools
-import math
 import socket
 import struct
 import time
 
 import pytest
 
-from drivers.ur import kinematics
-from tests.wire.drivers.ur.emulator.test_process import Rtde, send_program
+from tests.wire.drivers.ur.emulator.test_process import Rtde
 
 WIDTHS = {
     "DOUBLE": "d", "UINT32": "I", "INT32": "i", "UINT64": "Q", "UINT8": "B", "BOOL": "?",
@@ -88,69 +86,6 @@ def test_stock_recipes_are_recorded_without_a_gap(emulate, names, profile, rate_
     raise AssertionError(steps)
 
 
-# what UR's rtde_control_loop.urp does; its watchdog is of 1 Hz, which a busy machine may not keep
-CONTROL_LOOP = """def rtde_control_loop():
- rtde_set_watchdog("input_int_register_0", 0.5, "stop")
- write_output_integer_register(0, 0)
- while True:
-  write_output_integer_register(0, 1)
-  while read_input_integer_register(0) != 1:
-   sync()
-  end
-  setp = p[0, 0, 0, 0, 0, 0]
-  i = 0
-  while i < 6:
-   setp[i] = read_input_float_register(i)
-   i = i + 1
-  end
-  movej(setp, a=3, v=2)
-  write_output_integer_register(0, 0)
-  while read_input_integer_register(0) == 1:
-   sync()
-  end
- end
-end
-"""
-SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11, 0.04))
-
-
-def test_example_control_loop(emulator):
-    """`example_control_loop.py`: its recipes, its handshake, and both set-points in turn."""
-    send_program(emulator.host, CONTROL_LOOP)
-    with Rtde(emulator.host) as rtde:
-        assert rtde.ask("V", struct.pack(">H", 2)) == ("V", b"\x01")
-        assert rtde.ask("v")[0] == "v"
-        state = b"target_q,target_qd,output_int_register_0"
-        kinds = b"\x01VECTOR6D,VECTOR6D,INT32"
-        assert rtde.ask("O", struct.pack(">d", 125.0) + state) == ("O", kinds)
-        set_point = ",".join(f"input_double_register_{n}" for n in range(6)).encode()
-        assert rtde.ask("I", set_point)[1] == b"\x01" + b",".join([b"DOUBLE"] * 6)
-        assert rtde.ask("I", b"input_int_register_0")[1] == b"\x02INT32"
-        assert rtde.ask("S") == ("S", b"\x01")
-        told, completed, kick, moved, reached = SET_POINTS[0], True, 0, 0.0, []
-        deadline = time.monotonic() + 30.0
-        while len(reached) < 3:
-            assert time.monotonic() < deadline, emulator.fault(do="state")
-            kind, body = rtde.read()
-            _, *joints, register = struct.unpack(">B12di", body)
-            assert kind == "U"
-            moved = max(moved, *map(abs, joints[6:]))
-            if completed and register == 1:
-                completed, told, kick = False, SET_POINTS[told == SET_POINTS[0]], 1
-                rtde.sock.sendall(struct.pack(">HBB6d", 52, ord("U"), 1, *told))
-            elif not completed and register == 0:
-                assert moved > 0.1
-                reached.append((told, kinematics.pose(kinematics.forward(joints[:6]))))
-                completed, kick, moved = True, 0, 0.0
-            rtde.sock.sendall(struct.pack(">HBBi", 8, ord("U"), 2, kick))
-    assert [told for told, _ in reached] == [SET_POINTS[n] for n in (1, 0, 1)]
-    for told, pose in reached:
-        assert pose == pytest.approx(told, abs=1e-6)
-    deadline = time.monotonic() + 15.0
-    while "watchdog" not in " ".join((said := emulator.fault(do="state"))["messages"]):
-        assert time.monotonic() < deadline, said
-
-
 def test_inputs_of_the_stock_recipe_are_taken_and_read_back(emulate):
     """The C++ client library's `rtde_input_recipe.txt`; what it sends is read in its outputs."""
     with Rtde(emulate("--profile", "e-series").host) as rtde:
@@ -201,99 +136,3 @@ def test_dashboard_example(emulator):
                 answer = lines.readline()
                 assert time.monotonic() < deadline, (command, answer)
                 assert command == "programState" or expected in answer, (command, answer)
-
-
-class Primary:
-    """Packages of port 30001 or 30002."""
-
-    def __init__(self, host, port):
-        self.sock = socket.create_connection((host, port), timeout=10.0)
-        self.file = self.sock.makefile("rb")
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.file.close()
-        self.sock.close()
-
-    def read(self):
-        size, kind = struct.unpack(">IB", self.file.read(5))
-        return kind, self.file.read(size - 5)
-
-    def state(self):
-        """The next state, by number of its packages."""
-        while True:
-            kind, body = self.read()
-            if kind == 16:
-                return dict(packages(body))
-
-
-def packages(body):
-    while body:
-        size, kind = struct.unpack_from(">IB", body)
-        yield kind, body[5:size]
-        body = body[size:]
-
-
-def test_version_comes_first_then_the_state_ten_times_a_second(emulator):
-    with Primary(emulator.host, 30001) as primary:
-        kind, body = primary.read()
-        assert kind == 20
-        _, _, message, length = struct.unpack_from(">QbbB", body)
-        assert message == 3
-        after = struct.unpack_from(">BBii", body, 11 + length)
-        assert (body[11 : 11 + length], after) == (b"URControl", (3, 15, 8, 106339))
-        times = [struct.unpack_from(">Q", primary.state()[0])[0] for _ in range(4)]
-        gaps = [b - a for a, b in itertools.pairwise(times)]
-        assert all(gap % 96_000 == 0 for gap in gaps)  # twelve cycles
-
-
-def test_state_has_the_sizes_and_values_that_python_urx_reads(emulator):
-    """A mode package of 47 bytes says version 3.5 or later to it."""
-    with Primary(emulator.host, 30002) as primary:
-        found = primary.state()
-        sizes = {kind: 5 + len(body) for kind, body in found.items()}
-        assert sizes == {0: 47, 1: 251, 2: 37, 3: 72, 4: 101, 5: 225, 6: 445, 7: 61, 8: 8}
-        mode = struct.unpack(">Q7?BB3dB", found[0])
-        assert mode[1:8] == (True, True, True, False, False, False, False)
-        assert mode[8] == 7
-        pose = struct.unpack_from(">6d", found[4])
-        assert pose == pytest.approx((0.5, 0.1, 0.3, math.pi, 0, 0), abs=1e-6)
-        primary.sock.sendall(b"def go():\n set_digital_out(2, True)\n sleep(3)\nend\n")
-        deadline = time.monotonic() + 15.0
-        while not struct.unpack_from(">ii", (found := primary.state())[3])[1] & 4:
-            assert time.monotonic() < deadline
-        assert struct.unpack(">Q7?BB3dB", found[0])[6]  # a program runs
-
-
-@pytest.mark.parametrize(("profile", "period_s"), [("cb3", 0.008), ("e-series", 0.002)])
-def test_real_time_port_tells_every_cycle_what_rtde_tells(emulate, profile, period_s):
-    """1116 bytes: of PolyScope 3.10 to 3.15, and 5.4 to 5.8."""
-    emulator = emulate("--profile", profile)
-    emulator.fault(do="wrench", value=[1, 2, 3, 4, 5, 6])
-    (known,) = recorded(emulator.host, ["actual_q", "robot_mode", "safety_status"], 125, 1)
-    with (
-        socket.create_connection((emulator.host, 30003), timeout=10.0) as sock,
-        sock.makefile("rb") as file,
-    ):
-        packets = [struct.unpack(">I139d", file.read(1116)) for _ in range(20)]
-    assert {packet[0] for packet in packets} == {1116}
-    steps = {round((b[1] - a[1]) / period_s, 3) for a, b in itertools.pairwise(packets)}
-    assert all(step == round(step) >= 1.0 for step in steps)  # a busy machine leaves out some
-    last = packets[-1]
-    assert last[32:38] == known[1:7]
-    assert last[56:59] == pytest.approx((0.5, 0.1, 0.3))
-    assert last[68:74] == (1, 2, 3, 4, 5, 6)
-    assert (last[95], last[102], last[132]) == (known[7], 1.0, 1.0)  # no program: stopped
-    assert last[139] == known[8]
-
-
-def test_kinematics_of_the_primary_interface_are_those_of_the_arm(emulator):
-    """`primary_pipeline_calibration`: Denavit-Hartenberg parameters, which give the pose of q."""
-    with Primary(emulator.host, 30001) as primary:
-        found = primary.state()
-    flat = struct.unpack(">6I24dI", found[5])[6:30]
-    theta, a, d, alpha = (flat[n : n + 6] for n in (0, 6, 12, 18))
-    assert (theta, a[1], d[0]) == ((0.0,) * 6, -0.612, 0.1273)
-    assert alpha[0] == pytest.approx(math.pi / 2)

@@ -274,7 +274,9 @@ time.sleep(60)
 def test_arm_that_another_program_moves_is_not_taken_over(emulate, host, monkeypatch):
     emulator = emulate()
     with socket.create_connection((host, SECONDARY_PORT), LONG_S) as other:
-        other.sendall(b"def other():\n  movel(p[0.5, 0.1, 0.5, 3.1, 0, 0], a=1, v=0.01)\nend\n")
+        other.sendall(
+            b"def other():\n  movel(p[0.5, 0.1, 0.5, 3.141592653589793, 0, 0], a=1, v=0.01)\nend\n"
+        )
         emulator.state_when(lambda state: state["moving"])
         with pytest.raises(DeviceFault, match="a program runs on the arm already"):
             UrLink(UrSettings(host=host, step_timeout_s=0.5)).connect()

@@ -1,9 +1,9 @@
 """Does a driver keep to a protocol of `drivers.interfaces`? For a stranger's own tests.
 
-A project that offers a gripper, an arm or fingertips runs these against its own emulator, or, with
-somebody at the emergency stop, against the device:
+A project that offers a gripper, an arm or fingertips copies this file and runs these against its
+own emulator, or, with somebody at the emergency stop, against the device:
 
-    from scenarios.testing.conformance import Bench, GripperConformance
+    from conformance import Bench, GripperConformance
 
     class TestAcme(GripperConformance):
         @pytest.fixture
