@@ -1,4 +1,4 @@
-"""What is said of recordings: replays, scores of a fingertip's, a threshold that is tuned."""
+"""What is said of recordings: replays, scores of a fingertip's."""
 
 from pathlib import Path
 
