@@ -129,7 +129,7 @@ class RootParser(Parser):
 
 
 def group(
-    verbs: Any, name: str, text: str, metavar: str = "ACTION", dest: str | None = None
+    verbs: Any, name: str, text: str, metavar: str = "ACTION", dest: str = argparse.SUPPRESS
 ) -> Any:
     """A verb that has verbs of its own: where they are added."""
     parser = verbs.add_parser(name, help=text, description=text)
