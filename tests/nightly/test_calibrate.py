@@ -32,7 +32,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 @pytest.fixture(autouse=True)
 def in_place(lab: Lab) -> None:
     """The can stands where a scale would."""
-    lab.done("gripper", "open")
+    lab.done("release")
     lab.cell.ask("place")
 
 

@@ -74,7 +74,7 @@ def test_lifts_leave_the_rows_of_a_campaign(bench: Bench) -> None:
     assert all(grasp("replay", result["recording"], "--check").code == 0 for result in lifts)
     assert [row.outcome for row in bench.rows] == outcomes
     assert all(row.status == "done" and row.recording for row in bench.rows)
-    shown = grasp("campaign", "summary", str(bench.out)).out
+    shown = grasp("runs", str(bench.out)).out
     assert "n 3" in shown and "1 dropped" in shown
 
 
@@ -118,7 +118,7 @@ def test_person_strikes_measures_and_types(typed: str, bench: Bench) -> None:
     assert tap["moved"] is moved
     assert tap["displacement_m"] == pytest.approx(float(typed) * 1e-3)
     assert tap["outcome"] == ("registered" if moved else "unmoved_registered")
-    assert done.code == (0 if moved else 1)
+    assert done.code == 0
     assert len(bench.prompts) == 3
 
 

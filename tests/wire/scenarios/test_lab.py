@@ -35,7 +35,7 @@ def checks(done: Done) -> dict[str, dict[str, str]]:
 
 def test_devices_that_answer_are_found_with_what_to_write_down(lab: Lab) -> None:
     gripper, url = lab.endpoints["gripper"], lab.endpoints["tactile"]["url"]
-    done = grasp("find", lab.config.ur.host, f"{gripper['host']}:{gripper['port']}", url)
+    done = grasp("doctor", lab.config.ur.host, f"{gripper['host']}:{gripper['port']}", url)
     assert done.code == 0, done.err
     assert "not activated, no fault" in done.out and "robot mode 7: running" in done.out
     for line in (f"port = {gripper['port']}", f'url = "{url}"', f'host = "{lab.config.ur.host}"'):
@@ -66,7 +66,7 @@ def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
     lab: Lab, tmp_path: Path
 ) -> None:
     out = tmp_path / "rest.toml"
-    words = ("tactile", "rest", "--seconds", "1", "--out", str(out))
+    words = ("tactile", "watch", "--rest", "--seconds", "1", "--out", str(out))
     done = lab.grasp(*words)
     assert done.code == 0, done.err
     codes = tomllib.loads(out.read_text())["tactile"]["rest_reference"]
@@ -179,7 +179,7 @@ def test_no_run_activates_a_hand(lab: Lab, tmp_path: Path) -> None:
 def test_nothing_moves_unconfirmed_or_dry(ready: Lab, tmp_path: Path) -> None:
     before, out = ready.places, ("--out", str(tmp_path / "none.toml"))
     verbs = (
-        ("gripper", "open"), ("gripper", "close"), ("gripper", "step"), ("arm", "step", "--z", "2"),
+        ("release",), ("gripper", "close"), ("gripper", "step"), ("arm", "step", "--z", "2"),
         *(("calibrate", *words, *out) for words in CALIBRATIONS),
     )  # fmt: skip
     for words in verbs:
@@ -251,11 +251,11 @@ def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
     weak = ready.grasp("gripper", "close", *CONFIRMED, "--set", "gripper.calibration=manual")
     assert weak.code == 2 and "cannot close with less than 15 N" in weak.err
     assert ready.grasp("gripper", "close", *CONFIRMED, *NOWHERE).code == 3
-    assert ready.grasp("gripper", "open", *CONFIRMED, *NOWHERE).code == 0  # which hears nothing
+    assert ready.grasp("release", *CONFIRMED, *NOWHERE).code == 0  # which hears nothing
     ready.ask("fault", name="gripper_fault", code=5)
     refused = ready.grasp("gripper", "close", *CONFIRMED)
     assert refused.code == 3 and "the gripper reports a fault, action delayed" in refused.err
-    assert ready.grasp("gripper", "open", "--dry-run").code == 0  # what is held can be let go
+    assert ready.grasp("release", "--dry-run").code == 0  # what is held can be let go
     assert ready.places == before
 
 
