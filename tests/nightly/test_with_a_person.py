@@ -118,7 +118,7 @@ def test_person_strikes_measures_and_types(typed: str, bench: Bench) -> None:
     assert tap["moved"] is moved
     assert tap["displacement_m"] == pytest.approx(float(typed) * 1e-3)
     assert tap["outcome"] == ("registered" if moved else "unmoved_registered")
-    assert done.code == (0 if moved else 1)
+    assert done.code == 0
     assert len(bench.prompts) == 3
 
 

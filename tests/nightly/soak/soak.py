@@ -31,6 +31,7 @@ from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
 from scenarios.world.truth import Truth
 from tests.nightly.last_line import LET_GO_M
+from tests.nightly.soak.stillness import StallMeter
 
 SEED = 20261122
 BETWEEN = 4  # lifts, on average, between two faults

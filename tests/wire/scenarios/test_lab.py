@@ -35,7 +35,7 @@ def checks(done: Done) -> dict[str, dict[str, str]]:
 
 def test_devices_that_answer_are_found_with_what_to_write_down(lab: Lab) -> None:
     gripper, url = lab.endpoints["gripper"], lab.endpoints["tactile"]["url"]
-    done = grasp("find", lab.config.ur.host, f"{gripper['host']}:{gripper['port']}", url)
+    done = grasp("doctor", lab.config.ur.host, f"{gripper['host']}:{gripper['port']}", url)
     assert done.code == 0, done.err
     assert "not activated, no fault" in done.out and "robot mode 7: running" in done.out
     for line in (f"port = {gripper['port']}", f'url = "{url}"', f'host = "{lab.config.ur.host}"'):

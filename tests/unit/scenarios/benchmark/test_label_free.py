@@ -80,11 +80,3 @@ def test_a_csv_needs_no_label_where_nothing_slips(
     assert texts[0] == texts[1] and "360 counts of load" in texts[0]
     assert main(["detector", "evaluate", "energy", "--recording", str(without)]) == 2
     assert "columns are t_s,p0" in capsys.readouterr().err
-
-
-def test_one_way_of_tuning_is_not_passed_over_for_another(
-    hold: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for more in [["--data", "data"], ["--static", "rest.csv"]]:
-        assert main(["detector", "tune", "tcn", "--unlabelled", str(hold), *more]) == 2, more
-        assert "two ways to tune" in capsys.readouterr().err, more

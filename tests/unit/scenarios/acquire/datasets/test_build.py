@@ -1,7 +1,6 @@
 """Data sets: the plan of the paper's, equal builds, and builds that were ended go on."""
 
 import errno
-import json
 import os
 from collections import Counter
 from pathlib import Path
@@ -125,17 +124,6 @@ def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     path.unlink()
     assert build(few, {}, tmp_path / "set", HERE, quiet) == 1
     assert path.read_bytes() == before
-
-
-def test_the_command_line_describes_and_draws(
-    tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
-) -> None:
-    build(few, {}, tmp_path / "set", HERE, quiet)
-    folder = str(tmp_path / "set")
-    assert main(["dataset", "describe", folder]) == 0
-    assert "Table I" in capsys.readouterr().out
-    assert main(["dataset", "describe", folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["recordings"] == 3
 
 
 def test_a_full_disk_leaves_nothing_half_written_and_the_build_goes_on(
