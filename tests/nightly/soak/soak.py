@@ -16,7 +16,6 @@ from typing import Any
 from unittest import mock
 
 import msgspec
-from tests.wire.stillness import StallMeter
 
 from drivers.errors import GraspError
 from grasp.phases import Phase

@@ -63,31 +63,6 @@ def test_violation_names_source_key_and_what_is_allowed(
     assert says in f"{caught.value.message} {caught.value.allowed}"
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [("object.half_width_m=30mm", "not 30mm: 0.03"), ("object.mass_kg=300 g", "not 300 g: 0.3"),
-     ("fingertip.slip_direction_deg=90deg", "not 90deg: 90"),
-     ("tactile.max_age_ms=0.02s", "not 0.02s: 20"), ("guard.force_limit_n=9.5N", "not 9.5N: 9.5"),
-     ("controller.lift_height_m=3N", "not 3N"), ("controller.lift_speed_mps=5mm", "not 5mm")],
-)  # fmt: skip
-def test_number_with_a_unit_is_refused_with_the_number_to_write(text: str, said: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        lift(text)
-    assert caught.value.message.endswith(f": a number alone is wanted, {said}")
-
-
-def test_old_name_of_a_setting_is_refused_with_the_new_one(tmp_path: Path) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text("[tap]\nimpulse_ns = 0.2\n")
-    with pytest.raises(
-        ConfigError, match=r"tap.impulse_ns: is called tap.impulse_n_s now"
-    ) as caught:
-        lift(file=file)
-    assert caught.value.file == str(file)
-    with pytest.raises(ConfigError, match=r"--set: tap\.impulse_ns: is called tap.impulse_n_s now"):
-        lift("tap.impulse_ns=0.2")
-
-
 def test_unknown_object_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError) as caught:
         load_config("cann", "simulated", "energy")

@@ -13,7 +13,7 @@ import grasp
 from drivers.errors import ConfigError, UsageError
 from scenarios.library.html import picture, table
 from scenarios.library.results import Lift
-from scenarios.rigs import hardware as hardware_room
+from scenarios.rigs import opening as hardware_room
 
 ROOT = Path(__file__).parents[4]
 LAB = {

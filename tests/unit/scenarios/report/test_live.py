@@ -11,8 +11,8 @@ import pytest
 from grasp.recording import RunRecording
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.report.live.messages import Begin, Message, Row
-from scenarios.report.live.trials import LiveTrials
+from scenarios.report.live.feed import LiveTrials
+from scenarios.report.live.server import Begin, Message, Row
 from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import config

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from drivers.ur.emulator.controller import Controller, SafetyMode
+from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.campaign.config import load_for_devices
@@ -81,7 +81,7 @@ def world() -> World:
     ["stopl(0.5)", "stopl(5.0)", "speedl([0, 0, -0.1, 0, 0, 0], a=0.5, t=5)",
      "movel(p[0.5, 0.2, 0.3, 3.141592653589793, 0, 0], a=0.5, v=0.1)"],
 )  # fmt: skip
-@pytest.mark.parametrize("missed", [12])
+@pytest.mark.parametrize("missed", [1, 5, 12])
 def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     world: World, missed: int, then: str
 ) -> None:
@@ -101,7 +101,7 @@ def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     [f"movel({TURNED}, a=0.5, v=0.1)", "movej(get_inverse_kin(" + TURNED + "), a=0.5, v=0.1)",
      "speedl([0, 0, 0.1, 0.1, 0, 0], a=0.5, t=9)"],
 )  # fmt: skip
-@pytest.mark.parametrize("missed", [12])
+@pytest.mark.parametrize("missed", [1, 5, 12])
 def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_there(
     world: World, missed: int, body: str
 ) -> None:
@@ -114,3 +114,12 @@ def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_the
     assert world.controller.safety_mode is SafetyMode.NORMAL
     assert math.dist(world.seen[-1][1], at_m) > 0.005
     assert world.fastest_mps < 1.1 * FASTEST_MPS + 0.1  # a turn swings the flange
+
+
+def test_a_plan_that_missed_cycles_comes_to_its_end_none_the_less(world: World) -> None:
+    world.controller.load(f"def main():\n movel({TURNED}, a=0.5, v=0.1)\nend\n")
+    for _ in range(40):
+        world.run(8)
+        world.miss(5)
+    assert world.controller.runtime_state is RuntimeState.STOPPED
+    assert world.motion.position == pytest.approx((0.5, 0.1, 0.5), abs=1e-6)

@@ -4,11 +4,11 @@ import pytest
 
 CB3 = (
     "fields", "move_l", "async_move_and_stop", "speed_l", "settings", "watchdog",
-    "protective_stop", "emergency_stop", "stop_after_speed", "turns", "io", "dashboard", "in_use",
+    "protective_stop", "emergency_stop", "stop_after_speed", "io", "dashboard", "in_use",
     "dropped",
 )  # fmt: skip
 MORE = (
-    "path", "joint_speeds", "servo", "not_emulated", "force_settings", "custom_script",
+    "path", "not_emulated", "force_settings", "custom_script",
     "pose_trans", "frozen", "wrench",
 )  # fmt: skip
 
@@ -25,7 +25,7 @@ def test_cb3(emulator, scenario):
     "scenario",
     ["move_l", "not_remote", *(
         pytest.param(name, marks=pytest.mark.slow)
-        for name in ("speed_l", "servo", "pose_trans", "contact_refused")
+        for name in ("speed_l", "pose_trans", "contact_refused")
     )],
 )  # fmt: skip
 def test_e_series_at_500_hz(emulate, scenario):
