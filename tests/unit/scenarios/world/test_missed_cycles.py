@@ -17,7 +17,7 @@ from scenarios.world.cell import SimulatedCell
 MS = 1_000_000
 CYCLE_NS = 8 * MS
 FASTEST_MPS = 0.1
-TURNED = "p[0.5, 0.1, 0.5, 3.041592653589793, 0, 0]"
+AHEAD = "p[0.5, 0.1, 0.5, 3.141592653589793, 0, 0]"
 
 
 class World:
@@ -96,14 +96,6 @@ def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
         assert world.motion.arrived
 
 
-@pytest.mark.parametrize(
-    "body",
-    [f"movel({TURNED}, a=0.5, v=0.1)", "movej(get_inverse_kin(" + TURNED + "), a=0.5, v=0.1)",
-     "speedl([0, 0, 0.1, 0.1, 0, 0], a=0.5, t=9)"],
-)  # fmt: skip
-@pytest.mark.parametrize("missed", [1, 5, 12])
-def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_there(
-    world: World, missed: int, body: str
 ) -> None:
     world.controller.load(f"def main():\n{body}\nend\n")
     world.run(40)
@@ -113,11 +105,11 @@ def test_what_is_planned_stands_while_its_cycles_are_missed_and_goes_on_from_the
     world.run(40)
     assert world.controller.safety_mode is SafetyMode.NORMAL
     assert math.dist(world.seen[-1][1], at_m) > 0.005
-    assert world.fastest_mps < 1.1 * FASTEST_MPS + 0.1  # a turn swings the flange
+    assert world.fastest_mps < 1.1 * FASTEST_MPS + 1e-6
 
 
 def test_a_plan_that_missed_cycles_comes_to_its_end_none_the_less(world: World) -> None:
-    world.controller.load(f"def main():\n movel({TURNED}, a=0.5, v=0.1)\nend\n")
+    world.controller.load(f"def main():\n movel({AHEAD}, a=0.5, v=0.1)\nend\n")
     for _ in range(40):
         world.run(8)
         world.miss(5)
