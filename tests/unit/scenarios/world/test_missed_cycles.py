@@ -7,7 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
+from drivers.ur.emulator.controller import Controller, RuntimeState
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.campaign.config import load_for_devices
@@ -94,18 +94,6 @@ def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     if then.startswith("stopl"):
         assert heights == sorted(heights)
         assert world.motion.arrived
-
-
-) -> None:
-    world.controller.load(f"def main():\n{body}\nend\n")
-    world.run(40)
-    at_m = world.seen[-1][1]
-    world.miss(missed)
-    assert math.dist(world.seen[-1][1], at_m) < 2.4 * FASTEST_MPS * CYCLE_NS * 1e-9
-    world.run(40)
-    assert world.controller.safety_mode is SafetyMode.NORMAL
-    assert math.dist(world.seen[-1][1], at_m) > 0.005
-    assert world.fastest_mps < 1.1 * FASTEST_MPS + 1e-6
 
 
 def test_a_plan_that_missed_cycles_comes_to_its_end_none_the_less(world: World) -> None:
