@@ -8,7 +8,7 @@ import studies
 from drivers.errors import GraspError
 from studies import runner
 
-NOT_STUDIES = ("__main__", "runner")
+NOT_STUDIES = ("__main__", "runner", "lift_start")
 
 
 def names() -> list[str]:
@@ -31,6 +31,7 @@ def main(words: list[str]) -> int:
         print(f"{error.message}; {error.remedy}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        print("interrupted: stored rows are kept, the same command goes on", file=sys.stderr)
         return 130
 
 
