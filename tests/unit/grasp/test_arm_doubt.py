@@ -451,22 +451,6 @@ def test_an_arm_that_is_stopped_gently_may_end_past_where_it_was_told_to_be() ->
     assert doubt.see(going(2.2, 0.2071), False).startswith("arm_wrong_way: ")  # 5 mm, and 2
 
 
-def test_an_arm_that_does_not_stop_gets_no_more_room_by_being_told_again() -> None:
-    doubt = stopped_at(0.195)
-    past = going(2.0, 0.2068, speed_mps=0.1)
-    assert doubt.see(past, False) == ""
-    doubt.told(StopArm(1.0), past)
-    assert doubt.see(going(2.1, 0.2075, speed_mps=0.1), False).startswith("arm_wrong_way: ")
-
-
-def test_an_arm_past_its_target_may_brake_for_a_gentler_stop() -> None:
-    doubt = stopped_at(0.195)
-    past = going(2.0, 0.204, speed_mps=0.05)
-    doubt.told(StopArm(0.5), past)
-    assert doubt.see(going(2.1, 0.2075, speed_mps=0.01), False) == ""
-    assert doubt.see(going(2.2, 0.2090), False).startswith("arm_wrong_way: ")
-
-
 def test_an_arm_that_still_speeds_up_when_it_is_told_to_stop_may_brake_from_there() -> None:
     def ends(at_mps: float, height_m: float) -> str:
         doubt = ArmDoubt(DoubtSettings())
@@ -504,11 +488,6 @@ def test_slider_that_stands_nowhere_is_doubted(fraction: float) -> None:
     doubt = ArmDoubt(DoubtSettings())
     assert doubt.see(at(0.0, 0.0), False) == ""
     assert doubt.see(paced(fraction, at(0.01, 0.0)), False).startswith("arm_slider: ")
-
-
-@pytest.mark.parametrize("fraction", [0.0, 0.05, 1.0])
-def test_slider_that_may_stand_there_is_not(fraction: float) -> None:
-    assert ArmDoubt(DoubtSettings()).see(paced(fraction, at(0.0, 0.0)), False) == ""
 
 
 def slowed(fraction: float, command: Command, *states: ArmState, **settings: Any) -> str:
@@ -573,11 +552,6 @@ def test_what_an_arm_did_while_the_loop_stood_still_is_no_leap_and_no_stop_that_
 ):
     later = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(200))
     assert set(after_standstill(*BURST, heard=STANDS, later=later)) == {""}
-
-
-def test_what_is_heard_of_before_the_standstill_begins_no_sooner_than_the_loop_goes_on() -> None:
-    old = at(0.1, 0.002, speed_mps=0.02)
-    assert set(after_standstill(old, *BURST, heard=STANDS, later=())) == {""}
 
 
 def test_an_arm_that_goes_on_long_after_the_standstill_though_told_to_stop_is_doubted() -> None:

@@ -235,18 +235,6 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     assert cause == "phase grasp lasted longer than 1 s: the fingers still move"
 
 
-@pytest.mark.parametrize(("pending", "awaited"), [
-    (True, "a command has not reached its device yet"),
-    (False, "the grip is not what it has to be"),
-])  # fmt: skip
-def test_phase_without_end_says_what_it_waits_for(pending: bool, awaited: str) -> None:
-    d = Driver(phase_timeout_s=1.0, relax_s=2.0)
-    d.until(Phase.RELAX)
-    for _ in range(110):
-        d.step(pending=pending)
-    assert d.controller.fault_cause == f"phase relax lasted longer than 1 s: {awaited}"
-
-
 def test_fingertips_that_fall_silent_once_the_hand_opens_are_no_fault() -> None:
     d = released()
     for _ in range(20):

@@ -1,27 +1,8 @@
 """What a grasp is told beforehand: its defaults, and what an answer has no use for."""
 
 import msgspec
-import pytest
 
 from grasp.controller_settings import ControllerSettings
-
-
-@pytest.mark.parametrize(
-    ("settings", "unread"),
-    [
-        (ControllerSettings(answer="stop_and_step"), set()),
-        (ControllerSettings(answer="stop_and_step", closing="constant"), {"top_up_speed_mps"}),
-        (
-            ControllerSettings(answer="stop_and_jump"),
-            {"step_n", "step_tries", "step_patience_s", "step_below_m", "margin_steps",
-             "margin_after_m"},
-        ),
-    ],
-)  # fmt: skip
-def test_settings_for_which_an_answer_has_no_use_are_named(
-    settings: ControllerSettings, unread: set[str]
-) -> None:
-    assert set(settings.unread) == unread
 
 
 def test_defaults_are_those_that_every_result_was_found_with() -> None:

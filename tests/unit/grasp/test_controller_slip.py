@@ -141,19 +141,6 @@ def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap()
     assert d.controller.phase is Phase.LOST
 
 
-def test_slip_that_stops_on_the_way_up_leads_back_to_the_lift_and_at_the_top_to_the_hold() -> None:
-    d = Driver().slip()
-    for _ in range(30):
-        d.climb()
-    d.height_m = HEIGHT
-    d.until(Phase.HOLD)
-    d.until(Phase.COMPENSATE, 0.9)
-    d.until(Phase.HOLD)
-    assert [c.phase for c in d.controller.machine.log[-5:]] == [
-        "compensate", "lift", "hold", "compensate", "hold",
-    ]  # fmt: skip
-
-
 def test_hold_begins_anew_after_slip_was_answered() -> None:
     d = Driver(hold_s=0.5).lift()
     d.height_m = HEIGHT

@@ -2,11 +2,10 @@
 
 import os
 from pathlib import Path
-from typing import IO
 
 import pytest
 
-from grasp.files import make_private_folder, save_figure, write_whole
+from grasp.files import make_private_folder, write_whole
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
@@ -22,30 +21,6 @@ def test_a_file_takes_the_place_of_what_stood_there_and_leaves_nothing_beside(
         os.umask(before)
     assert (tmp_path / "told.json").stat().st_mode & 0o777 == mode
     assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
-
-
-def test_a_disk_that_takes_nothing_leaves_what_stood_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: Path, content: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    write_whole(tmp_path / "told.json", b"first")
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OSError, match="No space") as told:
-        write_whole(tmp_path / "told.json", b"second", private=True)
-    assert told.value.filename == str(tmp_path / "told.json")
-    with pytest.raises(OSError, match="No space"):
-        save_figure(Drawn(), tmp_path / "told.json", dpi=100)
-    assert (tmp_path / "told.json").read_bytes() == b"first"
-    assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
-
-
-class Drawn:
-    """A figure that says how it was asked for."""
-
-    def savefig(self, out: IO[bytes], **asked: object) -> None:
-        out.write(repr(asked).encode())
 
 
 def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) -> None:

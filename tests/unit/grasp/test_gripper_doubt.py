@@ -70,17 +70,6 @@ def test_hand_that_says_again_and_again_that_it_moves_and_stands_is_doubted(ever
     assert "gripper_flickers" in flickering(every)
 
 
-def test_one_finger_that_says_so_is_enough_and_is_named() -> None:
-    doubt, told = GripperDoubt(DoubtSettings()), []
-    for tick in range(120):
-        moves = bool(tick // 4 % 2)
-        says = Detection.MOVING if moves else Detection.AT_TARGET
-        fingers = (says, Detection.AT_TARGET, Detection.AT_TARGET)
-        at = (60 + tick % 2, 60, 60)
-        told.append(doubt.see(gripper(tick * TICK, at, fingers, requested=(60,) * 3)))
-    assert any("gripper_flickers: finger A says" in text for text in told)
-
-
 @pytest.mark.parametrize(("command_every", "doubted"), [(1000, True), (8, False)])
 def test_hand_whose_status_speaks_of_its_command_and_then_of_none_is_doubted(
     command_every: int, doubted: bool

@@ -1,17 +1,12 @@
 """Signals: raised at once, held for the next look, or too late; taken by the command line alone."""
 
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from grasp import interruption
 from grasp.interruption import SIGNALS, Interruption
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -102,67 +97,6 @@ def test_what_is_sealed_is_not_interrupted_by_anything_within() -> None:
 def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
     assert interruption.cause(KeyboardInterrupt()) == "stopped by hand"
     assert "SIGHUP" in interruption.cause(Interruption(signal.SIGHUP))
-
-
-GUARDED = """
-import ctypes, os, time
-from grasp import interruption
-
-def native():
-    libc, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(64)
-    libc.pthread_mutex_lock(mutex)
-    print("hangs", flush=True)
-    libc.pthread_mutex_lock(mutex)  # for ever: no signal ends it
-
-def python():
-    print("hangs", flush=True)
-    time.sleep(3600)
-
-def deaf():
-    print("hangs", flush=True)
-    while True:
-        try:
-            time.sleep(3600)
-        except BaseException:
-            pass
-
-def rescue():
-    print("rescued", flush=True)
-    return "why"
-
-def report(failure):
-    print("reported", failure, flush=True)
-    return 7
-
-with interruption.taken(report), interruption.lastly(lambda: print("lastly", flush=True)):
-    with interruption.guarded(rescue), interruption.held(), interruption.watched():
-        try:
-            HANG()
-        except interruption.Interruption as stop:
-            print("cut", stop.cut, stop.number, flush=True)
-"""
-
-
-@pytest.mark.parametrize(
-    ("hang", "code", "said"),
-    [("python", 0, ["cut True 15"]), ("native", 7, ["rescued", "lastly", "reported why"]),
-     ("deaf", 7, ["rescued", "lastly", "reported why"])],
-)  # fmt: skip
-def test_guarded_loop_that_stands_still_is_ended_by_the_first_signal(
-    hang: str, code: int, said: list[str]
-) -> None:
-    script = GUARDED.replace("HANG", hang)
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, cwd=ROOT
-    ) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "hangs\n"
-            process.send_signal(signal.SIGTERM)
-            out, _ = process.communicate(timeout=60)
-        finally:
-            process.kill()
-    assert (out.splitlines(), process.returncode) == (said, code)
 
 
 @pytest.mark.usefixtures("taken")

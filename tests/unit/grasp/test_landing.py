@@ -5,9 +5,8 @@ from typing import Any
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
-from grasp.landing import Still
 from grasp.phases import Phase
-from tests.unit.grasp.builders import arm, seen
+from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
@@ -31,11 +30,6 @@ def test_what_never_slipped_is_set_down_in_one_go() -> None:
     d.height_m = 0.2
     d.until(Phase.LOWER)
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
-
-
-def test_slow_way_ends_within_the_time_that_a_phase_has() -> None:
-    d = near(phase_timeout_s=4.0)
-    assert moves(d)[-1].speed_mps == pytest.approx(0.053 / 3.2)
 
 
 def test_grip_that_tightens_where_nobody_expects_the_object_to_stand_stops_the_arm_too() -> None:
@@ -86,13 +80,6 @@ def test_step_is_shorter_where_the_grip_tightened_much_while_the_arm_braked(
     assert d.height_m - step_m == pytest.approx(moves(d)[-1].position_m[2] - HOME_M, abs=1e-5)
 
 
-def test_rise_counts_whichever_fingers_feel_it() -> None:
-    d = near()
-    for _ in range(12):
-        d.step(measured_n=(2.0, 2.0, 2.0), arm=arm(d.t_ns + TICK, 0.02, moving=True))
-    assert d.controller.phase is Phase.TOUCH
-
-
 def test_grip_that_has_tightened_much_goes_no_further_down_though_no_step_tells() -> None:
     d = probed(2.6, 2.6, landing_most_share=0.25)
     assert d.controller.phase is Phase.LOST
@@ -125,10 +112,6 @@ def test_step_waits_until_the_arm_stands() -> None:
 
 def test_object_whose_textured_face_loosens_the_grip_at_a_step_down_is_let_go_too() -> None:
     assert probed(3.0, 2.7).controller.phase is Phase.RELEASE
-
-
-def test_grip_that_is_no_longer_tight_after_a_step_down_was_pushed_by_something_else() -> None:
-    assert probed(3.0, 2.1, landing_most_share=1.0).controller.phase is Phase.LAND
 
 
 def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
@@ -179,20 +162,3 @@ def test_hand_that_feels_nothing_any_more_makes_no_step_down(phase: Phase) -> No
         d.step(measured_n=bears(0.0))
     assert d.controller.phase is Phase.LOST
     assert moves(d) == []
-
-
-def test_the_arm_brakes_on_its_way_down_no_harder_than_a_stop_that_would_end_below() -> None:
-    fast, slow = moves(near(stop_deceleration_mps2=0.2))[-2:]
-    assert (fast.acceleration_mps2, slow.acceleration_mps2) == (0.2, 0.2)
-    usual, _ = moves(near())[-2:]
-    assert usual.acceleration_mps2 == 0.5
-
-
-def test_level_of_an_arm_that_stands_is_the_mean_of_the_second_half_of_its_time() -> None:
-    still = Still(4e-2)
-    grips_n = (9.0, 9.0, 1.0, 2.0, 6.0)  # the sample in the middle counts
-    told = [still.take(seen(k * TICK, measured_n=bears(n))) for k, n in enumerate(grips_n)]
-    assert told == [None, None, None, None, pytest.approx(3.0)]
-    still.restart()
-    moving = seen(5 * TICK, measured_n=bears(9.0), arm=arm(5 * TICK, moving=True))
-    assert still.take(moving) is None

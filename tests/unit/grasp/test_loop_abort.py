@@ -6,11 +6,10 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.interfaces import Detection
-from grasp.commands import CloseFast, MoveArm, StopArm
+from grasp.commands import MoveArm
 from tests.unit.grasp.builders import REST, arm, gripper
 from tests.unit.grasp.loop_bench import MS, Bench
 
-CLOSE = CloseFast(9.0, (True, False, True), (4, 5, 6), 0.03)
 RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
 
 
@@ -44,15 +43,6 @@ def test_an_abort_waits_for_a_hand_that_moves_and_tells_an_arm_that_stands_to_st
     assert bench.clock.now_ns == 10**9 + 210 * MS
 
 
-def test_an_abort_tells_a_hand_again_that_rests_and_is_not_as_it_was_told() -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
-    bench.loop.tick()
-    bench.hand.state, bench.arm.state = gripper(2 * 10**9), arm(2 * 10**9)
-    bench.missing_of_hand = ("the hand is not as it should be",)
-    bench.loop.abort()
-    assert bench.verbs() == [("stop", 2.0), *[("hold",)] * 4]
-
-
 def test_an_abort_believes_no_state_from_before_it() -> None:
     bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
     bench.loop.tick()
@@ -74,14 +64,3 @@ def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, d
     assert bench.loop.abort() is not None
     assert ("stop", 2.0) in bench.verbs()
     assert ("hold",) in bench.verbs() or device == "hold"
-
-
-def test_an_abort_does_not_begin_a_closing_anew_while_it_lasts() -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
-    bench.controller.aborted = lambda: (StopArm(2.0), CLOSE)
-    bench.loop.tick()
-    bench.hand.state = gripper(2 * 10**9, detections=(REST, Detection.MOVING, REST))
-    bench.arm.state = arm(2 * 10**9)
-    bench.missing_of_hand = ("the hand is not as it should be",)
-    bench.loop.abort()
-    assert [name for name, *_ in bench.verbs()] == ["stop", "close_fast"]

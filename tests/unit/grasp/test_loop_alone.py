@@ -3,7 +3,6 @@
 import signal
 from typing import Any
 
-import msgspec
 import pytest
 
 from drivers.errors import LinkLost, Refused
@@ -94,21 +93,6 @@ def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
     assert bench.loop.errors == {device: refused}
 
 
-def test_first_trouble_of_a_period_is_told_and_the_first_error_of_each_device_is_kept() -> None:
-    bench = Bench()
-    bench.raises["board pump"] = board = LinkLost("no board", "look")
-    bench.raises["arm pump"] = still = LinkLost("no arm", "look")
-    bench.loop.tick()
-    bench.raises["board pump"] = LinkLost("still no board", "look")
-    bench.loop.tick()
-    assert [told.trouble.partition(": ")[2] for told in bench.inputs] == [
-        "no board",
-        "still no board",
-    ]
-    assert bench.loop.errors == {"tactile board": board, "arm": still}
-    assert not bench.inputs[-1].gripper_lost
-
-
 def test_gripper_is_lost_until_it_answers_again() -> None:
     bench = Bench()
     for error in (None, LinkLost("gone", "look"), Refused("hot", "wait"), None):
@@ -150,17 +134,6 @@ def test_a_loop_that_stands_still_while_it_reads_a_device_is_as_late() -> None:
     assert (bench.inputs[-1].t_ns, bench.inputs[-1].late_ns) == (10**9 + 20 * MS, 400 * MS)
 
 
-def test_age_of_a_frame_is_counted_and_a_frame_that_is_none_has_no_age() -> None:
-    bench = Bench()
-    bench.board.frame = msgspec.structs.replace(bench.frame, sampled_ns=10**9 + 7 * MS)
-    bench.loop.tick()
-    bench.board.frame = None
-    bench.loop.tick()
-    assert bench.loop.timing.frame_age_ns == [3 * MS]
-    assert len(bench.loop.timing.frame_to_decision_ns) == 2
-    assert all(0 <= ns < 10**12 for ns in bench.loop.timing.frame_to_decision_ns)
-
-
 def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     bench = Bench()
     bench.controller.finished = True
@@ -175,15 +148,6 @@ def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     assert [told.stop for told in excused.inputs][:9] == [""] * 8 + ["the run did not end in time"]
 
 
-def test_what_passes_before_a_run_begins_is_no_lateness_of_it() -> None:
-    bench = Bench(stop_s=0.2)
-    bench.clock.sleep_until_ns(10**9 + 80 * MS)  # memory is locked, as long as it takes
-    bench.loop.run(0.05)
-    assert bench.loop.timing.missed_periods == 0
-    assert bench.inputs[0].t_ns == 10**9 + 90 * MS
-    assert bench.inputs[0].late_ns == 0
-
-
 @pytest.mark.parametrize(("phase", "kept"), [(Phase.COMPENSATE, ["close_fast"]), (Phase.LIFT, [])])
 def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
     phase: Phase, kept: list[str]
@@ -195,17 +159,6 @@ def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
     bench.controller.fault_cause = "a person"
     assert bench.loop.stop("a person")
     assert [name for name, *_ in bench.verbs()] == kept
-
-
-@pytest.mark.parametrize("over", ["finished", "in_safe_state"])
-def test_stop_of_what_ends_already_forgets_nothing_and_says_so(over: str) -> None:
-    bench = Bench(decision_delay_s=0.005, stop_s=0.2)
-    bench.decides = [(RISE,)]
-    bench.loop.tick()
-    setattr(bench.controller, over, True)
-    bench.controller.fault_cause = "a person"
-    assert not bench.loop.stop("a person")
-    assert bench.verbs() == ([] if over == "finished" else [("arm", (0.1, 0.2, 0.3), 0.04, 0.6)])
 
 
 def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (
@@ -270,15 +223,6 @@ def test_a_signal_ends_a_run_between_two_ticks() -> None:
     with interruption.taken(), pytest.raises(interruption.Interruption):
         bench.loop.run(1.0)
     assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"
-
-
-def test_a_period_without_a_new_frame_is_counted() -> None:
-    bench = Bench()
-    bench.loop.tick()
-    bench.board.frame = msgspec.structs.replace(bench.frame, missed=1)
-    for _ in range(5):
-        bench.loop.tick()
-    assert bench.loop.timing.repeated_frames == 5
 
 
 def test_a_safe_state_that_is_never_seen_is_pursued_for_as_long_as_a_stop_may_last() -> None:

@@ -56,13 +56,6 @@ def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
     assert d.controller.excused_ns == 0.0
 
 
-def test_time_is_counted_at_the_pace_that_the_arm_has_at_each_moment() -> None:
-    d = going_down(phase_timeout_s=1.0)
-    for _ in range(50):
-        d.step(arm=slow(d, 1.0, 0.1))
-    assert seconds_in(d, Phase.LOWER, 0.25, 0.1) == pytest.approx(2.0, abs=0.05)
-
-
 @pytest.mark.parametrize("phase", [Phase.LISTEN, Phase.LIFT])
 def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: Phase) -> None:
     d = Driver()
@@ -79,37 +72,8 @@ def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: Phase) -> N
     assert any(isinstance(c, HoldFingers) for c in d.commands) == (phase is Phase.LISTEN)
 
 
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RELAX, Phase.COMPENSATE, Phase.HOLD])
-def test_slider_matters_to_no_phase_that_does_not_wait_for_the_arm(phase: Phase) -> None:
-    d = Driver(relax_s=0.5, hold_s=1.0)
-    if phase is Phase.COMPENSATE:
-        d.slip()
-    elif phase is Phase.HOLD:
-        d.lift()
-        d.height_m = HEIGHT
-        d.until(Phase.HOLD)
-    else:
-        d.until(phase)
-    low = slow(d, 0.0, d.height_m, moving=False)
-    assert d.step(arm=low, gripper=d.hand(detections=MOVING)).phase is phase
-
-
 def test_arm_that_its_slider_lets_stand_on_the_way_down_is_a_fault_that_names_it() -> None:
     d = going_down()
     lasted_s = seconds_in(d, Phase.LOWER, 0.9 * LEAST_PACE, 0.1)
     assert lasted_s == pytest.approx(STANDS_NS * 1e-9, abs=0.011)
     assert d.controller.fault_cause == "the arm's speed slider is at 4.5 %: it comes to no end"
-
-
-def test_slider_that_passes_nought_on_the_way_down_is_no_fault() -> None:
-    d = going_down()
-    for fraction in (0.0, 0.3, 0.0):
-        for _ in range(80):
-            d.step(arm=slow(d, fraction, 0.1))
-    assert d.controller.phase is Phase.LOWER
-
-
-def test_slowest_arm_that_is_waited_for_is_waited_for_so_long_and_no_longer() -> None:
-    d = going_down(phase_timeout_s=1.0)
-    lasted_s = seconds_in(d, Phase.LOWER, LEAST_PACE, 0.1)
-    assert lasted_s == pytest.approx(1.0 / LEAST_PACE, abs=0.011)

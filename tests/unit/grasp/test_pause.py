@@ -39,20 +39,6 @@ def test_arm_goes_on_to_the_top_gently_once_slip_has_been_over_for_a_while() -> 
     assert (d.t_ns - over_ns) * 1e-9 == pytest.approx(0.14 + 0.1, abs=0.011)
 
 
-def test_arm_that_lifts_more_gently_than_it_might_go_on_keeps_to_that() -> None:
-    d = Driver(lift_acceleration_mps2=0.3).slip()
-    quiet(d, 40)
-    (on,) = told(d, MoveArm)
-    assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, 0.3)
-
-
-def test_arm_goes_on_no_harder_than_an_answer_could_stop_it_before_the_top() -> None:
-    d = Driver(lift_acceleration_mps2=1.0, resume_mps2=0.8, answer_stop_mps2=0.3).slip()
-    quiet(d, 40)
-    (on,) = told(d, MoveArm)
-    assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, 0.3)
-
-
 def test_arm_that_still_moves_is_told_to_stop_again_and_does_not_go_on() -> None:
     d = Driver(repeat_s=0.1).slip()
     for _ in range(40):
@@ -92,22 +78,6 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     assert d.controller.cap_reached
     assert d.t_ns - began_ns < 10e9
     assert d.controller.closings == 1
-
-
-def test_it_is_counted_how_long_the_arm_stands_in_pauses_and_not_how_long_it_brakes() -> None:
-    d = Driver().slip()
-    for _ in range(5):
-        d.step(arm=on_its_way(d))
-    assert d.controller.pause.stood_s == 0.0
-    begun_ns = d.t_ns
-    while d.controller.phase is Phase.COMPENSATE:
-        d.climb()
-    assert d.controller.pause.stood_s == pytest.approx((d.t_ns - begun_ns) * 1e-9 - 0.01)
-    quiet(d, 40)
-    assert d.controller.pause.stood_s < 0.5
-    goes_on = Driver(answer="jump").slip()
-    quiet(goes_on, 40)
-    assert goes_on.controller.pause.stood_s == 0.0
 
 
 def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended() -> None:

@@ -1,13 +1,12 @@
 """A sensor that is quiet in the air is no frozen one, which is told as soon as it can be."""
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from grasp.doubt_settings import DoubtSettings
-from grasp.fingertip_doubt import FingertipDoubt, Repeats
+from grasp.fingertip_doubt import FingertipDoubt
 from grasp.phases import Phase
 from tests.unit.grasp.builders import Codes, codes, frame_of
 
@@ -74,19 +73,3 @@ def test_patience_with_a_loaded_fingertip_that_is_quiet_ends_when_none_of_its_ta
 
     after = [doubt.see(frame_of(frozen(k)), Phase.LIFT)[:24] for k in range(samples, samples + 150)]
     assert least <= after.index("fingertip_dead: finger B") + 1 <= most
-
-
-def test_repeat_chance() -> None:
-    """Two samples in three are alike: as many more have to come as the chance is less."""
-    samples = [quiet(k, 6) for k in range(300)]
-    waits = [until_frozen(samples, samples[-1], repeat_chance=10.0**-n)[0] for n in (3, 6, 9)]
-    assert waits[1] - waits[0] == pytest.approx(waits[2] - waits[1], abs=2)
-    assert waits[0] < waits[1] < waits[2]
-
-
-def test_how_long_codes_repeat_by_chance_is_not_known_from_few_changes() -> None:
-    repeats = Repeats()
-    repeats.ended(9, Repeats.TAUGHT)
-    assert repeats.patience(1e-6) == math.inf
-    repeats.ended(9, 2)  # one that strayed and came back, in 20 samples
-    assert repeats.patience(1e-6) == pytest.approx(-math.log(1e-6) * 21)

@@ -9,17 +9,12 @@ from pathlib import Path
 from typing import Literal
 
 import msgspec
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState
 from grasp.messages import ArmMessage, arm_message, recorded_arm
 from grasp.recording import RunRecorder, RunRecording
-
-ROOT = Path(__file__).parents[3]
 
 
 class Side(IntEnum):
@@ -79,28 +74,10 @@ def test_what_goes_in_comes_out(tmp_path: Path) -> None:
     assert recording.complete
 
 
-@given(texts=st.lists(st.text(st.characters(codec="utf-8"), max_size=30), max_size=20))
-def test_any_text_survives(texts: list[str], tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.mktemp("any") / "run.mcap"
-    with RunRecorder(path, {"/event": Event}, {}, chunk_size=64) as recorder:
-        for index, text in enumerate(texts):
-            recorder.write("/event", index, Event(text))
-    assert recorder.failure is None
-    assert [message.text for _, _, message in RunRecording.open(path, {"/event": Event})] == texts
-
-
 def test_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
     for name in ("one.mcap", "two.mcap"):
         record(tmp_path / name)
     assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
-
-
-def test_numpy_numbers_are_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with RunRecorder(path, {"/finger": Finger}, {}) as recorder:
-        recorder.write("/finger", 0, Finger(np.float64(1.5), np.int16(1)))  # type: ignore[arg-type]
-    assert recorder.failure is None
-    assert list(RunRecording.open(path, {"/finger": Finger})) == [("/finger", 0, Finger(1.5, 1))]
 
 
 # Failures
@@ -128,38 +105,13 @@ def test_a_disk_that_runs_full_leaves_nothing_half_written(tmp_path: Path, file_
     assert not path.exists()
 
 
-@pytest.mark.parametrize(
-    ("topic", "t_ns", "message", "kind"),
-    [
-        ("/unknown", 0, Event("a"), KeyError),
-        ("/event", 0, sample(1), TypeError),
-        ("/event", 0, Event(object()), TypeError),  # type: ignore[arg-type]
-        ("/event", 0, Event("\ud800"), UnicodeEncodeError),
-        ("/event", -1, Event("before time began"), Exception),
-    ],
-)
-def test_a_wrong_message_is_a_failure_and_not_an_exception(
-    tmp_path: Path, topic: str, t_ns: int, message: msgspec.Struct, kind: type[Exception]
-) -> None:
-    path = tmp_path / "run.mcap"
-    with RunRecorder(path, CHANNELS, METADATA) as recorder:
-        recorder.write(topic, t_ns, message)
-        recorder.write("/event", 1, Event("after"))
-    assert isinstance(recorder.failure, kind)
-    assert not path.exists()
-
-
-def test_a_message_after_the_end_is_dropped_and_the_file_stays(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    recorder = RunRecorder(path, CHANNELS, METADATA)
-    recorder.write("/event", 0, Event("kept"))
-    recorder.close()
-    recorder.close()
-    assert recorder.failure is None
-    recorder.write("/event", 1, Event("late"))
-    recorder.close()
-    assert isinstance(recorder.failure, ValueError)
-    assert [m.text for _, _, m in RunRecording.open(path, CHANNELS)] == ["kept"]
+def test_a_wrong_message_is_a_failure_and_not_an_exception(tmp_path: Path) -> None:
+    for topic, message in (("/unknown", Event("a")), ("/event", sample(1))):
+        with RunRecorder(tmp_path / "run.mcap", CHANNELS, METADATA) as recorder:
+            recorder.write(topic, 0, message)
+            recorder.write("/event", 1, Event("after"))
+        assert isinstance(recorder.failure, KeyError | TypeError), topic
+        assert not (tmp_path / "run.mcap").exists(), topic
 
 
 # Killed writers and bad files
@@ -200,13 +152,6 @@ def test_what_is_no_recording_is_refused_with_a_remedy(
     with pytest.raises(BadFile, match=r"run\.mcap") as caught:
         RunRecording.open(path, CHANNELS)
     assert ".mcap" in caught.value.remedy
-
-
-def test_a_message_of_another_version_is_refused_by_topic(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", 1)
-    recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
-    with pytest.raises(BadFile, match="/event"):
-        list(recording)
 
 
 # Schemas

@@ -1,18 +1,11 @@
 """Settings: layers, violations and what their errors say."""
 
-import os
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import ConfigError
 from grasp import settings
-from grasp.settings import (
-    Layer,
-    load,
-    named_layer,
-    read_toml,
-)
 from scenarios.campaign.config import RunConfig, load_config
 
 
@@ -27,15 +20,6 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
     assert config.guard.force_limit_n == 11.0
     assert config.guard.tip_mass_kg == 0.2
     assert config.object.name == "can"
-
-
-def test_configuration_file_of_the_environment_is_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "lab.toml"
-    file.write_text("[controller]\nhold_s = 2.5\n")
-    monkeypatch.setenv("GRASP_CONFIG", str(file))
-    assert lift().controller.hold_s == 2.5
 
 
 @pytest.mark.parametrize(
@@ -74,22 +58,3 @@ def test_every_packaged_object_and_detector_resolves() -> None:
     for name in settings.names("objects"):
         for detector in settings.names("detectors"):
             assert load_config(name, "simulated", detector).object.name == name
-
-
-def test_missing_required_setting_is_named() -> None:
-    table = dict(named_layer("objects", "can").table["object"])
-    del table["mass_kg"]
-    with pytest.raises(ConfigError) as caught:
-        load(RunConfig, [Layer("x", {"rig": "r", "detector_name": "d", "object": table})])
-    assert caught.value.key == "object.mass_kg"
-
-
-def test_digest_changes_with_any_setting() -> None:
-    assert lift().digest() == lift().digest()
-    assert lift().digest() != lift("guard.overshoot_n=0.9").digest()
-
-
-def test_a_named_pipe_that_nobody_writes_to_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "lab.toml")
-    with pytest.raises(ConfigError, match="a named pipe"):
-        read_toml(tmp_path / "lab.toml")

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from detector.motion import Motion
-from drivers.errors import BadFile
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import (
     CloseFast,
@@ -186,14 +185,6 @@ def test_a_detector_that_cannot_forget_is_a_doubt_and_not_asked_until_it_can() -
     assert b.ears.heard == []
     assert b.decide(frame(-1, stale=True)).doubt == ""
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
-
-
-def test_an_expected_error_of_a_detector_is_told_without_its_class() -> None:
-    def broken() -> None:
-        raise BadFile("mine.py", "broken; twice", "mend it")
-
-    seen = Bench(ears=Ears(broken)).decide(frame(-1))
-    assert seen.doubt == "detector_failed: mine.py: broken, twice"
 
 
 def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_doubt_of_the_next_step() -> (
@@ -414,15 +405,6 @@ def test_kind_of_slip_is_asked_for_only_where_slip_is_heard() -> None:
     assert motion_after(SURE, lambda: MOTION).motion == MOTION
     assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
     assert Bench().decide(frame(-1)).motion is None  # of a detector that cannot tell
-
-
-def test_heads_that_fail_are_silent_and_nobody_doubts_the_detector() -> None:
-    def fails() -> Motion | None:
-        raise ZeroDivisionError
-
-    seen = motion_after(SURE, fails)
-    assert (seen.motion, seen.doubt) == (None, "")
-    assert seen.probabilities.tolist() == SURE.tolist()
 
 
 def test_controller_is_told_all_that_the_step_was_told() -> None:

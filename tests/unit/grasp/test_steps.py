@@ -64,15 +64,6 @@ def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands(
     assert len(told(d, MoveArm)) == 1
 
 
-def test_margin_that_is_still_due_at_the_top_is_given_there() -> None:
-    d = over(stepping(margin_after_m=1.0, lift_height_m=0.06))
-    d.height_m = 0.06
-    d.until(Phase.HOLD)
-    d.until(Phase.COMPENSATE)
-    assert d.requested[0] == 58
-    d.until(Phase.HOLD)
-
-
 def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_closure() -> None:
     d = stepping(step_patience_s=0.25)
     for _ in range(24):
@@ -85,15 +76,6 @@ def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_cl
     rises(d, 0.1)
     assert len(told(d, MoveFingers)) == 1  # no margin on the cap
     assert d.controller.phase is Phase.LIFT
-
-
-def test_slip_that_outlasts_a_step_while_the_arm_brakes_is_answered_by_the_fastest_closure() -> (
-    None
-):
-    """At 0.05 m/s."""
-    gently, more_gently = stepping(answer_stop_mps2=0.21), stepping(answer_stop_mps2=0.19)
-    assert [len(told(d, MoveFingers)) for d in (gently, more_gently)] == [1, 0]
-    assert [len(told(d, CloseFast)) for d in (gently, more_gently)] == [0, 1]
 
 
 def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
@@ -118,18 +100,6 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
     assert d.controller.closings == 1
 
 
-def test_height_of_a_margin_is_none_of_slip() -> None:
-    d = over(stepping(hold_s=0.1, margin_after_m=0.01))
-    rises(d, 0.061)
-    assert d.controller.phase is Phase.COMPENSATE
-    while d.controller.phase is Phase.COMPENSATE:
-        d.step(arm=arm(d.t_ns + TICK, 0.065))
-    d.height_m = HEIGHT
-    d.until(Phase.LOWER)
-    (down,) = (c for c in told(d, MoveArm)[-1:] if isinstance(c, MoveArm))
-    assert down.position_m[2] == pytest.approx(0.453)
-
-
 def held_by(end: int, **settings: object) -> Driver:
     """A thumb that may go no further than that; the first grasp is at 55 counts."""
     d = Driver(answer="stop_and_step", step_below_m=0.06, **settings)
@@ -144,18 +114,6 @@ def test_step_that_the_thumb_may_not_take_whole_is_one_closing_to_its_last_count
     d = held_by(end, stiffness=Stiffness(0.75)).slip()
     assert [c.targets_counts[0] for c in told(d, MoveFingers)] == targets  # type: ignore[attr-defined]
     assert len(told(d, CloseFast)) == (not targets)
-
-
-def test_thumb_at_its_last_count_is_told_nothing() -> None:
-    d = held_by(55).slip()
-    assert told(d, StopArm, MoveFingers, CloseFast) == [StopArm(8.0)]
-    assert d.controller.closings == 0
-
-
-def test_margin_ends_where_the_thumb_must() -> None:
-    d = over(held_by(57, margin_steps=2, margin_after_m=0.01).slip())
-    rises(d, 0.061)
-    assert [c.targets_counts[0] for c in told(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])
@@ -186,17 +144,6 @@ def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observa
     return seen(0, gripper=hand, thumb_end=end, arm=arm(moving=moving))
 
 
-def test_nothing_is_under_way_before_the_first_step_and_a_step_is_no_margin() -> None:
-    steps = alone()
-    assert not (steps.lasts or steps.securing)
-    steps.step(at())
-    assert steps.lasts and not steps.securing
-    steps.margin(at())
-    assert steps.lasts and steps.securing
-    steps.end()
-    assert not (steps.lasts or steps.securing)
-
-
 def test_steps_are_taken_as_often_as_may_be_tried() -> None:
     steps = alone(step_tries=2)
     for _ in range(2):
@@ -223,14 +170,6 @@ def test_thumb_that_force_alone_ends_goes_as_far_as_fingers_close(thumb: int, en
     assert steps.may(at(thumb)) == (thumb < 255)
     assert steps.margin_due(at(thumb), at_top=True) == (thumb < 255)
     assert steps.margin(at(thumb)).targets_counts == (end, 55, 55)
-
-
-def test_thumb_beyond_its_end_is_not_told_to_open() -> None:
-    steps = alone(margin_steps=2)
-    steps.step(at())
-    assert not steps.may(at(57, end=56))
-    assert not steps.margin_due(at(57, end=56), at_top=True)
-    assert steps.margin(at(57, end=56)).targets_counts == (57, 55, 55)
 
 
 def test_margin_is_due_once_the_arm_has_risen_so_far_and_once_only() -> None:

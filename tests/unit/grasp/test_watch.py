@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from grasp.cli import view
-from grasp.cli.live import Display
 from grasp.watch import Onlooker
 
 GLIMPSE = view.Glimpse(
@@ -47,15 +46,3 @@ def test_onlooker_that_stands_still_costs_pictures_and_nothing_else(onlooker: On
     show_until_lost(onlooker)
     assert onlooker.lost > 0
     os.kill(onlooker.pid, signal.SIGKILL)
-
-
-def test_pictures_that_were_lost_are_told_when_the_run_is_over(
-    onlooker: Onlooker, capsys: pytest.CaptureFixture[str]
-) -> None:
-    os.kill(onlooker.pid, signal.SIGKILL)
-    with Display("emulated", quiet=False, onlooker=onlooker) as display:
-        show_until_lost(onlooker)
-        display.note("nobody listens")
-        lost = onlooker.lost
-        display.close()
-    assert capsys.readouterr().err == f"{lost} pictures of the run were not drawn in time\n"

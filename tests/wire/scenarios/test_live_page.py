@@ -4,24 +4,21 @@ import http.client
 import json
 import os
 import signal
-import socket
 import time
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from scenarios.report.drawn import Seen
 from scenarios.report.live.feed import Feed
-from scenarios.report.live.server import MOST_BYTES
 
 SEEN = Seen(False, False, False, None, None)
 DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": [], "columns": [["t", 1], ["felt", 1]]}
 LONG_S = 20.0
-FEW = 32  # descriptors
 
 
 @pytest.fixture
@@ -102,32 +99,6 @@ def test_a_stranger_is_not_let_in(feed: Feed) -> None:
             connect(f"{address}{path}", origin=origin, open_timeout=LONG_S),
         ):
             pass
-
-
-def test_who_speaks_too_loudly_is_shown_out_and_others_are_told_on(feed: Feed) -> None:
-    feed.begin(DATA)
-    with looking_on(feed) as good, looking_on(feed) as bad:
-        bad.send(b"x" * (MOST_BYTES + 1))
-        with pytest.raises(ConnectionClosed):
-            while True:
-                bad.recv(LONG_S)
-        shown(feed, 3)
-        assert len(told(good, 3)) == 4
-
-
-def test_who_takes_nothing_holds_nobody_up(feed: Feed) -> None:
-    at = urlsplit(feed.address)
-    assert at.hostname is not None and at.port is not None
-    feed.begin(DATA)
-    with socket.create_connection((at.hostname, at.port)) as silent, looking_on(feed) as good:
-        silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
-        silent.sendall(
-            f"GET {at.path}live HTTP/1.1\r\nHost: {at.netloc}\r\nOrigin: http://{at.netloc}\r\n"
-            "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
-        )
-        shown(feed, 3_000)
-        assert told(good, 3_000)[-1]["values"][0] == pytest.approx(29.99)
 
 
 def until_lost(feed: Feed) -> None:

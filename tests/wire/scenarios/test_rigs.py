@@ -149,14 +149,6 @@ def test_devices_that_are_not_there_are_a_device_error_with_a_remedy(tmp_path: P
     assert {"gripper", "arm rtde port", "fingertips"} <= set(failed) and all(failed.values())
 
 
-@pytest.mark.parametrize(("host", "code"), [("", 3), ("127.0.0.1", 2)])
-def test_cell_on_an_address_that_is_taken_or_skips_a_check_is_refused(
-    host: str, code: int, lab: Lab
-) -> None:
-    done = grasp("emulate", "--host", host or lab.config.ur.host)
-    assert done.code == code, done
-
-
 def alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"

@@ -1,6 +1,5 @@
 """What the transport makes of a client's replies and failures, without a wire."""
 
-import termios
 from collections.abc import Sequence
 from typing import Any
 
@@ -123,20 +122,6 @@ def test_serial_line_is_115200_baud_reads_by_function_3_and_is_emptied_before_a_
     with pytest.raises(LinkLost, match="/dev/hand does not answer"):
         transport.read(0, 2, 0)
     assert client.closes == 1, "a late reply would pass for the next"
-
-
-@pytest.mark.usefixtures("line")
-def test_serial_port_that_is_gone_is_told_and_let_go_before_anything_is_asked() -> None:
-    class Gone:
-        def reset_input_buffer(self) -> None:
-            raise termios.error(5, "Input/output error")
-
-    transport = ModbusTransport(ModbusSettings(serial_port="/dev/hand"), "rtu")
-    client = Client.made
-    client.socket = Gone()
-    with pytest.raises(LinkLost, match="/dev/hand closed the connection"):
-        transport.read(0, 2, 0)
-    assert (client.asked, client.closes) == ([], 1)
 
 
 @pytest.mark.usefixtures("line")

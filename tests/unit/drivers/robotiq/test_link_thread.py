@@ -10,7 +10,6 @@ from drivers.errors import LinkLost
 from drivers.robotiq.link.thread import ThreadedGripper
 from tests.unit.drivers.robotiq.link_cell import (
     BEGIN_NS,
-    FOR_EVER_S,
     MS,
     Cell,
     Made,
@@ -18,17 +17,6 @@ from tests.unit.drivers.robotiq.link_cell import (
     settled,
     until,
 )
-
-
-def test_an_exchange_that_hangs_is_waited_for_for_so_long_and_told(made: Made) -> None:
-    goes_on = threading.Event()
-    cell, gripper = made(idle, lambda cell: goes_on.wait())
-    gripper.hold()
-    cell.wait()
-    with pytest.raises(LinkLost, match=r"did not end within 0\.01 s"):
-        gripper.stop(within_s=0.01)
-    goes_on.set()
-    gripper.stop(within_s=FOR_EVER_S)
 
 
 def breaks(bug: type[BaseException] = ZeroDivisionError) -> None:
@@ -67,29 +55,6 @@ def test_verb_waits_for_the_reply_to_its_write_and_is_timed_from_when_it_was_giv
     assert gripper.acknowledgements_ns == ((called_ns, called_ns + 3 * MS),)
     assert gripper.acknowledged
     assert gripper.statistics.pumps_ns == (0, 3 * MS)
-
-
-def test_verb_that_nothing_needs_to_be_written_for_is_not_waited_for(made: Made) -> None:
-    cell, gripper = made()
-    cell.passes(500 * MS)
-    gripper.hold()
-    cell.wait()
-    settled(gripper, 2)
-    assert gripper.acknowledged
-    assert gripper.acknowledgements_ns == ()
-
-
-def test_verbs_on_a_lost_link_are_not_waited_for(made: Made) -> None:
-    def lost(cell: Cell) -> None:
-        raise LinkLost("gone", "look")
-
-    cell, gripper = made(Cell.acknowledges, lost)
-    gripper.hold()  # within the interval of the first write
-    cell.wait()
-    settled(gripper, 2)
-    assert gripper.acknowledged
-    with pytest.raises(LinkLost):
-        gripper.pump(0)
 
 
 SECOND_NS = 1_000_000_000

@@ -1,14 +1,11 @@
 """The modelled hand: contact, motion and force."""
 
-import math
-
 import msgspec
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.robotiq.model.gripper import FREE, GripperModel, HandSettings
+from drivers.robotiq.model.gripper import FREE, GripperModel
 from tests.unit.drivers.robotiq.hand import MS, QUICK, Hand, command, detections
 
 # Contact
@@ -50,33 +47,7 @@ def test_more_force_pushes_on_from_contact() -> None:
         assert (hand.force_n() > before + 10).all(), position
 
 
-def test_contact_made_while_a_request_is_on_its_way_latches_that_request() -> None:
-    hand = Hand(msgspec.structs.replace(QUICK, command_latency_s=0.15, debounce_s=0.02))
-    hand.put(5000.0, 0.03)
-    hand.write(command(200))
-    for _ in range(600):
-        hand.run(1)
-        if (hand.force_n() > 9.5).all():
-            break
-    hand.write(command(230))
-    assert detections(hand.run(12)) == [0, 0, 0]
-    hand.rest()
-    assert detections(hand.status()) == [2, 2, 2]
-    assert (hand.peak_n < 12.5).all()
-
-
 # Motion and force
-
-MAXIMUM_MPS = 0.022 + 0.000345 * 255
-
-
-def test_full_travel_takes_the_time_of_the_speed() -> None:
-    hand = Hand()
-    hand.write(command(240))
-    hand.run(int(1e3 * 0.77e-3 * 234 / MAXIMUM_MPS))
-    assert hand.model.moving
-    hand.run(150)
-    assert hand.status().stopped == 3
 
 
 @settings(deadline=None, max_examples=25)
@@ -117,21 +88,3 @@ def test_overshoot_from_contact_grows_with_inertia_and_obeys_the_energy_bound() 
         assert peaks == sorted(peaks), stiffness
         assert peaks[0] > 10.0, stiffness
         assert peaks[-1] < 2 * 10.0 - 2.0, "work of the clamped motor bounds the peak"
-
-
-def test_overshoot_after_a_free_run_is_speed_times_the_impedance() -> None:
-    for mass in MASSES[:3]:
-        peak = close_from_contact(mass, 10000.0, preload=-200.0)
-        assert peak == pytest.approx(10 + MAXIMUM_MPS * math.sqrt(10000.0 * mass), abs=0.2)
-
-
-def test_settings_out_of_range_do_not_load() -> None:
-    for bad in [
-        {"tip_mass": 1.0},
-        {"tip_mass_kg": 100.0},
-        {"refresh_hz": 50},
-        {"offset_counts": [9, 0, 0]},
-        {"least_force_n": 20.0, "most_force_n": 15.0},
-    ]:
-        with pytest.raises(msgspec.ValidationError):
-            msgspec.convert(bad, HandSettings)

@@ -19,15 +19,6 @@ def test_activation_takes_its_time_and_ends_ready_and_open() -> None:
     assert hand.status().a.position == 6
 
 
-def test_a_motion_asked_during_activation_is_delayed_with_fault_05() -> None:
-    hand = Hand(active=False)
-    hand.write(command(60))
-    status = hand.run(50)
-    assert (status.fault, status.go_to) == (0x05, False)
-    status = hand.rest()
-    assert (status.fault, status.a.position, status.stopped) == (0, 60, 3)
-
-
 # Registers and refresh
 
 
@@ -49,24 +40,3 @@ def test_a_short_write_leaves_the_other_bytes_in_force() -> None:
     hand.model.write(1, (90,), hand.now_ns)
     status = hand.rest()
     assert [axis.position for axis in status.fingers] == [90, 70, 60]
-
-
-def test_the_closing_frame_shows_running_currents_that_fall_to_zero_at_rest() -> None:
-    hand = Hand()
-    hand.write(command(255))
-    status = hand.run(200)
-    assert hand.frame()[:8] == "39c000ff"
-    assert all(11 <= axis.current <= 16 for axis in status.fingers)
-    assert [axis.current for axis in hand.rest().fingers] == [0, 0, 0]
-
-
-def test_nothing_moves_without_rgto_and_clearing_it_stops() -> None:
-    hand = Hand()
-    hand.write(command(200, go_to=False))
-    assert hand.rest().a.position == 6
-    hand.write(command(200))
-    hand.run(300)
-    hand.write(command(200, go_to=False))
-    status = hand.rest()
-    assert not status.go_to
-    assert 6 < status.a.position < 200

@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
-from drivers.takktile import protocol
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.model import codec
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.takktile.model.link import ModelLink
 from drivers.takktile.protocol import UsbRequest
@@ -235,37 +233,3 @@ def test_an_unplugged_board_is_a_lost_link_and_comes_back_without_its_rest(bench
     bench.driver.begin_rest()
     bench.pump(51)
     assert bench.frame.missed == 0
-
-
-@pytest.mark.parametrize("finger", [0, 2])
-def test_a_cell_named_twice_is_refused(finger):
-    rows = [[(row, column) for column in range(6)] for row in range(3)]
-    rows[finger][5] = (1, 3)
-    with pytest.raises(
-        msgspec.ValidationError, match=r"\[\(1, 3\)\] named for more than one taxel"
-    ):
-        msgspec.convert({"cells": rows}, TakkTileSettings)
-
-
-def swapped_bytes(frame: bytes) -> bytes:
-    return b"".join(frame[i + 1 : i + 2] + frame[i : i + 1] for i in range(0, len(frame), 2))
-
-
-def swapped_words(frame: bytes) -> bytes:
-    return b"".join(frame[i + 2 : i + 4] + frame[i : i + 2] for i in range(0, len(frame), 4))
-
-
-@pytest.mark.parametrize("mistake", [swapped_bytes, swapped_words])
-@pytest.mark.parametrize("side", ["board", "driver"])
-def test_a_mistake_in_one_codec_is_noticed_at_the_other_end(monkeypatch, mistake, side):
-    """Were the codec shared, it would cancel out."""
-    right, parse = codec.bulk_frame, protocol.parse_frame
-    if side == "board":
-        monkeypatch.setattr(codec, "bulk_frame", lambda p, t: mistake(right(p, t)))
-    else:
-        monkeypatch.setattr(protocol, "parse_frame", lambda data, n: parse(mistake(data), n))
-    bench = Bench()
-    bench.driver.start()
-    bench.pump(3)
-    raw = bench.driver.latest_raw
-    assert raw is None or raw.ravel().tolist() != bench.codes.tolist()

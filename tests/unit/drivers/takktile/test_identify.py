@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
 
-from drivers.errors import DeviceFault
 from drivers.takktile import identify
 from drivers.takktile.identify import REST_FRAMES, TaxelPress
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
@@ -80,13 +78,3 @@ def test_it_ends_after_its_time_and_stops_the_board() -> None:
     assert fingertips.told(seconds=2.0) == []
     assert fingertips.board.ready_ns is None
     assert 2.0 <= fingertips.now_ns * 1e-9 - REST_FRAMES * 0.01 <= 2.2
-
-
-def test_a_board_without_frames_is_a_fault_after_five_seconds_and_is_stopped() -> None:
-    fingertips = Fingertips()
-    fingertips.board.time_out(1_000_000)
-    with pytest.raises(DeviceFault, match="sends no frames"):
-        fingertips.told()
-    assert fingertips.now_ns * 1e-9 == pytest.approx(5.0, abs=0.1)
-    fingertips.board.time_out(0)
-    assert fingertips.board.ready_ns is None

@@ -63,14 +63,3 @@ def test_a_long_scan_has_one_byte_a_cell_of_five_columns_and_frames_of_fixed_len
 def test_a_scan_of_any_other_length_gives_none():
     for length in [0, 1, 7, 9, 39, 41, 64]:
         assert protocol.parse_scan(bytes(length)) is None, length
-
-
-def test_timer_ticks_last_eight_microseconds_and_never_fall_short():
-    for conversion_ms, ticks in [
-        (3.0, 375),
-        (0.8, 100),
-        (3.001, 376),
-        (262.144, 32768),
-        (1e3, 32768),
-    ]:
-        assert protocol.timer_ticks(conversion_ms) == ticks, (conversion_ms, ticks)

@@ -52,13 +52,6 @@ def test_working_space_with_the_tool_down(x, y, z):
     assert kinematics.forward(found) == pytest.approx(goal, abs=1e-8)
 
 
-def test_out_of_reach():
-    for x in [1.5, 5.0, 1e300, math.inf, math.nan]:
-        goal = kinematics.frame((0.0, 0.0, 0.0, math.pi, 0.0, 0.0))
-        goal[0, 3] = x
-        assert kinematics.inverse(goal, kinematics.ELBOW_UP) is None, x
-
-
 @given(rotation_vectors)
 def test_rotation_vector_round_trip(vector):
     there = kinematics.rotation(vector)
@@ -66,10 +59,3 @@ def test_rotation_vector_round_trip(vector):
     back = kinematics.rotation_vector(there)
     assert math.hypot(*back) <= math.pi + 1e-12
     assert kinematics.rotation(back) == pytest.approx(there, abs=1e-9)
-
-
-@given(st.tuples(*[st.floats(-1.0, 1.0)] * 6))
-def test_inverted_frame(pose):
-    matrix = kinematics.frame(pose)
-    assert matrix @ kinematics.inverted(matrix) == pytest.approx(np.eye(4), abs=1e-12)
-    assert kinematics.turn_between(matrix, matrix) == pytest.approx(0.0, abs=1e-7)

@@ -4,21 +4,12 @@ import math
 
 import msgspec
 
-from drivers.ur.link.look import ArmLook, doubts, lines
+from drivers.ur.link.look import ArmLook, doubts
 
 STANDS = ArmLook(1.0, (0.1, -1.5, 1.6, -1.6, -1.5, 0.0), (0.5, 0.1, 0.3, 0.0, 3.1, 0.0),
                  (0.0,) * 6, 7, 1, 1, 0.5)  # fmt: skip
 LATER = msgspec.structs.replace(STANDS, t_s=1.08)
 replace = msgspec.structs.replace
-
-
-def test_an_arm_that_stands_is_believed_and_told() -> None:
-    assert doubts(LATER, STANDS) == []
-    told = "\n".join(lines(LATER))
-    assert "robot mode 7: running" in told
-    assert "shoulder -85.9" in told
-    assert "speed slider: 50 %" in told
-    assert "x 500.0, y 100.0, z 300.0" in told
 
 
 def test_what_no_arm_says_is_doubted() -> None:

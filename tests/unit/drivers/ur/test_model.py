@@ -125,16 +125,6 @@ def test_a_command_takes_effect_at_the_first_cycle_after_its_latency():
     assert model.position(17 * MS)[2] > START[2]
 
 
-def test_a_move_aside_stops_on_the_present_line_first():
-    model = arm()
-    model.move_l(above(0.2), 0.1, 0.5, 0)
-    corner = model.position(400 * MS)[2] + 0.1**2 / (2 * 0.5)
-    model.move_l((0.6, 0.1, 0.3), 0.1, 0.5, 400 * MS)
-    assert model.position(600 * MS) == pytest.approx((0.5, 0.1, corner), abs=1e-9)
-    assert math.hypot(*model.velocity(600 * MS)) == pytest.approx(0.0, abs=1e-9)
-    assert settle(model) == (0.6, 0.1, 0.3)
-
-
 def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
     model = arm()
     model.move_l(above(0.2), 0.2, 1.0, 0)
@@ -150,16 +140,6 @@ def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
 
 
 # drives
-
-
-def test_a_drive_takes_up_its_velocity_at_the_acceleration_and_keeps_it():
-    model = arm()
-    assert model.speed_l((0.03, -0.04, 0.0), 0.0, 0.5, 0)
-    assert math.hypot(*model.velocity(50 * MS)) == pytest.approx(0.025)
-    assert model.velocity(100 * MS) == pytest.approx((0.03, -0.04, 0.0))
-    assert model.velocity(9_000 * MS) == pytest.approx((0.03, -0.04, 0.0))
-    way_m = math.dist(model.position(100 * MS), START)
-    assert way_m == pytest.approx(0.05 * 0.1 / 2)
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.2, 5), instants, instants)
@@ -189,23 +169,3 @@ def test_a_stop_and_a_move_end_a_drive_and_its_spin(verb):
     sample = model.read(60_000 * MS)
     assert not sample.moving
     assert sample.angle_rad == pytest.approx(2.0, abs=0.01)  # 0.5 s up, 1.5 s on, 1 s down
-
-
-def let_stand(model: ArmModel, from_ms: int, to_ms: int) -> None:
-    """The world goes on, and nobody reads."""
-    for t_ms in range(from_ms, to_ms, 5):
-        model.go_on((t_ms + 5) * MS)
-        model.seen((t_ms + 5) * MS)
-
-
-def test_a_motion_that_nobody_reads_is_braked_as_a_drivers_worker_does_it():
-    model = arm()
-    model.brake_unread(0.16)
-    model.move_l(above(0.4), 0.1, 1.0, 0)
-    model.read(500 * MS)
-    let_stand(model, 500, 1500)
-    assert model.velocity(660 * MS)[2] == pytest.approx(0.1)
-    assert model.velocity(800 * MS) == (0.0, 0.0, 0.0)
-    braked_m = model.position(800 * MS)[2] - model.position(660 * MS)[2]
-    assert braked_m == pytest.approx(0.1**2 / 2.0, abs=0.1 * 0.008)
-    assert settle(model) == model.position(800 * MS)

@@ -1,19 +1,15 @@
 """What other people's pyusb programs see: the emulated bus through pyusb's own interface."""
 
 import errno
-import socket
-import threading
 
 import pytest
 import usb.core
 import usb.util
 
 from drivers.takktile import protocol
-from tests.wire.cases import case
-from tests.wire.drivers.takktile.conftest import Bench, eventually
 
 VENDOR_IN = 0xC0
-SCAN, TIMER, CALIBRATION, BOTHER = 0x5C, 0xC7, 0x6C, 0xBA
+SCAN, TIMER = 0x5C, 0xC7
 
 
 def start(device, ticks: int = 375) -> None:
@@ -48,15 +44,6 @@ def test_a_program_may_set_the_configuration_that_is_set(device):
     device.reset()
 
 
-def test_unknown_requests_stall(device):
-    for request_ in [(VENDOR_IN, 0x42), (VENDOR_IN, 0xBB), (0x40, TIMER)]:
-        with case(request_):
-            with pytest.raises(usb.core.USBError) as caught:
-                device.ctrl_transfer(*request_, 0, 0, 8)
-            assert caught.value.errno == errno.EPIPE
-            assert caught.value.backend_error_code == -9
-
-
 def test_a_started_board_streams_frames_of_72_bytes(bench, device):
     start(device)
     for _ in range(20):
@@ -69,25 +56,6 @@ def test_a_board_that_was_not_started_times_out(device):
         device.read(0x81, 512, 30)
     assert caught.value.errno == errno.ETIMEDOUT
     assert caught.value.backend_error_code == -7
-
-
-def test_a_pending_read_gets_the_frame_of_a_start_from_another_thread(device):
-    got = []
-    reader = threading.Thread(target=lambda: got.append(device.read(0x81, 512, 15_000)))
-    reader.start()
-    start(device)
-    reader.join(20)
-    assert len(got[0]) == 72
-
-
-def test_a_buffer_that_is_no_multiple_of_the_packet_can_overflow(device):
-    start(device)
-    assert len(device.read(0x81, 720, 1000)) == 72
-    with pytest.raises(usb.core.USBError) as caught:
-        device.read(0x81, 70, 1000)
-    assert caught.value.errno == errno.EOVERFLOW
-    assert len(device.read(0x81, 64, 1000)) == 64
-    assert len(device.read(0x81, 64, 1000)) == 8
 
 
 def test_a_stall_is_errno_32_and_passes(bench, device):
@@ -123,56 +91,3 @@ def test_a_second_program_is_busy_until_the_first_gives_the_board_back(bench, de
     usb.util.dispose_resources(device)
     usb.util.claim_interface(second, 0)
     usb.util.dispose_resources(second)
-
-
-def test_a_program_that_dies_loses_its_claim(bench, device):
-    usb.util.claim_interface(device, 0)
-    device._ctx.handle._control._socket.shutdown(2)  # as when the process ends
-    second = bench.find()
-
-    def claimed() -> bool:
-        try:
-            usb.util.claim_interface(second, 0)
-        except usb.core.USBError:
-            return False
-        return True
-
-    eventually(claimed, "claim of the dead program given up")
-    usb.util.dispose_resources(second)
-
-
-def test_a_read_that_waits_without_time_out_ends_with_the_server():
-    bench, errors = Bench(), []
-
-    def read() -> None:
-        try:
-            device.read(0x81, 512, 0)
-        except usb.core.USBError as error:
-            errors.append(error.errno)
-
-    with bench.server:
-        device = bench.find()
-        reader = threading.Thread(target=read, daemon=True)
-        reader.start()
-        eventually(bench.server._claimed, "the read has come")
-    reader.join(20)
-    assert errors == [errno.ENODEV]
-    usb.util.dispose_resources(device)
-
-
-def test_garbage_on_the_port_harms_nobody(bench):
-    port = int(bench.server.url.rpartition(":")[2])
-    for noise in (b"GET / HTTP/1.1\r\n\r\n", b"\0\0\0\4junk", b"\0\0"):
-        with socket.create_connection(("127.0.0.1", port)) as stranger:
-            stranger.sendall(noise)
-    assert bench.find() is not None
-
-
-def test_an_address_on_the_sensor_bus_is_asked_for(device):
-    """The index is the address byte; a read from one that nobody has hangs the firmware."""
-    for address, known in ((0x00, 1), (0x2A, 1), (0x0C, 1), (0x30, 0)):
-        assert list(device.ctrl_transfer(VENDOR_IN, BOTHER, 1, address, 64)) == [known]
-    with pytest.raises(usb.core.USBTimeoutError):
-        device.ctrl_transfer(VENDOR_IN, BOTHER, 1, 0x31, 64, 30)
-    with pytest.raises(usb.core.USBTimeoutError):
-        device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64, 30)

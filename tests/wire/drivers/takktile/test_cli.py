@@ -3,7 +3,6 @@
 import json
 
 from grasp.cli.main import main
-from tests.wire.cases import case
 from tests.wire.drivers.takktile.conftest import Bench
 
 
@@ -52,10 +51,3 @@ def test_identify_without_a_board_refuses_with_a_remedy(bench, capsys):
     error = json.loads(capsys.readouterr().out)["error"]
     assert error["kind"] == "link_lost"
     assert "plug it in" in error["remedy"]
-
-
-def test_words_that_do_not_fit_are_usage_errors(capsys):
-    for options in [["--url", "nowhere"], ["--seconds", "0"], ["--seconds", "x"]]:
-        with case(options):
-            assert main(["tactile", "identify", *options]) == 2
-            assert "grasp:" in capsys.readouterr().err

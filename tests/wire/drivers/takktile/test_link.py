@@ -6,10 +6,9 @@ import pytest
 import usb.core
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.takktile.emulator.bus import EmulatedBus, backend
+from drivers.takktile.emulator.bus import EmulatedBus
 from drivers.takktile.link.usb import UsbLink
 from drivers.takktile.protocol import UsbRequest
-from tests.wire.cases import case
 
 
 @pytest.fixture
@@ -94,18 +93,3 @@ def test_a_failure_is_told_in_words_with_its_remedy(link, monkeypatch, error, to
         link.bulk_read(64, 0)
     assert remedy in caught.value.remedy
     assert "Errno" not in str(caught.value)
-
-
-def test_a_machine_without_libusb_is_told_so(monkeypatch):
-    def nothing(**_):
-        raise usb.core.NoBackendError("No backend available")
-
-    monkeypatch.setattr(usb.core, "find", nothing)
-    with pytest.raises(LinkLost, match="libusb is not installed"):
-        UsbLink.find()
-
-
-def test_an_address_that_is_none_is_refused():
-    for url in ["tcp://127.0.0.1", "127.0.0.1:5000", "http://127.0.0.1:80"]:
-        with case(url), pytest.raises(ValueError, match="tcp://HOST:PORT"):
-            backend(url)

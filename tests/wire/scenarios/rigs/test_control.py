@@ -2,12 +2,10 @@
 
 import json
 import socket
-from contextlib import ExitStack
 
 import pytest
 
-from drivers.errors import LinkLost
-from scenarios.rigs.cell_control import ControlClient, ControlServer
+from scenarios.rigs.cell_control import ControlServer
 from tests.wire.cases import case
 
 HOST = "127.0.0.9"
@@ -53,28 +51,6 @@ def test_what_is_no_request_is_answered_with_an_error(serve, heard) -> None:
             assert "error" in ask(server, line)
     assert not heard
     assert ask(server, '{"verb": "truth"}') == {}
-
-
-def test_line_without_end_is_not_kept(serve) -> None:
-    server = serve()
-    with socket.create_connection((HOST, server.port), timeout=10) as sock:
-        sock.sendall(b"a" * 70_000)
-        assert b"line too long" in sock.recv(1000)
-
-
-def test_client_for_whom_there_is_no_place_is_closed(serve) -> None:
-    server = serve()
-    with ExitStack() as clients:
-
-        def ask_anew() -> None:
-            client = ControlClient(HOST, server.port)
-            clients.callback(client.close)
-            client.ask("truth")
-
-        for _ in range(16):  # each has been given its place before the next one comes
-            ask_anew()
-        with pytest.raises(LinkLost):
-            ask_anew()
 
 
 def test_without_its_token_a_cell_obeys_nobody(serve, heard) -> None:

@@ -1,7 +1,5 @@
 """The gripper on a serial line, over a pseudo-terminal: bytes first, then the driver."""
 
-import os
-import termios
 import time
 
 import pytest
@@ -20,7 +18,6 @@ from tests.wire.drivers.robotiq.rig import QUICK, FastClock, until
 ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"
 ACTIVATED = "09 10 03 e8 00 03 01 30"
 POLL = "09 03 07 d0 00 01 85 cf"
-SILENCE_S = 0.3
 
 
 @pytest.fixture
@@ -43,13 +40,6 @@ def line(emulator):
 def ask(line: serial.Serial, text: str, count: int) -> str:
     line.write(bytes.fromhex(text))
     return line.read(count).hex(" ")
-
-
-def silent(line: serial.Serial, text: str) -> bool:
-    line.timeout = SILENCE_S
-    silence = ask(line, text, 1) == ""
-    line.timeout = 10
-    return silence
 
 
 def framed(text: str) -> str:
@@ -88,27 +78,6 @@ def test_one_register_and_write_with_read(line, now) -> None:
     assert ask(line, both, 9) == framed("09 17 04 11 00 00 00")
     now[0] = 2_600_000_000
     assert ask(line, framed("09 03 07 d1 00 01"), 7) == framed("09 03 02 00 11"), "echo"
-
-
-def test_errors_are_answered_by_silence(line) -> None:
-    for frame in [
-        framed("02 03 07 d0 00 01"),  # another slave
-        framed("00 10 03 e8 00 01 02 01 00"),
-        "09 03 07 d0 00 01 85 ce",  # check sum
-        framed("09 04 07 d0 00 01"),  # a function of TCP
-        framed("09 03 00 00 00 01"),  # an address of TCP
-        framed("09 03 07 d0 00 09"),
-        framed("09 03 07 d0 00 00"),
-        framed("09 10 03 e8 00 02 02 01 00"),
-    ]:
-        with case(frame):
-            assert silent(line, frame)
-            assert ask(line, POLL, 7).startswith("09 03")
-
-
-def test_a_frame_that_is_never_finished_is_forgotten_after_a_silence(line) -> None:
-    assert silent(line, "09 10 03 e8 00 03 06 01")
-    assert ask(line, POLL, 7).startswith("09 03")
 
 
 # The driver
@@ -174,17 +143,3 @@ def test_no_such_port() -> None:
     with pytest.raises(LinkLost, match="/dev/no-such-port") as lost:
         transport.read(2000, 8, 0)
     assert "serial port" in lost.value.remedy
-
-
-def test_the_line_runs_at_the_speed_of_the_manual_eight_bits_and_no_parity(
-    quick, transport
-) -> None:
-    transport.read(2000, 8, 0)
-    line = os.open(quick.port, os.O_RDWR | os.O_NOCTTY)
-    try:
-        _, _, control, _, *speeds, _ = termios.tcgetattr(line)
-    finally:
-        os.close(line)
-    assert speeds == [termios.B115200] * 2
-    assert control & termios.CSIZE == termios.CS8
-    assert not control & (termios.PARENB | termios.CSTOPB)

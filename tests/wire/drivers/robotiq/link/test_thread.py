@@ -1,6 +1,5 @@
 """The core in a thread: paced, woken at once, the same bytes as in a loop, errors once."""
 
-import threading
 import time
 
 import pytest
@@ -8,38 +7,12 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator.tcp import Trouble, WireFault
-from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
 
 FAST = 0.11
 MS = 1_000_000
-
-
-class Sleeper:
-    """A core that counts its pumps and may take long, fail, or break."""
-
-    state = None
-    least_force_n = 10.0
-    m_per_count = 0.00077
-
-    def __init__(self) -> None:
-        self.pumped_ns: list[int] = []
-        self.raises: list[BaseException] = []
-        self.takes_s = 0.0
-        self.exchanging = False
-
-    def pump(self, now_ns: int) -> None:
-        self.exchanging = True
-        self.pumped_ns.append(now_ns)
-        time.sleep(self.takes_s)
-        self.exchanging = False
-        if self.raises:
-            raise self.raises.pop(0)
-
-    def hold(self) -> None:
-        pass
 
 
 def done(state) -> bool:
@@ -153,49 +126,6 @@ def test_a_fault_is_raised_once(serve, connect) -> None:
         seq = gripper.state.seq
         until(lambda: gripper.state.seq > seq + 3)
         gripper.pump(0)
-
-
-def test_a_bug_in_the_core_is_raised_once_and_three_in_a_row_end_the_thread() -> None:
-    core = Sleeper()
-    core.raises = [ZeroDivisionError("a bug")]
-    with ThreadedGripper(core, 0.001) as gripper:
-        with pytest.raises(ZeroDivisionError):
-            until(lambda: gripper.pump(0))
-        pumped = len(core.pumped_ns)
-        until(lambda: len(core.pumped_ns) > pumped)
-        gripper.pump(0)
-        core.raises = [ZeroDivisionError(), SystemExit(), ZeroDivisionError()]
-        until(lambda: not core.raises)
-        until(lambda: "gripper" not in {thread.name for thread in threading.enumerate()})
-        for _ in range(4):
-            with pytest.raises((ZeroDivisionError, SystemExit)):
-                gripper.pump(0)
-
-
-def test_two_errors_between_pumps_are_both_raised() -> None:
-    core = Sleeper()
-    core.raises = [DeviceFault("a", ""), LinkLost("b", ""), LinkLost("c", ""), DeviceFault("d", "")]
-    with ThreadedGripper(core, 0.001) as gripper:
-        until(lambda: len(core.pumped_ns) > 5)
-        for said in "abd":
-            with pytest.raises((DeviceFault, LinkLost), match=said):
-                gripper.pump(0)
-        gripper.pump(0)
-
-
-def test_periods_are_kept_to_a_grid_and_missed_ones_are_counted_not_made_up_for() -> None:
-    core = Sleeper()
-    period_ns = 20 * MS
-    with ThreadedGripper(core, period_ns * 1e-9) as gripper:
-        until(lambda: len(core.pumped_ns) >= 3)
-        core.takes_s = 0.13
-        until(lambda: gripper.statistics.missed >= 5)
-        core.takes_s = 0.0
-        after = len(core.pumped_ns)
-        until(lambda: len(core.pumped_ns) >= after + 5)
-    ticks = [(t - core.pumped_ns[0]) // period_ns for t in core.pumped_ns]
-    assert len(set(ticks)) == len(ticks), "one pump a period at most: no burst"
-    assert gripper.statistics.missed >= ticks[-1] - len(ticks)
 
 
 def test_it_can_be_stopped_and_started_again(serve, connect) -> None:

@@ -134,13 +134,6 @@ def settings(site):
     assert not c.isPoseWithinSafetyLimits(site.target(dx=3.0))
 
 
-def path(site):
-    c = site.connect()
-    points = [[*site.target(dz=z), 0.25, 1.2, 0.0] for z in (0.03, 0.06, 0.02)]
-    assert c.moveL(points)
-    until(lambda: near(site.position, points[-1][:3]), "not at the end of the path")
-
-
 def watchdog(site):
     c = site.connect()
     assert c.setWatchdog(4.0)
@@ -214,45 +207,6 @@ def stop_after_speed(site):
     assert "Another thread is already controlling the robot" in messages
 
 
-def not_emulated(site):
-    """True from a call that does not wait; the next one tells, and the log says why."""
-    c = site.connect()
-    asked = {
-        "servoc": lambda: c.servoC(site.target(dz=0.01), 0.1, 0.5, 0.0),
-        "force_mode": lambda: c.forceMode([0.0] * 6, [0] * 6, [0.0] * 6, 2, [0.1] * 6),
-        "teach_mode": c.teachMode,
-    }
-    for name, ask in asked.items():
-        ask()
-        until(lambda: not c.isProgramRunning(), f"the program goes on after {name}")
-        assert not c.moveL(site.target(), 0.1, 0.5)
-        assert f"{name} is not emulated" in " ".join(site.fault(do="state")["messages"])
-        assert c.reuploadScript()
-        until(c.isProgramRunning, "program does not start again")
-
-
-def force_settings(site):
-    """Settings of a mode that is refused: taken, as ur_rtde's script sets them as it starts."""
-    c = site.connect()
-    assert c.forceModeSetDamping(0.1)
-    assert c.isProgramRunning()
-    said = " ".join(site.fault(do="state")["messages"])
-    assert said.count("force_mode_set_damping has no effect") >= 2
-
-
-def contact_refused(site):
-    """What ur_rtde's script leaves out for a CB3."""
-    c = site.connect()
-    assert not c.moveUntilContact([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
-    until(lambda: not c.isProgramRunning(), "the program goes on")
-    assert "tool_contact is not emulated" in " ".join(site.fault(do="state")["messages"])
-    assert c.reuploadScript()
-    until(c.isProgramRunning, "program does not start again")
-    c.freedriveMode()
-    until(lambda: not c.isProgramRunning(), "the program goes on")
-    assert "freedrive_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
-
-
 def io(site):
     r = site.receive
     outputs = rtde_io.RTDEIOInterface(site.host)
@@ -299,35 +253,6 @@ def dashboard(site):
     d.closeSafetyPopup()
 
 
-def custom_script(site):
-    c = site.connect()
-    assert c.sendCustomScriptFunction("mine", 'textmsg("from the wire")')
-    assert any("from the wire" in line for line in site.fault(do="state")["messages"])
-    until(c.isProgramRunning, "control script not back")
-    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
-
-
-def pose_trans(site):
-    """As a call, and in a script of the client's own: a quarter turn about z, then a step along x,
-    is a step along y."""
-    c = site.connect()
-    quarter, step = [1.0, 2.0, 3.0, 0.0, 0.0, math.pi / 2], [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
-    wanted = [1.0, 2.1, 3.0, 0.0, 0.0, math.pi / 2]
-    for _ in range(5):
-        assert math.dist(c.poseTrans(quarter, step), wanted) < 1e-9, c.poseTrans(quarter, step)
-    script = (
-        f"there = pose_trans(p{quarter}, p{step})\n"
-        f'  textmsg("off by ", floor(1000000 * norm(pose_sub(there, p{wanted}))))'
-    )
-    assert c.sendCustomScriptFunction("mine", script)
-    assert any("off by 0" in line for line in site.fault(do="state")["messages"])
-    until(c.isProgramRunning, "control script not back")
-    here = site.receive.getActualTCPPose()
-    there = c.poseTrans(here, [0.0, 0.0, -0.01, 0.0, 0.0, 0.0])  # back along the tool's axis
-    assert c.moveL(there, 0.25, 1.2)
-    until(lambda: math.dist(site.position, here[:3]) > 0.009, "no step is seen")
-
-
 def not_remote(site):
     site.fault(do="remote_control", on=False)
     try:
@@ -350,27 +275,11 @@ def in_use(site):
     site.connect()
 
 
-def frozen(site):
-    r = site.receive
-    site.fault(do="freeze", seconds=0.5)
-    stamp = r.getTimestamp()
-    until(lambda: r.getTimestamp() > stamp + 0.4, "never thawed")
-    assert r.isConnected()
-
-
 def dropped(site):
     site.fault(do="drop_link")
     until(lambda: not site.receive.isConnected(), "still connected")
     assert site.receive.reconnect()
     assert near(site.position, (0.5, 0.1, 0.3))
-
-
-def wrench(site):
-    c = site.connect()
-    site.fault(do="wrench", value=[1.0, 2.0, -3.0, 0.0, 0.0, 0.1])
-    until(lambda: near(site.receive.getActualTCPForce(), (1, 2, -3, 0, 0, 0.1)), "no force")
-    assert c.zeroFtSensor()
-    until(lambda: near(site.receive.getActualTCPForce(), [0.0] * 6), "not zeroed")
 
 
 def main(scenario, host, fault_port):

@@ -3,7 +3,6 @@
 import itertools
 import math
 
-import numpy as np
 import pytest
 
 from drivers.ur import kinematics
@@ -82,32 +81,6 @@ def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
     assert bench.motion.tcp_speed == (0.0,) * 6
 
 
-SINGULAR = {
-    "elbow, stretched": "speedl([0.2, 0, 0, 0, 0, 0], a=0.5, t=30)",
-    "shoulder, above the base": "speedl([-0.2, 0, 0, 0, 0, 0], a=0.5, t=30)",
-}
-
-
-@pytest.mark.parametrize("body", SINGULAR.values(), ids=SINGULAR)
-def test_line_through_a_singularity_ends_where_a_joint_would_be_too_fast(bench, body):
-    """By protective stop, as on a robot. The tool hardly moves there, whatever the joints do."""
-
-    def least_gain():
-        return np.linalg.svd(kinematics.jacobian(bench.motion.q), compute_uv=False)[-1]
-
-    far = least_gain()
-    bench.run(body)
-    for _ in range(3000):
-        bench.cycles(1)
-        if bench.controller.safety_mode is not SafetyMode.NORMAL:
-            break
-    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
-    assert any("too fast" in line and "singularity" in line for line in bench.controller.messages)
-    assert least_gain() < 0.1 < far
-    bench.cycles(100)
-    assert bench.motion.tcp_speed == (0.0,) * 6
-
-
 def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does(bench):
     """0.1 m at 0.25 m/s, slowed down to two fifths after 0.2 s, and let go on after another 2."""
     virtual = ArmModel(ArmModelSettings(command_latency_s=0.0), 0)
@@ -125,10 +98,3 @@ def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does
         told.append(virtual.position(bench.now_ns))
     assert places == told
     assert len(set(places)) > 10 and places[-1] == (0.5, 0.1, 0.4)
-
-
-@pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan])
-def test_slider_has_two_ends(bench, fraction):
-    bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (0.4,)})
-    bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (fraction,)})
-    assert bench.arm.read(bench.now_ns).speed_fraction == 0.4

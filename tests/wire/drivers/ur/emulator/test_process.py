@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.wire.cases import case
-
 ROOT = Path(__file__).parents[5]
 WAIT_S = 60.0
 
@@ -145,20 +143,6 @@ def test_refused_recipes(emulator):
             assert time.monotonic() < deadline, "claims outlive their connection"
 
 
-def test_garbage_is_counted_and_cut_off(emulator):
-    with Rtde(emulator.host) as rtde:
-        rtde.sock.sendall(packet("?", b"what") + packet("U", b"\x09") + packet("U"))
-        rtde.sock.sendall(b"\x00\x01\x00")
-        assert rtde.sock.recv(100) == b""
-    assert emulator.fault(do="state")["ignored_packets"] == 3
-
-
-def test_control_channel_refuses_what_it_does_not_know(emulator):
-    for request_line in [{"do": "nonsense"}, {}, {"do": "wrench", "value": [1.0]}, {"do": 3}]:
-        with case(request_line):
-            assert not emulator.fault(**request_line)["ok"]
-
-
 def test_dashboard(emulator):
     host = emulator.host
     assert ask_dashboard(host, "PolyscopeVersion").startswith("URSoftware 3.15.8.106339")
@@ -192,35 +176,3 @@ def test_bad_programs_end_and_leave_the_controller_alive(emulator, text, message
         time.sleep(0.01)
     assert state["runtime_state"] == 1
     assert any(message in line for line in state["messages"]), state
-
-
-NOT_EMULATED = {
-    "force_mode": "get_actual_tcp_pose(), [0, 0, 1, 0, 0, 0], [0, 0, 5, 0, 0, 0], 2, [1]",
-    "servoc": "p[0.5, 0.1, 0.3, 0, 3.14, 0]",
-    "teach_mode": "",
-    "freedrive_mode": "",
-    "movej": "[0, 0, 0, 0, 0, 0]",
-}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[] if n == "popup" else [pytest.mark.slow]) for n in NOT_EMULATED],
-)
-def test_sender_of_what_is_not_emulated_sees_its_program_end_and_the_log_says_why(emulator, name):
-    """A program is not answered: its sender hears of it by the next thing that it asks."""
-    lines = ('textmsg("began")', f"{name}({NOT_EMULATED[name]})", 'textmsg("went on")')
-    send_program(emulator.host, "def f():\n" + "".join(f"  {line}\n" for line in lines) + "end\n")
-    deadline = time.monotonic() + WAIT_S
-    while not (state := emulator.fault(do="state"))["script_errors"]:
-        assert time.monotonic() < deadline, state
-        time.sleep(0.01)
-    said = " ".join(state["messages"])
-    assert "began" in said and f"{name} is not emulated" in said
-    assert "went on" not in said
-    address = emulator.host, 29999
-    with socket.create_connection(address, 10.0) as sock, sock.makefile("rw") as dashboard:
-        dashboard.readline()
-        dashboard.write("running\n")
-        dashboard.flush()
-        assert dashboard.readline() == "Program running: false\n"

@@ -1,4 +1,4 @@
-"""Unmodified ur_rtde against the emulator; the scenarios are in clients.py. `slow`: all others."""
+"""Unmodified ur_rtde against the emulator; the scenarios are in clients.py."""
 
 import pytest
 
@@ -7,27 +7,15 @@ CB3 = (
     "protective_stop", "emergency_stop", "stop_after_speed", "io", "dashboard", "in_use",
     "dropped",
 )  # fmt: skip
-MORE = (
-    "path", "not_emulated", "force_settings", "custom_script",
-    "pose_trans", "frozen", "wrench",
-)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "scenario", [*CB3, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)]
-)
+@pytest.mark.parametrize("scenario", CB3)
 def test_cb3(emulator, scenario):
     emulator.client(scenario)
     assert emulator.fault(do="state")["ignored_packets"] == 0
 
 
-@pytest.mark.parametrize(
-    "scenario",
-    ["move_l", "not_remote", *(
-        pytest.param(name, marks=pytest.mark.slow)
-        for name in ("speed_l", "pose_trans", "contact_refused")
-    )],
-)  # fmt: skip
+@pytest.mark.parametrize("scenario", ["move_l", "not_remote"])
 def test_e_series_at_500_hz(emulate, scenario):
     """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
     emulate("--profile", "e-series").client(scenario)
