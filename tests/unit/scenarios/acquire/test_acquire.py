@@ -1,9 +1,7 @@
 """What an acquisition leaves, however it ends: the recording of every run, and labelled samples."""
 
-import errno
 import os
 import signal
-from asyncio import CancelledError
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +12,6 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
-from drivers.ur.driver import ArmDriver
 from grasp import interruption
 from grasp.messages import ARM, TACTILE, TRUTH
 from grasp.recording import RunRecording
@@ -85,47 +82,6 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
     assert len(read(finished.recordings[0]).t_s) == finished.samples > 100
 
 
-def test_samples_that_the_disk_refuses_leave_the_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(path: Path, made: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(acquire, "write", full)
-    finished = acquired(tmp_path, seconds=1.0)
-    assert finished.failure is not None and finished.failure.kind == "could_not_record"
-    assert finished.recordings == []
-    assert finished.recording is not None
-    assert RunRecording.open(Path(finished.recording), CHANNELS).complete
-
-
-def test_fingertips_that_fall_silent_end_the_session_and_lose_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rigs = []
-    ticks = 0
-
-    @contextmanager
-    def remembered(*given: Any) -> Iterator[PressRig]:
-        with open_acquire_rig(*given) as rig:
-            rigs.append(rig)
-            yield rig
-
-    def silence(tick: Sample) -> None:
-        nonlocal ticks
-        ticks += 1
-        if ticks == 500:
-            rigs[0].cell.board.time_out(1000)
-
-    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
-    finished = acquire.run(config(), motion("0", 0.05, 1.0), 0, 20.0, tmp_path, False, silence)
-    assert finished.failure is not None
-    assert finished.failure.kind in ("stale", "device_fault")
-    assert finished.failure.remedy
-    assert 100 < finished.samples < 510
-    assert len(read(finished.recordings[0]).t_s) == finished.samples
-
-
 def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,26 +129,3 @@ def test_bug_of_ours_ends_a_session_as_a_fault_does_and_the_arm_stands(tmp_path:
     assert finished.failure.end.arm == "the arm stands"
     (stored,) = tmp_path.rglob("result.json")
     assert msgspec.json.decode(stored.read_bytes(), type=AcquireResult) == finished
-
-
-@pytest.mark.parametrize("bug", [ZeroDivisionError, CancelledError])
-def test_an_arm_whose_stop_raises_is_told_again(
-    bug: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stop, told = ArmDriver.stop, list[float]()
-
-    def breaks_once(arm: ArmDriver, deceleration_mps2: float) -> None:
-        told.append(deceleration_mps2)
-        if len(told) == 1:
-            raise bug
-        stop(arm, deceleration_mps2)
-
-    def ends(sample: Sample) -> None:
-        if sample.phase is PressPhase.STROKE and abs(sample.arm.velocity_mps[0]) > 0.02:
-            monkeypatch.setattr(ArmDriver, "stop", breaks_once)
-            raise bug
-
-    finished = acquired(tmp_path, ends)
-    assert finished.outcome is AcquireOutcome.INTERNAL_ERROR and len(told) > 1
-    assert finished.failure is not None and finished.failure.end is not None
-    assert finished.failure.end.arm == "the arm stands"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenarios.acquire.rest import REST_M, REST_S, TURN_LEVER_M, moved
+from scenarios.acquire.rest import REST_S, moved
 
 STILL = round(REST_S / 0.01) + 1  # samples after which what stands is at rest
 
@@ -28,14 +28,6 @@ def test_creep_slower_than_the_bound_is_rest_and_slip_is_not() -> None:
     slow, fast = (along(speed * t) for speed in (0.5, 3.0))
     assert slow.max() == 0.0
     np.testing.assert_allclose(fast[20:], 3.0 * t[20:], atol=0.2)
-
-
-def test_a_turn_counts_by_the_lever_of_the_papers_label() -> None:
-    n = 100
-    places = np.zeros((n, 3))
-    places[50:, 2] = TURN_LEVER_M * np.linspace(0.0, 0.2, 50)
-    found = moved(np.arange(n) * 0.01, places, np.ones(n, bool))
-    assert abs(found[-1] - TURN_LEVER_M * 0.2) < 2 * REST_M
 
 
 def test_what_nobody_touches_has_not_moved() -> None:

@@ -56,27 +56,3 @@ def test_a_calm_hold_takes_no_rule_below_the_one_that_is_there(
     text = capsys.readouterr().out
     assert "1080 counts of load" in text and "is kept" in text
     assert tomllib.loads(text)["rule"]["threshold"] == 0.5
-
-
-def csv(path: Path, taxels: int, column: str = "") -> Path:
-    names = ",".join(["t_s", *(f"p{i}" for i in range(taxels))])
-    rows = [
-        f"{k * 0.01:.2f}," + ",".join(["-60" if 200 <= k < 5500 else "0"] * taxels)
-        + (",0" if column else "")
-        for k in range(6000)
-    ]  # fmt: skip
-    path.write_text("\n".join([names + (f",{column}" if column else ""), *rows]) + "\n")
-    return path
-
-
-def test_a_csv_needs_no_label_where_nothing_slips(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with_label, without = csv(tmp_path / "a.csv", 6, "slip"), csv(tmp_path / "b.csv", 6)
-    texts = []
-    for file in (with_label, without):
-        assert main(["detector", "tune", "tcn", "--unlabelled", str(file)]) == 0
-        texts.append(capsys.readouterr().out)
-    assert texts[0] == texts[1] and "360 counts of load" in texts[0]
-    assert main(["detector", "evaluate", "energy", "--recording", str(without)]) == 2
-    assert "columns are t_s,p0" in capsys.readouterr().err

@@ -1,9 +1,7 @@
 """Campaigns: what a file stands for, what its rows hold, and what no accident may lose."""
 
-import json
 import os
 import sqlite3
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,6 @@ import msgspec
 import pytest
 
 from drivers.errors import BadFile, ConfigError
-from grasp.cli.main import main
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import CampaignStore
@@ -76,24 +73,7 @@ def test_a_wrong_file_is_refused_before_anything_runs(tmp_path: Path) -> None:
         assert not out.exists(), (wrong, named)
 
 
-def test_the_packaged_campaign_is_the_papers_240_trials_judged_in_the_air() -> None:
-    spec = read_spec(Path(__file__).parents[4] / "config/campaigns/paper.toml")
-    places = combinations(spec)
-    assert len(places) * spec.repetitions == 240
-    assert all(place.config.controller.keep for place in places)
-
-
 # One trial
-
-
-def test_a_setting_that_no_place_reads_is_said_of_the_campaign_and_its_place() -> None:
-    spec = CampaignSpec(
-        name="odd", objects=("can",), settings=("controller.step_n=2",),
-        sweep={"controller.answer": ("stop_and_step", "jump")}, repetitions=1,
-    )  # fmt: skip
-    with pytest.raises(ConfigError, match=r"^campaign: controller\.step_n: .*= \"jump\"") as error:
-        combinations(spec)
-    assert "--set" not in str(error.value)
 
 
 def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
@@ -110,14 +90,6 @@ def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     assert lost.row.recording is None  # its place is known when it is stored
     written_as_it_went = run_trial(msgspec.structs.replace(bad, recordings="all"))
     assert lost.recording == written_as_it_went.recording
-
-
-def test_taps_alternate_their_direction_and_keep_what_was_measured() -> None:
-    spec = CampaignSpec(name="tap", scenarios=("tap",), objects=("box",), repetitions=2)
-    rows = [run_trial(trial).row for trial in trials(spec, combinations(spec))]
-    assert [row.direction for row in rows] == ["top", "side"]
-    assert all(row.moved is not None and row.slip_distance_m is not None for row in rows)
-    assert all(row.turned_rad is not None for row in rows)
 
 
 def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,55 +119,6 @@ def test_a_worker_that_dies_costs_its_own_trial_alone(tmp_path: Path) -> None:
     assert [row.status for row in rows] == ["done", "error", "done", "done"]
     assert rows[1].error == "the worker process died"
     assert (done.new, done.successes, done.errors) == (4, 3, 1)
-
-
-def test_exit_code_says_whether_every_trial_ran(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def crash_two(trial: Task) -> Finished:
-        if trial.number == 2:
-            raise RuntimeError("on purpose")
-        return judged_at_once(trial)
-
-    monkeypatch.setattr("grasp.cli.campaign.workers", lambda _: Workers(0))
-    file = tmp_path / "two.toml"
-    file.write_text('name = "two"\nobjects = ["can", "ball"]\nrepetitions = 2\n')
-    for code, work in enumerate((judged_at_once, crash_two)):
-        monkeypatch.setattr("scenarios.campaign.run.run", partial(run, work=work))
-        out = str(tmp_path / f"{code}.sqlite")
-        assert main(["campaign", "run", str(file), "--out", out, "--json"]) == code
-        assert json.loads(capsys.readouterr().out)["errors"] == code
-
-
-def test_a_setting_of_the_command_line_counts_in_every_trial_and_is_named_where_it_is_wrong(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    seen = []
-
-    def work(trial: Task) -> Finished:
-        seen.append((trial.config.object.mass_kg, trial.config.rule.consecutive))
-        return judged_at_once(trial)
-
-    monkeypatch.setattr("scenarios.campaign.run.run", partial(run, work=work))
-    monkeypatch.setattr("grasp.cli.campaign.workers", lambda _: Workers(0))
-    file = tmp_path / "two.toml"
-    file.write_text(
-        'name = "two"\nobjects = ["can"]\nrepetitions = 1\nsettings = ["object.mass_kg=0.2"]\n'
-        '[sweep]\n"rule.consecutive" = [1, 2]\n'
-    )
-    words = ["campaign", "run", str(file), "--out", str(tmp_path / "a.sqlite"), "--json"]
-    for wrong, told in (
-        ("object.mass_kg=much", "--set: object.mass_kg"),
-        ("object.mas_kg=1", "--set: object.mas_kg: unknown key"),
-        ("rule.consecutive=3", "--set: rule.consecutive is set by sweep of the campaign"),
-    ):
-        assert main([*words, "--set", wrong]) == 2
-        assert told in json.loads(capsys.readouterr().out)["error"]["message"]
-    assert not seen
-    assert main([*words, "--set", "object.mass_kg=0.3"]) == 0
-    assert seen == [(0.3, 1), (0.3, 2)]
-    with CampaignStore.open(tmp_path / "a.sqlite") as store:
-        assert store.spec.settings == ("object.mass_kg=0.2", "object.mass_kg=0.3")
 
 
 def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path) -> None:
@@ -248,13 +171,3 @@ def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
     other = msgspec.structs.replace(TWO_OBJECTS, repetitions=5)
     with pytest.raises(ConfigError, match="another campaign"):
         run_here(other, out, judged_at_once, resume=True)
-
-
-def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:
-    def work(trial: Task) -> Finished:
-        return Finished(judged_at_once(trial).row, b"bytes" if trial.number == 2 else None)
-
-    run_here(TWO_OBJECTS, tmp_path / "a.sqlite", work)
-    paths = [row.recording for row in stored(tmp_path / "a.sqlite")]
-    assert paths == [None, None, "a.recordings/000002-lift-can.mcap", None]
-    assert (tmp_path / str(paths[2])).read_bytes() == b"bytes"

@@ -19,7 +19,6 @@ from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import Bench
-from tests.unit.scenarios.conftest import QUIET
 
 MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
 QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
@@ -108,24 +107,6 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
         assert row is not None and row.status == "error" and row.error == "what happened"
     safe = ended_by("safety_stop")
     assert safe is not None and safe.status == "done" and safe.error == "what happened"
-
-
-def test_trials_are_shown_kept_and_summed_up(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "own.sqlite"
-    words = ["run", "lift", "--rig", "simulated", "--detector", "energy", "--trials", "2"]
-    words += ["--out", str(out), "--runs", str(tmp_path / "runs"), "--set", QUIET]
-    assert main(words) == 0
-    said = capsys.readouterr().out
-    assert "object lift" in said  # Table IV
-    assert str(out) in said
-    assert main(["runs", str(out)]) == 0
-    assert "n 2" in capsys.readouterr().out
-    assert main(words) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert main([*words, "--resume"]) == 0
-    assert len(list((tmp_path / "runs").iterdir())) == 2
 
 
 def test_options_of_a_series_that_do_not_fit_are_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from grasp.cli.campaign_view import _shown
-from scenarios.campaign.paper import TABLE_IV, wilson
+from scenarios.campaign.paper import wilson
 from scenarios.campaign.summary import summarize
 from scenarios.campaign.worker import Row
 
@@ -52,19 +52,6 @@ def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
         assert q is not None and (q.p10, q.max) == (least, math.inf)
 
 
-def test_rotation_is_told_either_way_and_not_of_real_devices() -> None:
-    turns = (-0.02, 0.01, 0.03)
-    rows = [row(i, "ball", "held", turned_rad=turn) for i, turn in enumerate(turns)]
-    rows.append(row(3, "ball", "dropped", turned_rad=0.5, peak_force_n=10.0))
-    (cell,) = summarize("x", rows).variants[0].cells
-    assert cell.turned_deg is not None
-    assert cell.turned_deg.p10 == pytest.approx(math.degrees(0.01), abs=1e-3)
-    assert cell.turned_deg.p50 == pytest.approx(math.degrees(0.02), abs=1e-3)
-    assert cell.turned_deg.p90 == math.inf  # what was lost turned for ever
-    (real,) = summarize("x", [row(0, "ball", "held")]).variants[0].cells
-    assert real.turned_deg is None
-
-
 def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     tap = {"scenario": "tap", "slip_m": 0.005}
     rows = [row(i, "ball", "registered", success=True, moved=True, **tap) for i in range(3)]
@@ -86,18 +73,3 @@ def test_errors_are_counted_apart_from_failures() -> None:
     summary = summarize("x", rows)
     (cell,) = summary.variants[0].cells
     assert (cell.trials, cell.successes, cell.errors, summary.errors) == (2, 1, 1, 1)
-
-
-def test_long_objects_are_split_at_6_and_12_cm() -> None:
-    names = list(TABLE_IV)
-    rows = []
-    for name in names:
-        for i in range(20):
-            cell = TABLE_IV[name]
-            kind = "held_within_6cm" if i < cell.near else "held_within_12cm"
-            rows.append(row(len(rows), name, kind if i < cell.lift else "dropped"))
-    (variant,) = summarize("x", rows).variants
-    cells = {cell.object: cell for cell in variant.cells}
-    assert (cells["cardboard"].within_6cm, cells["cardboard"].within_12cm) == (9, 8)
-    assert cells["ball"].within_6cm is None
-    assert variant.average == pytest.approx(0.725)

@@ -5,13 +5,12 @@ import pytest
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import Detection, FingerState, GripperState
 from grasp.commands import MoveFingers
-from scenarios.lab.arm import checked_step, step_arm
+from scenarios.lab.arm import step_arm
 from scenarios.lab.hand import (
     activate_hand,
     guard_of,
     open_hand,
     step_counts,
-    step_targets,
 )
 from scenarios.lab.scale import check_force
 from tests.unit.scenarios.conftest import config
@@ -27,17 +26,6 @@ def test_step_is_rounded_down_to_whole_counts() -> None:
 def test_step_of_no_count_or_of_more_than_5_mm_is_refused(mm: float) -> None:
     with pytest.raises(UsageError, match="a step of"):
         step_counts(LAB, mm * 1e-3)
-
-
-def test_step_moves_the_fingers_asked_for_within_their_range() -> None:
-    assert step_targets((6, 250, 100), "AB", 10) == (16, 255, 100)
-    assert step_targets((6, 250, 100), "ABC", -10) == (0, 240, 90)
-
-
-@pytest.mark.parametrize("mm", [(0.0, 0.0, 0.0), (5.0, 5.0, 0.0), (0.0, 0.0, -5.1)])
-def test_step_of_the_arm_is_short(mm: tuple[float, float, float]) -> None:
-    with pytest.raises(UsageError):
-        checked_step((mm[0] * 1e-3, mm[1] * 1e-3, mm[2] * 1e-3))
 
 
 @pytest.mark.parametrize(("up_to_n", "bytes_"), [(14.9, (0,)), (16.0, (0, 255)), (61.0, (0,))])

@@ -2,18 +2,16 @@
 
 import tomllib
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
 from drivers.errors import UsageError
 from scenarios.lab import sessions
-from scenarios.lab.fit import Line, law_of, of_byte
+from scenarios.lab.fit import law_of, of_byte
 from scenarios.lab.scale import (
     Presser,
     check_force,
-    force_file,
     hand_file,
     newtons,
 )
@@ -65,14 +63,6 @@ def test_zero_of_a_scale_is_no_reading_and_costs_none_of_the_others(
     assert taken(weighing) == forces
     assert "0 N is no load: Enter alone, if that is what the scale says" in person.said
     assert weighing.fit().slope == pytest.approx(COUNTS_PER_NEWTON)
-
-
-def test_load_that_the_named_pad_does_not_feel_is_told_at_once(
-    weigh: Callable[..., tuple[Weighing, Person]],
-) -> None:
-    weighing, person = weigh([0.0, 2.0], "2 N", "2 N", "")
-    assert taken(weighing) == [2.0]
-    assert "fingertip A feels nothing of 2.00 N: load its pad" in person.said
 
 
 class Finger:
@@ -151,26 +141,3 @@ def test_byte_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
         check_force(20.0, (0, 40))
     assert stronger.value.remedy == "--up-to 22.1, or a lower byte"
     check_force(22.1, (0, 40))
-
-
-def hand_of(newtons: float, travel: object = None) -> str:
-    known = [of_byte(0, [newtons] * 10)]
-    return hand_file("A", known, law_of(known), cast(Line, travel), {})
-
-
-MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: hand_of(0.2),
-        lambda: hand_of(31.0),
-        lambda: hand_of(12.0, MM),
-        lambda: force_file("A", Line(2e5, (2e5, 2e5), 0.0, 0.001, 0.01, 5, 4)),
-    ],
-    ids=["too weak", "too strong", "ruler read in centimetres", "kilograms typed as grams"],
-)
-def test_calibration_that_no_run_would_take_is_not_written(make: Callable[[], str]) -> None:
-    with pytest.raises(UsageError, match="no hand is like that"):
-        make()

@@ -13,14 +13,13 @@ from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
 from scenarios.lab.hand import Hand
 from scenarios.lab.scale import BACK_COUNTS, Presser
-from scenarios.lab.steps import LEAD_M, Steps, lead_counts
+from scenarios.lab.steps import LEAD_M, lead_counts
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig, Springs
 from tests.unit.scenarios.conftest import config
 
 LAB = config("gripper.calibration=paper")
 LEAD = lead_counts(PAPER.m_per_count)
-LATE = 2  # counts that a finger has gone further than was seen: 50 ms
 OPEN = 6
 NOTHING, SCALE = Springs((0, 0, 0), (1, 1, 1)), Springs((2500, 0, 0), (0.08, 1, 1))  # N/m, m
 
@@ -109,24 +108,3 @@ def test_press_has_its_whole_force_though_it_is_told_step_by_step() -> None:
     bench.presser.back_off(bench.heard.append, "grasp release --rig hardware")
     assert bench.later()[0] == at - BACK_COUNTS
     assert "`grasp release --rig hardware`" in bench.heard[0]
-
-
-def test_finger_that_touches_something_stands_there() -> None:
-    bench = Bench(SCALE)
-    touched = [False]
-
-    def feels() -> bool:
-        touched[0] = touched[0] or bench.places[0] >= 60
-        return touched[0]
-
-    met = bench.presser.to(200, touched=feels)
-    assert met
-    assert abs(bench.later()[0] - 60) <= LATE
-
-
-def test_step_goes_neither_back_nor_past_its_target() -> None:
-    rig = Rig(HandSettings(), PAPER)
-    rig.driver.pump(0)
-    steps = Steps((OPEN, OPEN, OPEN), (8, 0, OPEN), LEAD)
-    assert steps.next(rig.state) == (8, 1, OPEN)
-    assert steps.next(rig.state) is None

@@ -152,22 +152,3 @@ def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> N
     controller, _, held = run([(1, ALARM)])
     assert controller.cap_reached
     assert held
-
-
-def test_alarm_in_a_rise_that_no_stop_answers_ends_with_the_object_set_down() -> None:
-    """It goes down to less than its braking distance above where it is, and passes that first."""
-    words = ("controller.answer=jump", "controller.lift_speed_mps=0.25",
-             "controller.lift_height_m=0.2")  # fmt: skip
-    controller, _, held = run([(1, ALARM)], *words)
-    assert controller.cap_reached and held
-    assert controller.phase is Phase.DONE
-
-
-@pytest.mark.parametrize("window", [10, 90])
-def test_alarm_may_be_as_old_as_what_the_detector_remembers(window: int) -> None:
-    _, ticks, _ = run([(1, ALARM)], f"energy.window={window}")
-    unmasked = [
-        t for t in ticks
-        if t.decision.phase is Phase.COMPENSATE and t.gripper.at_rest and not t.decision.slip.masked
-    ]  # fmt: skip
-    assert len(unmasked) * 0.01 == pytest.approx(max(0.3, 0.01 * (window + 1)), abs=0.02)

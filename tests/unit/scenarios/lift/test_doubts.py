@@ -113,27 +113,6 @@ def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
     assert "moving" not in end.hand and "closed to the limit" not in end.hand
 
 
-@pytest.mark.parametrize("frozen_first", [True, False])
-def test_hand_that_loses_power_behind_a_status_that_stands_still_is_not_activated_either(
-    frozen_first: bool,
-) -> None:
-    """Whatever is asked of it then, and asked again, leaves rACT out."""
-
-    def act(rig: Rig) -> None:
-        if not frozen_first:
-            fault.power_cycle_gripper(rig)
-        fault.freeze_gripper_status(rig)
-        fault.power_cycle_gripper(rig)
-
-    for phase in (P.APPROACH, P.OPPOSE, P.LISTEN, P.COMPENSATE, P.RELEASE):
-        staged = Staged()
-        trial = staged.run(in_phase(phase, 3), act)
-        assert trial.controller.phase is P.FAULT, phase
-        gripper = fault.cell(staged.rig).gripper
-        assert max(fault.cell(staged.rig).truth().peak_n) < 11.0, phase
-        assert not gripper.ready and not gripper.moving, phase
-
-
 DETECTORS = {
     "nan": np.full(3, np.nan),
     "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
@@ -189,13 +168,6 @@ def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline
         done_ns = staged.done_at_ns or 0
         first = next(t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > done_ns)
         assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9, (phase, act.__name__)
-
-
-def test_an_arm_that_moves_against_its_command_is_stopped_after_millimetres() -> None:
-    staged = Staged()
-    trial = staged.run(in_phase(P.LISTEN, 5), fault.turn_arm_round)
-    in_safe_state(staged, trial, "arm_wrong_way")
-    assert abs(staged.ticks[-1].arm.position_m[2] - staged.ticks[0].arm.position_m[2]) < 0.02
 
 
 def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:

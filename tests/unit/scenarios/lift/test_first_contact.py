@@ -1,20 +1,12 @@
 """The limit from first contact to last: objects that are not as expected, or not there any more."""
 
-from contextlib import nullcontext
-
-import msgspec
 import pytest
 
 from drivers.errors import ConfigError
-from drivers.interfaces import Vector3
 from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
-from scenarios.lift.config import LiftConfig
+from grasp.phases import Phase
 from scenarios.lift.result import LiftResult
-from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import GraspRig
-from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.truth import Truth
+from scenarios.trial.execution import make_guard
 from tests.unit.scenarios.conftest import HAND_ALONE, InPhase, Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault
 
@@ -116,43 +108,6 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
         assert end is not None and "feels nothing" in end.hand
 
 
-def test_lifts_on_one_open_rig_begin_and_end_at_one_height() -> None:
-    """Of the arm, and of the object in the hand before it rises; how far it slips then is another
-    matter, up to the pads' noise."""
-    settings = config("hand.activation_s=0.5", "controller.lift_height_m=0.03")
-    with open_rig(settings, 0, paced=False) as rig:
-        first = risen(rig, settings, None)
-        for _ in range(2):
-            again = risen(rig, settings, first.home)
-            assert again.home == first.home
-            assert again.arm_m == pytest.approx(first.arm_m, abs=1e-4)
-            assert again.slipped_m == pytest.approx(first.slipped_m, abs=1e-4)
-    assert first.arm_m == pytest.approx((first.home[2], first.home[2] + 0.03), abs=1e-4)
-
-
-class Risen(msgspec.Struct, frozen=True):
-    """Of one lift: the arm's home and how high it was, first and at most; how far the object had
-    slipped before it rose."""
-
-    home: Vector3
-    arm_m: tuple[float, float]
-    slipped_m: float
-
-
-def risen(rig: GraspRig, settings: LiftConfig, home: Vector3 | None) -> Risen:
-    heights_m, slips_m = list[float](), list[float]()
-
-    def watch(tick: Tick, truth: Truth | None, controller: object) -> None:
-        if tick.decision.phase in AIRBORNE_PHASES:
-            assert truth is not None
-            heights_m.append(tick.arm.position_m[2])
-            slips_m.append(truth.slip_distance_m)
-
-    trial = run_trial(settings, rig, make_guard(settings), watch, home=home)
-    assert trial.controller.phase is Phase.DONE
-    return Risen(trial.controller.home, (heights_m[0], max(heights_m)), slips_m[0])
-
-
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
     (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
@@ -199,17 +154,6 @@ def test_settings_that_cannot_be_kept_are_refused_before_anything_moves() -> Non
         with pytest.raises(ConfigError) as caught:
             make_guard(config(*assignments))
         assert caught.value.key == key, assignments
-
-
-@pytest.mark.parametrize(("phase_s", "refused"), [(22.06, True), (22.08, False)])
-def test_way_down_takes_no_longer_than_a_phase_may_last(phase_s: float, refused: bool) -> None:
-    """0.22 m at 0.01 m/s, and what it takes to come to that and from it at 0.15 m/s2."""
-    slow = config(
-        "controller.lift_height_m=0.22", "controller.lower_speed_mps=0.01",
-        "controller.stop_deceleration_mps2=0.15", f"controller.phase_timeout_s={phase_s}",
-    )  # fmt: skip
-    with pytest.raises(ConfigError) if refused else nullcontext():
-        make_guard(slow)
 
 
 def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused() -> None:

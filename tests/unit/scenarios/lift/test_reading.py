@@ -8,7 +8,7 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
-from scenarios.trial.person import HOLD_S, TapeMark, read_mark
+from scenarios.trial.person import TapeMark, read_mark
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import changed, config
 from tests.unit.scenarios.safety_probes import lift_verdict
@@ -102,8 +102,3 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
     assert asked_in == [Phase.HOLD, Phase.HOLD]
     assert phases.count(Phase.HOLD) > 800  # two answers of 4 s each
     assert Phase.RETREAT in phases
-
-
-def test_lift_with_a_person_holds_as_long_as_that_takes() -> None:
-    assert lift.held_for(config(), Typist()).controller.hold_s == HOLD_S
-    assert lift.held_for(config(), None) == config()

@@ -91,13 +91,6 @@ def test_contact_that_is_stiffer_and_grasped_harder_than_believed_keeps_limit_an
     assert result.success or result.outcome == "over_force"
 
 
-def test_contact_that_is_softer_than_believed_makes_the_closing_slower_and_not_weaker() -> None:
-    result = judged("object.contact_stiffness_npm=2142", object_name="foam")
-    assert result.success
-    assert result.settled_force_n is not None
-    assert 9.0 < result.settled_force_n["A"] < BOUND_N
-
-
 BROKEN = [fault.freeze_gripper_status, fault.swallow_writes, fault.always_contact]
 
 

@@ -16,8 +16,6 @@ from scenarios.campaign.spec import CampaignSpec, combinations, trials
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Finished, Row
 from scenarios.report.campaign_page import campaign_page
-from scenarios.report.run_record import read_run
-from scenarios.trial.run_folder import RESULT
 
 SPEC = CampaignSpec(
     name="small", scenarios=("lift", "tap"), objects=("ball", "can"), detectors=("energy",),
@@ -93,27 +91,3 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
 def test_a_text_of_a_stranger_stays_text(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page
-
-
-def test_a_recording_of_a_campaign_has_its_verdict_from_the_campaigns_file(
-    recorded: Path, tmp_path: Path
-) -> None:
-    result = json.loads((recorded / RESULT).read_text())
-    spec = msgspec.structs.replace(SPEC, scenarios=("lift",), sweep={}, repetitions=1)
-    places = combinations(spec)
-    with CampaignStore.create(tmp_path / "one.sqlite", spec, places) as store:
-        task = next(trials(spec, places))
-        row = Row(
-            trial=0, scenario="lift", object="can", profile="default", detector="energy",
-            swept="{}", repetition=0, seed=0, status="done", outcome="dropped", success=False,
-            result=json.dumps({**result, "outcome": "dropped", "success": False}),
-            config_hash=task.config.digest(), detector_hash="",
-        )  # fmt: skip
-        store.add(Finished(row, (recorded / "recording.mcap").read_bytes()))
-    (recording,) = (tmp_path / "one.recordings").iterdir()
-    run = read_run(recording)
-    assert run.verdict is not None and run.verdict.outcome == "dropped"
-    (tmp_path / "one.sqlite").write_bytes(b"no database")
-    assert "one.sqlite beside the recording cannot be read" in read_run(recording).verdict_problem
-    (tmp_path / "one.sqlite").unlink()
-    assert "one of a campaign" in read_run(recording).verdict_problem

@@ -5,16 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
-from grasp.cli.main import main
-from grasp.messages import TRUTH
-from grasp.settings import config_dir
 from scenarios.report.export import as_csv
 from scenarios.report.run_record import read_run
-from tests.unit.scenarios.report.conftest import changed
-
-LAYOUT = config_dir() / "viewers" / "foxglove.json"
 
 
 def rows(text: str) -> list[dict[str, str]]:
@@ -41,23 +34,3 @@ def test_a_table_has_a_row_a_step_and_the_numbers_of_the_recording(recorded: Pat
     np.testing.assert_allclose(slip_m, run.truth.slip_m, rtol=1e-5, atol=1e-12)
     phases = list(dict.fromkeys(row["phase"] for row in table))
     assert phases == list(dict.fromkeys(change.phase for change in run.phases))
-
-
-def test_what_nobody_knows_is_no_column(recorded: Path, tmp_path: Path) -> None:
-    run = changed(recorded, tmp_path / "run", lambda m: None if m[0] == TRUTH else m)
-    assert not [name for name in rows(as_csv(run))[0] if name.startswith("true") or "true" in name]
-
-
-def test_export_says_where_it_wrote_and_overwrites_its_own_alone(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = changed(recorded, tmp_path / "run")
-    for _ in range(2):
-        assert main(["report", str(run), "--to", "csv"]) == 0
-        assert capsys.readouterr().out == f"{run / 'recording.csv'}\n"
-    (run / "recording.csv").write_text("mine")
-    assert main(["report", str(run), "--to", "csv"]) == 2
-    assert "is there already" in capsys.readouterr().err
-    for _ in range(2):
-        assert main(["report", str(run), "--to", "layout"]) == 0
-    assert (run / "foxglove-layout.json").read_text() == LAYOUT.read_text()

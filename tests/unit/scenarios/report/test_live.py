@@ -5,7 +5,6 @@ import signal
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from grasp.recording import RunRecording
@@ -115,28 +114,3 @@ def test_rows_say_what_the_tick_and_the_world_said(
         assert "told_speed" in found
     phases = list(dict.fromkeys(row.phase for row in rows))
     assert {"lift", "compensate", "hold", "lower"} <= set(phases)
-
-
-def test_what_nobody_knows_on_hardware_is_no_column(listener: Listener) -> None:
-    told = msgspec.structs.replace(config(), rig="hardware")
-    live = LiveTrials(told, "a lift", 1)
-    list(lift.run_series(config(), [0], Bench(None, watch=live.watch)))
-    serve, begin, *_ = listener.told
-    assert not serve.seen.truth  # type: ignore[union-attr]
-    assert isinstance(begin, Begin)
-    names = {name for name, _ in begin.data["columns"]}
-    assert not names & {"true", "shear", "slip", "height", "onset", "struck"}
-
-
-def test_the_command_line_says_where_the_page_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from grasp.cli.main import main
-
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    words = ["run", "lift", "--rig", "simulated", "--detector", "energy", "--pace", "max"]
-    assert main([*words, "--view", "--json", "--runs", str(tmp_path)]) in (0, 1)
-    told = capsys.readouterr()
-    assert told.err.startswith("view: http://127.0.0.1:")
-    assert msgspec.json.decode(told.out)["scenario"] == "lift"

@@ -43,15 +43,3 @@ def test_summed_log_odds_pass_the_limit_where_slip_is_registered(fusion: str, se
     assert above[event].all()
     assert registered[above].all()
     assert not shown.probable
-
-
-@pytest.mark.parametrize("fusion", ["any", "mean"])
-def test_probabilities_stay_above_the_threshold_where_slip_is_registered(fusion: str) -> None:
-    settings = RuleSettings(consecutive=3, threshold=0.8, fusion=fusion)
-    p, armed, masked, _, event = watched(settings, 0)
-    shown = decided(settings, p, armed, masked)
-    assert shown.limit == 0.8 and shown.probable
-    rows = np.flatnonzero(event)
-    assert len(rows) > 5
-    for back in range(3):
-        assert (shown.values[rows - back].max(axis=1) > shown.limit).all()

@@ -77,27 +77,6 @@ def test_fault_that_needs_activation_is_told_with_the_verb_and_nothing_is_moved(
     assert rig.frames[told:] == []
 
 
-def test_fault_is_cleared_by_the_verb_that_activates() -> None:
-    rig, clock = made(active=True)
-    rig.model.inject_fault(0x0A)
-    clock.sleep_until_ns(100 * MS)
-    rig.driver.pump(clock.now_ns)
-    rig.driver.activate()
-    for _ in range(400):
-        clock.sleep_until_ns(clock.now_ns + 10 * MS)
-        rig.driver.pump(clock.now_ns)
-    assert rig.state.active and not rig.state.fault
-
-
-@pytest.mark.parametrize(("active", "least_ms", "most_ms"), [(True, 0, 0), (False, 3_000, 3_500)])
-def test_hand_is_waited_for_no_longer_than_it_takes(
-    active: bool, least_ms: int, most_ms: int
-) -> None:
-    rig, clock = made(active)
-    activate(rig.driver, clock)
-    assert least_ms * MS <= clock.now_ns <= most_ms * MS
-
-
 def test_hand_that_is_not_active_and_stands_closed_is_activated_only_by_leave_to_drop() -> None:
     """As after a power cut: a run would open it without a question, and what it holds falls."""
     rig, clock = made(active=True)

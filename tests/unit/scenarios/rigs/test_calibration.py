@@ -9,7 +9,6 @@ import pytest
 
 from drivers.errors import ConfigError
 from drivers.robotiq.calibration import GripperCalibration
-from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.lab.hand import guard_of, step_counts
 from scenarios.rigs.calibration import weak_claim
@@ -30,14 +29,6 @@ def resolved(*assignments: str, rig: str = "simulated") -> RunConfig:
     return load_config("can", rig, "energy", None, assignments)
 
 
-def test_packaged_calibrations_are_chosen_by_name() -> None:
-    assert names("calibrations") == ["manual", "paper"]
-    least = {name: calibration(resolved(f"gripper.calibration={name}")).least_force_n
-             for name in names("calibrations")}  # fmt: skip
-    assert least == {"manual": 15.0, "paper": 10.0}
-    assert calibration(resolved()).name == "paper"
-
-
 def test_a_file_of_ones_own_is_chosen_by_path_and_reaches_the_guard(tmp_path: Path) -> None:
     file = tmp_path / "hand3.toml"
     file.write_text(LAB)
@@ -48,15 +39,6 @@ def test_a_file_of_ones_own_is_chosen_by_path_and_reaches_the_guard(tmp_path: Pa
     make_guard(config)
     with pytest.raises(ConfigError):
         make_guard(resolved("guard.force_limit_n=9.6"))
-
-
-def test_hardware_has_no_calibration_unless_somebody_chooses() -> None:
-    config = resolved(rig="hardware")
-    assert config.calibration is None
-    with pytest.raises(ConfigError, match="by hand") as caught:
-        calibration(config)
-    assert "paper" in caught.value.allowed and "path" in caught.value.allowed
-    assert calibration(resolved("gripper.calibration=manual", rig="hardware")).name == "manual"
 
 
 # What a file claims against the manual
@@ -79,25 +61,6 @@ def file_of(known: GripperCalibration, folder: Path) -> Path:
              if key != "name"]  # fmt: skip
     file.write_text("\n".join(["[calibration]", *lines]) + "\n")
     return file
-
-
-@pytest.mark.parametrize(
-    ("figures", "told"),
-    [
-        ({}, ""),
-        ({"most_force_n": 80.0, "force_exponent": 0.3}, ""),
-        ({"least_force_n": 9.0}, "force byte 0 press with 9 N, less than the manual's 15 N"),
-        ({"most_force_n": 58.0}, "force byte 255 press with 58 N, less than the manual's 60 N"),
-        ({"force_exponent": 1.5}, "force byte 70 press with 21.47 N, less than the manual's 27.4"),
-        (EDITED, "force byte 255 press with 15.1 N, less than the manual's 60 N"),
-    ],
-)
-def test_hand_that_is_said_to_be_weaker_than_the_manual_s_with_any_byte_is_told(
-    figures: dict[str, Any], told: str
-) -> None:
-    claim = weak_claim(stated(**figures))
-    assert told in claim
-    assert bool(claim) == bool(told)
 
 
 @pytest.mark.parametrize(

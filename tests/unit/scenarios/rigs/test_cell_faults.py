@@ -62,16 +62,3 @@ def test_fault_of_the_arm_has_struck_after_its_next_cycle_and_not_before() -> No
     assert faults.struck(0.0)  # it is told when it comes
     faults.strike(1_000_000_000)
     assert not faults.struck(0.0)
-
-
-def test_faults_strike_in_the_order_of_their_times() -> None:
-    board = Mock()
-    faults = CellFaults(board, Mock(), None)
-    for name, after_s in (("replug", 0.3), ("unplug", 0.1), ("usb_timeout", 0.3), ("replug", 0.0)):
-        faults.order({"name": name, "after_s": after_s}, 0)
-    struck = []
-    for now_s in (0.0, 0.1, 0.2, 0.3):
-        faults.strike(round(now_s * 1e9))
-        struck.append([call[0] for call in board.mock_calls])
-        board.reset_mock()
-    assert struck == [["replug"], ["unplug"], [], ["replug", "time_out"]]

@@ -78,19 +78,6 @@ def test_holder_that_was_killed_drives_nothing(device: str) -> None:
             assert json.loads(lock_path(device).read_text())["pid"] == os.getpid()
 
 
-@pytest.mark.parametrize("left", [b"", b'{"pid": 1, "command": "init", "since": "now"}', b"\xff{"])
-def test_file_that_was_left_means_nothing(device: str, left: bytes) -> None:
-    lock_path(device).write_bytes(left)
-    with driving(device):
-        pass
-    assert not lock_path(device).exists()
-
-
-def test_same_process_drives_a_device_once(device: str) -> None:
-    with driving(device), pytest.raises(Refused, match=str(os.getpid())), driving(device):
-        pass
-
-
 def test_processes_that_contend_never_drive_at_once(device: str, tmp_path: Path) -> None:
     words = [sys.executable, "-c", CONTEND, device, str(tmp_path / "inside")]
     many = [subprocess.Popen(words, env=ENVIRONMENT) for _ in range(4)]

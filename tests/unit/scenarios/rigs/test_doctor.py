@@ -1,6 +1,5 @@
 """`grasp doctor` finds what a run would be refused for, and says it once."""
 
-import os
 from collections.abc import Iterable
 from itertools import chain, cycle, repeat
 from pathlib import Path
@@ -14,7 +13,6 @@ from drivers.interfaces import TactileFrame
 from drivers.robotiq.protocol import AxisStatus, StatusRegisters
 from scenarios.campaign.config import load_config
 from scenarios.rigs import device_checks, doctor
-from scenarios.rigs.permission import devices_of, driving
 from scenarios.trial.execution import make_guard
 from tests.unit.grasp.builders import frame
 
@@ -126,20 +124,3 @@ def test_fingertips_that_no_run_could_use_stand_against_it(
     found = device_checks._listened(cast(Any, Tips(codes)), cast(Any, Ticking()))
     assert found.status == status
     assert doubted in found.detail
-
-
-@pytest.mark.usefixtures("no_arm")
-def test_cell_that_a_run_drives_is_told_with_how_to_end_that(tmp_path: Path) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(ADDRESSES.replace("127.0.0.99", "127.0.0.98"))  # looked at by no other test
-
-    def found() -> doctor.Check:
-        checks = doctor._devices(
-            "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
-        )
-        return next(check for check in checks if check.name == "cell")
-
-    with driving(*devices_of(load_config("can", "hardware", "energy", lab))):
-        assert found().status == "fail"
-        assert f"kill {os.getpid()}" in found().remedy
-    assert found().status == "ok"

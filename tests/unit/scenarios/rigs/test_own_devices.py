@@ -3,7 +3,6 @@ mistake of theirs is one line."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -73,30 +72,6 @@ def test_they_are_opened_in_place_of_ours_and_closed_again(opened: list[Any]) ->
         assert ({"port": "x"}, True) in opened
         assert list(acknowledgements(devices[2])()) == []
     assert opened.count("closed") == 3
-
-
-@pytest.mark.parametrize("raised", [ValueError("stuck"), BrokenPipeError(), SystemExit(0)])
-def test_what_it_raises_as_it_is_closed_hides_nothing_and_is_told(
-    raised: BaseException, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    class Closes:
-        def __enter__(self) -> str:
-            return "a hand"
-
-        def __exit__(self, *_: object) -> None:
-            raise raised
-
-    offer = SimpleNamespace(load=lambda: lambda settings, now: Closes())
-    monkeypatch.setitem(own_devices._offered("grasp.grippers"), "acme", offer)
-    devices = own_devices.OwnDeviceSettings(gripper="acme")
-    with own_devices.own_device(devices, "gripper", lambda: 0) as hand:
-        assert hand == "a hand"
-    with (
-        pytest.raises(LinkLost, match="gone"),
-        own_devices.own_device(devices, "gripper", lambda: 0),
-    ):
-        raise LinkLost("gone", "look")
-    assert f"gripper 'acme' does not let go: {type(raised).__name__}" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -46,13 +46,6 @@ CHOICES = (
     'detector_name = "psd"',
     'detector_name = "zzz"',
 )
-LAB_VERBS = {
-    "run",
-    "release",
-    "gripper",
-    "arm",
-    "calibrate",
-}  # may move real devices, with --confirm-motion
 
 
 @pytest.fixture(autouse=True)
@@ -122,15 +115,6 @@ def with_own_settings() -> dict[tuple[str, ...], set[str]]:
     return found
 
 
-def test_only_verbs_made_for_a_lab_can_be_confirmed() -> None:
-    confirmed = {
-        words[0]
-        for words, parser in verbs(build_parser())
-        if any("--confirm-motion" in action.option_strings for action in parser._actions)
-    }
-    assert confirmed == LAB_VERBS
-
-
 @pytest.mark.parametrize("layer", ["--config", "GRASP_CONFIG", "--set"])
 def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
     layer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
@@ -159,22 +143,6 @@ def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
 
 
 # Campaigns
-
-
-@pytest.mark.parametrize("said", ["config", "rig"])
-def test_campaign_takes_a_lab_s_file_to_no_real_device(
-    said: str, tmp_path: Path, devices: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Not as settings, and there is no place for a rig."""
-    (tmp_path / "lab.toml").write_text('rig = "hardware"\n' + LAB)
-    word = '["lab.toml"]' if said == "config" else '"lab.toml"'
-    file = tmp_path / "c.toml"
-    file.write_text(f'name = "c"\nobjects = ["can"]\nrepetitions = 1\n{said} = {word}\n')
-    assert main(["campaign", "run", str(file), "--out", str(tmp_path / "c.sqlite")]) == 2
-    assert devices == []
-    with pytest.raises(ConfigError):
-        grasp.campaign(file, jobs=0)
-    assert devices == []
 
 
 # Rigs of one's own
@@ -219,20 +187,17 @@ LOOKS = {  # nobody answers
 }  # fmt: skip
 
 
-def test_every_verb_that_takes_a_rig_is_tried_here() -> None:
-    found = {
-        words
-        for words, parser in verbs(build_parser())
-        if any("--rig" in action.option_strings for action in parser._actions)
-    }
-    assert found == set(WITH_A_RIG)
-
-
 def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
     lab_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     devices: list[str], capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
+    found = {
+        words
+        for words, parser in verbs(build_parser())
+        if any("--rig" in action.option_strings for action in parser._actions)
+    }
+    assert found == set(WITH_A_RIG)  # every verb that takes a rig is tried here
     expected = {("config",): 0, **dict.fromkeys(LOOKS, 3)}
     for words, more in WITH_A_RIG.items():
         code = main([*words, *more, "--rig", lab_rig])
@@ -259,13 +224,6 @@ def test_library_call_without_a_permit_opens_no_real_device(call: Any, devices: 
     assert devices == []
 
 
-@pytest.mark.parametrize("pretended", [True, "yes", object()])
-def test_what_is_no_permit_does_not_pass_for_one(pretended: Any, devices: list[str]) -> None:
-    with pytest.raises(UsageError), opening.open_rig(hardware_lift(), 0, False, pretended):
-        pass
-    assert devices == []
-
-
 def test_with_a_permit_real_devices_are_opened(devices: list[str]) -> None:
     with pytest.raises(AssertionError, match="real devices were opened"):
         opening.open_rig(hardware_lift(), 0, False, MotionPermit("x")).__enter__()
@@ -273,18 +231,6 @@ def test_with_a_permit_real_devices_are_opened(devices: list[str]) -> None:
 
 
 # Confirmation
-
-
-@pytest.mark.parametrize("scenario", ["lift", "tap", "acquire"])
-def test_hardware_moves_on_a_confirmation_alone(
-    scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], devices: list[str]
-) -> None:
-    words = ["run", scenario, "--rig", "hardware", "--runs", str(tmp_path / "runs")]
-    own = [text for text in LAB_WORDS if scenario != "acquire" or text.startswith(("usb", "ur"))]
-    words += [word for text in own for word in ("--set", text)]
-    assert main(words) == 2
-    assert "--confirm-motion" in capsys.readouterr().err
-    assert devices == []
 
 
 # Addresses and calibration

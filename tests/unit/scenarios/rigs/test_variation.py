@@ -1,14 +1,10 @@
 """What differs between trials is drawn from the distributions that are stated."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
-from scenarios.rigs.world_of_seed import make_cell
-from scenarios.world import laws
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
@@ -40,29 +36,9 @@ def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
 
 
-def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:
-    cell, felt = make_cell(config(), 0), {}
-    for turn_rad in (0.0, 0.1):
-        told: list[Any] = []
-        monkeypatch.setattr(cell.fingertips, "advance", lambda *a, _told=told, **_: _told.append(a))
-        cell.contact.state[laws.TURN] = turn_rad
-        cell.compile()  # the pads are asked once
-        felt[turn_rad] = told[-1][3]
-    assert felt[0.1] - felt[0.0] == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
-
-
 def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
     with pytest.raises(ConfigError, match="mass_cv"):
         config("variation.mass_cv=0.5")
     widest = config("variation.mass_cv=0.3", "variation.friction_cv=0.3").variation
     for trial in drawn(widest, 400):
         assert min(trial.body.mass_kg, trial.body.friction_kinetic) > 0.0
-
-
-@pytest.mark.parametrize("told", [
-    ("object.half_width_m=0.07", "variation.width_error_m=0.01"), ("contact.half_aperture_m=0.03",),
-    ("object.half_width_m=0.01", "variation.width_error_m=-0.01"),
-])  # fmt: skip
-def test_object_that_the_open_hand_cannot_take_is_refused(told: tuple[str, ...]) -> None:
-    with pytest.raises(ConfigError, match="half_width_m"):
-        config(*told)

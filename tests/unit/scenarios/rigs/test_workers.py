@@ -14,22 +14,9 @@ def squared(number: int) -> int:
     return number * number
 
 
-def failing_on_three(number: int) -> int:
-    if number == 3:
-        raise ZeroDivisionError("on purpose")
-    return number
-
-
 @pytest.mark.parametrize("processes", [0, 1, 2])
 def test_results_are_the_same_from_any_number_of_workers(processes: int) -> None:
     assert sorted(results(squared, range(5), Workers(processes))) == [0, 1, 4, 9, 16]
-
-
-@pytest.mark.parametrize("processes", [0, 2])
-def test_a_task_that_fails_costs_no_other(processes: int) -> None:
-    found = sorted(outcomes(failing_on_three, range(5), Workers(processes)), key=lambda o: o.task)
-    assert [o.result for o in found] == [0, 1, 2, None, 4]
-    assert isinstance(found[3].error, ZeroDivisionError)
 
 
 def test_a_task_that_kills_its_worker_is_the_only_one_lost() -> None:

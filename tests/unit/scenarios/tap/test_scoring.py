@@ -6,8 +6,6 @@ import pytest
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
-from tests.unit.scenarios.tap.test_tap import result_of
-from tests.unit.scenarios.tap.windows import sensitivity, verdict_again
 
 WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)
 MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
@@ -87,13 +85,3 @@ def test_fault_and_own_excess_force_come_first() -> None:
 
 def test_watch_that_ends_too_early_cannot_tell_that_it_stays_nominal() -> None:
     assert nominal_again_s(facts((10.03, 10.1), watched_until_s=10.5), 10.02, 0.5) is None
-
-
-def test_verdict_under_other_windows_needs_no_second_run() -> None:
-    result = result_of("object.name=can", seed=0)
-    assert verdict_again(result, TapScoringSettings()) == result.outcome
-    assert verdict_again(result, TapScoringSettings(register_s=1e-3)) is TapOutcome.LATE
-    assert verdict_again(result, TapScoringSettings(clear_s=1e-3)) is TapOutcome.ALARM_STAYED
-    assert verdict_again(result, TapScoringSettings(moved_m=0.1)) is TapOutcome.UNMOVED_REGISTERED
-    rows = sensitivity([result], [TapScoringSettings(), TapScoringSettings(clear_s=1e-3)])
-    assert [(ok, moved) for _, ok, moved in rows] == [(1, 1), (0, 1)]

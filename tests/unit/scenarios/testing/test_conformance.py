@@ -4,12 +4,11 @@ does not."""
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from drivers.errors import LinkLost
-from drivers.interfaces import Applied, Arm, Gripper, TactileSensor
+from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.model.gripper import ModelTransport
 from drivers.takktile.driver import TakkTileDriver
@@ -108,58 +107,5 @@ class TestTakkTile(conformance.FingertipConformance):
 # What the kit is for
 
 
-class Liar:
-    """Our gripper with one thing wrong."""
-
-    def __init__(self, inner: RobotiqDriver, **wrong: Any) -> None:
-        self._inner, self._wrong = inner, wrong
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._inner, name)
-        return self._wrong[name](found) if name in self._wrong else found
-
-
-def stronger(move_to: Callable[..., Applied]) -> Callable[..., Applied]:
-    def applied(*args: Any) -> Applied:
-        told = move_to(*args)
-        return msgspec.structs.replace(told, force_n=told.force_n + 5.0)
-
-    return applied
-
-
-def eager(state: Any) -> Any:
-    return None if state is None else msgspec.structs.replace(state, fresh=True)
-
-
 def nothing(verb: Any) -> Callable[..., None]:
     return lambda *args: None
-
-
-def stubborn(verb: Any) -> Callable[..., Any]:
-    def refuse(*args: Any) -> Any:
-        raise RuntimeError("the socket is closed")
-
-    return refuse
-
-
-@pytest.mark.parametrize(
-    ("wrong", "test"),
-    [
-        ({"move_to": stronger}, "test_it_says_what_force_it_applies_and_never_more_than_it_may"),
-        ({"state": eager}, "test_no_status_from_before_a_command_passes_for_its_answer"),
-        ({"hold": nothing}, "test_hold_stops_fingers_on_their_way"),
-        ({"open": nothing}, "test_an_open_hand_is_seen_to_be_open"),
-        ({"hold": stubborn}, "test_a_lost_link_is_told_by_pump_and_by_no_verb"),
-        ({"activate": nothing}, "test_it_is_activated_by_its_verb_alone"),
-    ],
-)
-def test_the_kit_sees_a_driver_that_does_not_keep_to_it(
-    wrong: dict[str, Any], test: str, cell: Cell
-) -> None:
-    gripper, wire = cell.gripper()
-    kit = conformance.GripperConformance()
-    getattr(kit, test)(cell.bench(gripper, wire.cut))  # ours passes
-    other = Cell()
-    gripper, wire = other.gripper()
-    with pytest.raises((AssertionError, RuntimeError)):
-        getattr(kit, test)(other.bench(Liar(gripper, **wrong), wire.cut))

@@ -59,11 +59,6 @@ def command_lost(messages: Messages) -> None:
     del messages[closing(messages)]
 
 
-def command_twice(messages: Messages) -> None:
-    at = closing(messages)
-    messages.insert(at, messages[at])
-
-
 def command_of_nobody(messages: Messages) -> None:
     name, t_ns, message = messages[closing(messages)]
     opened = replace(message, asked=OpenFingers(0.05), admitted=OpenFingers(0.05))
@@ -77,20 +72,10 @@ def command_weaker(messages: Messages) -> None:
     changed(messages, at, asked=replace(asked, **weak), admitted=replace(admitted, **weak))
 
 
-def command_of_another_step(messages: Messages) -> None:
-    at = closing(messages)
-    changed(messages, at, decided_ns=messages[at][2].decided_ns + 1)
-
-
 def command_too_early(messages: Messages) -> None:
     at = closing(messages)
     name, t_ns, message = messages.pop(at)
     messages.insert(at, (name, t_ns - DELAY_NS, message))
-
-
-def nothing_waits(messages: Messages) -> None:
-    at = next(i for i, (name, _, m) in enumerate(messages) if name == CONTROL and m.pending)
-    changed(messages, at, pending=False)
 
 
 def state_lost(topic: str) -> Callable[[Messages], None]:
@@ -104,16 +89,8 @@ def phase_lost(messages: Messages) -> None:
     del messages[the(PHASES, messages, 3)]
 
 
-def last_phase_lost(messages: Messages) -> None:
-    del messages[the(PHASES, messages, -1)]
-
-
 def phase_renamed(messages: Messages) -> None:
     changed(messages, the(PHASES, messages, 3), phase="hold")
-
-
-def phase_for_another_reason(messages: Messages) -> None:
-    changed(messages, the(PHASES, messages, 3), cause="somebody said so")
 
 
 def other_bytes(act: int, edit: Callable[[list[int]], None]) -> Callable[[Messages], None]:
@@ -142,14 +119,6 @@ def stronger(data: list[int]) -> None:
     data[-11] += 1
 
 
-def faster(data: list[int]) -> None:
-    data[-12] ^= 1
-
-
-def cut_short(data: list[int]) -> None:
-    del data[4:]
-
-
 def write_never_seen(messages: Messages) -> None:
     """The closing was not written, although the status speaks of it."""
     at = closing(messages)
@@ -161,24 +130,17 @@ def write_never_seen(messages: Messages) -> None:
 
 EDITS: dict[str, Callable[[Messages], None]] = {
     "a command is lost": command_lost,
-    "a command is there twice": command_twice,
     "a command that no step decided": command_of_nobody,
     "a command is another, asked and admitted": command_weaker,
-    "a command is of another step": command_of_another_step,
     "a command is sent before its delay has passed": command_too_early,
-    "a command is said not to wait": nothing_waits,
     "another finger was told to close": other_bytes(0, b_closes_too),
     "more force was written": other_bytes(0, stronger),
-    "more speed was written": other_bytes(0, faster),
-    "less was written than any command has": other_bytes(0, cut_short),
     "fingers were not opened as told": other_bytes(-1, b_closes_too),
     "a command was never written": write_never_seen,
     "a state of the gripper is lost": state_lost(GRIPPER),
     "a state of the arm is lost": state_lost(ARM),
     "a change of phase is lost": phase_lost,
-    "the last change of phase is lost": last_phase_lost,
     "a change of phase leads elsewhere": phase_renamed,
-    "a change of phase has another cause": phase_for_another_reason,
 }
 
 

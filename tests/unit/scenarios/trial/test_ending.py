@@ -1,24 +1,20 @@
 """What a run says of arm and hand when it ended in a safe state: what was heard last, no more."""
 
-import math
 import re
 from collections.abc import Callable
 
-import msgspec
 import pytest
 
 from drivers.errors import LinkLost
 from grasp.phases import Phase
-from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import (
     LOOK,
     End,
-    between_trials,
     end_of,
 )
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, config, in_phase
+from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift.device_faults import (
     cut_gripper,
     freeze_gripper_status,
@@ -29,7 +25,6 @@ from tests.unit.scenarios.lift.device_faults import (
     zero_gripper_status,
 )
 
-UNTOLD = "a speed that it does not tell"
 QUICK = ("controller.lift_height_m=0.08", "hand.activation_s=0.5")
 
 
@@ -64,18 +59,6 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
     assert failure.message == "stopped by hand in phase lift"
     assert re.fullmatch(r"in phase lift, [1-9]\d* mm above the grasp", end.where), end.where
     assert staged.result(trial).end == end == failure.end
-
-
-def test_hand_that_has_opened_is_not_said_to_keep_a_grip() -> None:
-    _, _, end = ended(Phase.RETREAT, interrupt)
-    assert end.hand == "the hand is open"
-    assert end.advice == ""
-
-
-def test_fault_in_the_air_leaves_the_hand_closed_to_the_limit() -> None:
-    _, _, end = ended(Phase.HOLD, trip_arm)
-    assert end.arm == "the arm is stopped by its own safety system"
-    assert end.hand.startswith("the hand is closed to the limit of 10 N, ")
 
 
 @pytest.mark.parametrize(
@@ -114,26 +97,3 @@ def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
         trial, _, _ = ended(Phase.HOLD, act)
         told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
-
-
-def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_its_way_out() -> None:
-    with open_rig(config(*QUICK), 0, paced=False) as rig:
-        arm, gripper, now_ns = rig.arm.state, rig.devices.gripper.state, rig.clock.now_ns
-    assert arm is not None and gripper is not None
-    assert between_trials(arm, gripper, now_ns, 0.1, "let go") == End(
-        "the arm stands", "the hand is open", "", open=True
-    )
-    old = between_trials(arm, gripper, now_ns + 200_000_000, 0.1, "let go")
-    assert old == End("the arm stood when last heard", "the hand was open when last heard", LOOK)
-    a, b, c = (msgspec.structs.replace(f, position_counts=90) for f in gripper.fingers)
-    closed = msgspec.structs.replace(gripper, fingers=(a, b, c))
-    tripped = msgspec.structs.replace(arm, stopped_by_safety=True)
-    assert between_trials(tripped, closed, now_ns, 0.1, "let go") == End(
-        "the arm is stopped by its own safety system", "the hand is at (90, 90, 90) counts",
-        "let go",
-    )  # fmt: skip
-    assert between_trials(None, gripper, now_ns, 0.1, "let go").advice == "let go"
-    for mps, said in ((0.25, "0.25 m/s"), (0.004, "less than 0.01 m/s"), (math.nan, UNTOLD)):
-        going = msgspec.structs.replace(arm, moving=True, velocity_mps=(0.0, 0.0, mps))
-        end = between_trials(going, gripper, now_ns, 0.1, "let go")
-        assert end.arm == f"the arm is still moving at {said}"

@@ -1,6 +1,5 @@
 """An exception of our own code ends a run as a fault does, wherever it is raised."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,8 +7,6 @@ from typing import Any
 import pytest
 
 from drivers.errors import Refused
-from grasp.cli.live import Display
-from grasp.cli.main import main
 from grasp.commands import MoveArm
 from grasp.controller import GraspController
 from grasp.doubt import Doubts
@@ -132,44 +129,6 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
     result = lift.result(trial)
     assert refused and result.end is not None and result.end.unreached == ()
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
-
-
-def words(runs: Path, *more: str) -> list[str]:
-    settings = [word for text in QUICK for word in ("--set", text)]
-    return ["run", "lift", "--rig", "simulated", "--detector", "energy", "--runs", str(runs),
-            *settings, *more]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("owner", "name"), [PLACES["recorder"], (Display, "tick")], ids=["recorder", "onlooker"]
-)
-def test_command_ends_with_what_happened_how_it_was_left_and_a_result(
-    owner: type, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    begin = plant(monkeypatch, owner, name)
-    inner = GraspController.step
-
-    def step(self: GraspController, seen: Any) -> Any:
-        decision = inner(self, seen)
-        if self.phase is Phase.HOLD:
-            begin()
-        return decision
-
-    monkeypatch.setattr(GraspController, "step", step)
-    assert main(words(tmp_path)) == 5
-    said = capsys.readouterr()
-    *_, first, left, remedy = said.err.strip().splitlines()
-    assert "internal_error: ZeroDivisionError: planted" in first and "report it" in remedy
-    assert "the arm stands; the hand is closed" in left
-    assert "NOT JUDGED: internal error" in said.out
-    (folder,) = tmp_path.iterdir()
-    result = json.loads((folder / "result.json").read_text())
-    assert result["outcome"] == "internal_error"
-    assert result["bug"]["name"] == "ZeroDivisionError"
-    assert result["end"]["arm"] == "the arm stands"
-    assert main(["runs", "--runs", str(tmp_path)]) == 0
-    assert "internal_error" in capsys.readouterr().out
 
 
 def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state(

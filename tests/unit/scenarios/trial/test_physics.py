@@ -2,7 +2,6 @@
 
 import pytest
 
-from drivers.errors import ConfigError
 from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.tap.tap import tap_config
@@ -35,27 +34,3 @@ def test_weight_beside_the_grip_and_a_pull_want_rotation() -> None:
     assert aside is not None and (aside.level, aside.blow_level) == ("L3", "L4")
     pulled = lifted("pull.force_n=6")
     assert pulled is not None and pulled.level == "L4"
-
-
-def test_level_that_settings_name_is_taken_and_its_steps_are_never_longer() -> None:
-    told = tapped("top", "world.level=L4")
-    assert told is not None and (told.level, told.blow_level) == ("L4", "L4")
-    told = tapped("side", "world.blow_level=L3", "contact.blow_step_s=5e-5")
-    assert told is not None and (told.level, told.blow_level) == ("L1", "L3")
-    assert told.blow_step_s == 5e-5
-    assert lifted("world.level=L1", "object.centre_aside_m=0.006") == contact_table().lift
-
-
-def test_a_rig_is_opened_at_these_levels() -> None:
-    built = tap_config(config("tap.direction=closing").for_tap()).built_for(0)
-    assert (built.world.level, built.world.blow_level) == ("L1", "L3")
-    assert built.contact.blow_step_s == contact_table().closing.blow_step_s
-
-
-def test_hardware_has_no_level_of_physics() -> None:
-    assert config(rig="hardware").for_lift().physics(0) is None
-
-
-def test_blow_at_a_lesser_level_is_refused() -> None:
-    with pytest.raises(ConfigError, match="L1 is less than level, L3"):
-        config("world.level=L3", "world.blow_level=L1")

@@ -133,16 +133,6 @@ def test_what_else_ends_a_trial_ends_the_series(
     assert heard == ["Trial 1 of 2"]
 
 
-def test_series_that_is_gone_on_with_says_its_number_and_begins_from_its_first_home(
-    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert lifted.result is not None
-    begun = Begun((4, 5), 5, lifted.result.home_m)
-    heard, homes = told(lifted, [None, None], monkeypatch, begun, raised_m=0.003)
-    assert heard == ["Trial 4 of 5", "Trial 5 of 5"]
-    assert homes[0] == lifted.result.home_m
-
-
 @pytest.mark.parametrize(
     ("cause", "kind"),
     [

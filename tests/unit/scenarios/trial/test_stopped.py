@@ -12,15 +12,10 @@ from grasp import interruption
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
 from grasp.phases import END_PHASES, SAFE_PHASES, Phase
-from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.result import LiftResult
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
-from scenarios.tap.summary import summarise
 from scenarios.trial.replay import replay_run
 from scenarios.trial.result import FinishedRun
-from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import interrupt
 
@@ -104,28 +99,3 @@ def test_grip_is_kept_as_it_is(phase: Phase, settings: tuple[str, ...]) -> None:
     assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)
     before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions
     assert all(b >= a for a, b in zip(before, after, strict=True))
-
-
-def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
-    many = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGINT] * 20
-    finished, ticks = stopped_lift(tmp_path, Phase.LIFT, *many)
-    assert finished.result is not None
-    assert finished.result.outcome == "interrupted"
-    assert not ticks[-1].arm.moving
-    (folder,) = tmp_path.iterdir()
-    assert replay_run(folder).complete
-
-
-def tap_config() -> TapConfig:
-    return load_config("can", "simulated", "energy", None, QUICK).for_tap()
-
-
-def test_interrupted_tap_is_in_no_rate() -> None:
-    with interruption.taken():
-        (ended,) = tap.run_series(
-            tap_config(), range(2), Bench(on_tick=signal_in(Phase.HOLD, signal.SIGTERM))
-        )
-    assert ended.result is not None
-    assert (ended.result.success, ended.result.moved) == (None, None)
-    total = summarise([ended.result]).total
-    assert (total.struck, total.moved, total.successes) == (0, 0, 0)

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from drivers.errors import CouldNotRecord, UsageError
-from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs import opening
@@ -57,16 +56,3 @@ def test_runs_that_cannot_be_kept_open_no_rig(run: Callable[[Path], Any], nowher
     with pytest.raises((CouldNotRecord, UsageError)) as refused:
         run(nowhere)
     assert "--runs" in refused.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("words", "rig"),
-    [(("run", "lift"), "emulated"), (("run", "tap", "--trials", "2"), "simulated"),
-     (("run", "acquire"), "simulated")],
-)  # fmt: skip
-def test_folder_of_runs_that_cannot_be_made_is_told_before_anything_opens(
-    words: tuple[str, ...], rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("")
-    assert main([*words, "--rig", rig, "--runs", str(tmp_path / "file" / "runs")]) == 2
-    assert "--runs" in capsys.readouterr().err

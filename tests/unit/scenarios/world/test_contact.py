@@ -1,7 +1,5 @@
 """The contact law against closed forms, brute force and its own limit of small steps."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -76,18 +74,6 @@ def test_thumb_carries_the_sum_of_the_opposing_fingers() -> None:
     assert forces[0] == pytest.approx(forces[1] + forces[2], rel=1e-12)
 
 
-def test_stiffness_felt_by_a_finger_is_the_slope_of_its_force() -> None:
-    p = parameters(ContactSettings(), body())
-    at, step = travel(56, 55.5, 55), 1e-7
-    stiffness = np.zeros(3)
-    laws.normal_stiffness(p, forces_at(p, at), 0.0, stiffness)
-    for i in range(3):
-        moved = at.copy()
-        moved[i] += step
-        slope = (forces_at(p, moved)[i] - forces_at(p, at)[i]) / step
-        assert stiffness[i] == pytest.approx(slope, rel=1e-5)
-
-
 @given(
     mass_per_step=st.floats(1e-2, 1e5), push=st.floats(-1e4, 1e4),
     a=st.tuples(*[st.floats(-50, 50)] * 3), b=st.floats(1e-3, 1e4),
@@ -124,24 +110,3 @@ def test_slip_distance_converges_with_the_step_and_the_default_step_is_close() -
     assert errors == sorted(errors, reverse=True)
     assert errors[2] < 1e-4
     assert slips[-1] > 0.005  # and it did slip
-
-
-def test_relaxation_takes_the_stated_share_of_the_force() -> None:
-    p = parameters(ContactSettings(relaxation_fraction=0.1, relaxation_time_s=0.2), body())
-    state, pads = initial_state(), fresh_pads()
-    positions = travel(57, 56, 56)
-    laws.advance(p, state, pads, 0.0, 5e-4, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    first = state[laws.NORMAL]
-    laws.advance(p, state, pads, 0.0, 3.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    assert state[laws.NORMAL] == pytest.approx(0.9 * first, rel=2e-3)
-    assert state[laws.PEAK] == pytest.approx(first, rel=5e-3)
-
-
-def test_pad_keeps_the_widest_point_of_a_ball_until_its_edge_has_passed_it() -> None:
-    ball = body(shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, grip_height_m=-0.006)
-    p = parameters(ContactSettings(pad_half_length_m=0.01), ball)
-    assert laws.width_and_slope(p, 0.0) == (0.06, 0.0)
-    assert laws.width_and_slope(p, 0.0159) == (0.06, 0.0)
-    width, slope = laws.width_and_slope(p, 0.036)
-    assert width == pytest.approx(math.sqrt(0.06**2 - 0.02**2))
-    assert slope == pytest.approx(-0.02 / width)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
 from scenarios.world.fingertip import Fingertips, Floats
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
@@ -56,14 +55,6 @@ def test_pressing_lowers_the_codes_from_rest() -> None:
     assert pressed.min() < -50
 
 
-def test_shear_raises_one_side_and_lowers_the_other() -> None:
-    tips = make(SMOOTH, **QUIET)
-    before = move(tips, 0.01, 4.0)
-    difference = move(tips, 0.02, 4.0, x_mm=5.0) - before  # the surface drags the pad along +x
-    columns = difference[:3] + difference[5:2:-1]
-    assert columns[2] < 0 < columns[0]
-
-
 def test_spring_loads_sum_to_the_normal_force() -> None:
     tips = make(**QUIET)
     for k, force in enumerate((0.02, 0.5, 10.0, 0.1)):
@@ -78,18 +69,6 @@ def test_sliding_over_texture_is_louder_than_resting_and_grows_with_speed() -> N
         return float(np.abs(np.diff(slide(make(**quiet), speed_mm_per_sample, 80), axis=0)).mean())
 
     assert loudness(0.0) < 1.5 < loudness(0.3) < loudness(0.6)
-
-
-def test_pad_holds_on_to_the_surface_until_its_friction_is_overcome() -> None:
-    tips = make(SMOOTH, **QUIET)
-    move(tips, 0.01, 4.0)
-    move(tips, 0.02, 4.0, x_mm=0.02)
-    assert tips.sliding_share[0] < 0.2
-    assert tips.slip_mps[0] < 2e-4
-    for k in range(40):
-        move(tips, 0.03 + 0.01 * k, 4.0, x_mm=0.02 + 0.1 * k)
-    assert tips.sliding_share[0] == pytest.approx(1.0)
-    assert tips.slip_mps[0] == pytest.approx(0.01, rel=0.02)
 
 
 def test_patch_slides_from_its_rim_inwards() -> None:
@@ -107,32 +86,7 @@ def test_patch_slides_from_its_rim_inwards() -> None:
     assert shares[-1] == pytest.approx(1.0)
 
 
-def test_traction_of_a_sliding_patch_is_kinetic_friction_of_its_load() -> None:
-    tips = make(SMOOTH, **QUIET)
-    slide(tips, 0.3, 100)
-    assert tips.friction_n[0, 0] == pytest.approx(SMOOTH.friction_kinetic * 4.0, rel=0.02)
-
-
 def test_equal_seeds_give_equal_codes_and_other_seeds_do_not() -> None:
     first, again, other = (slide(make(seed=seed), 0.3, 300) for seed in (5, 5, 6))
     assert (first == again).all()
     assert (first != other).any()
-
-
-def test_noise_floor_of_an_untouched_taxel_is_that_of_the_clip_s_quietest() -> None:
-    tips = make()
-    seen = np.array([move(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
-    assert 0.6 < np.median(seen.std(axis=0)) < 0.85  # of the clip's .77
-
-
-@pytest.mark.parametrize("step", [0.1, 2.0])
-def test_wander_is_smooth_and_the_same_whatever_the_step(step: float) -> None:
-    """Variance 1/2, and correlation (1 + a) exp(-a) over a time constants: no kink at 0."""
-    draws = np.random.default_rng(0).standard_normal((100_000, 2))
-    pair, path = np.zeros(2), np.empty(len(draws))
-    for k, (draw, other) in enumerate(draws):
-        disturbance.wander(step, draw, other, pair)
-        path[k] = pair[0]
-    assert path.var() == pytest.approx(0.5, rel=0.1)
-    correlation = np.corrcoef(path[:-1], path[1:])[0, 1]
-    assert correlation == pytest.approx((1.0 + step) * np.exp(-step), abs=0.02)

@@ -11,12 +11,10 @@ from scenarios.world.contact import (
     FINGERS,
     Contact,
     Floats,
-    PadFrames,
-    parameters,
 )
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.world_settings import Level
-from tests.unit.scenarios.world.test_contact import body, lift, squeeze, travel
+from tests.unit.scenarios.world.test_contact import body, squeeze, travel
 
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)
 TURNING = COMPLIANT[1:]
@@ -56,25 +54,6 @@ def blow(direction: str = "side", offset_m: float = 0.04, impulse_n_s: float = 0
         impulse_n_s=impulse_n_s, duration_s=0.008, direction=direction,  # type: ignore[arg-type]
         offset_m=offset_m,
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("grip", "expected"),
-    [
-        ((55, 55, 55), ("0x1.7b7db8779bfcfp-6", "0x1.63afee0b0ec1cp-4", "0x1.221b65575d9f1p+3")),
-        (
-            (55, 55.3, 54.8),
-            ("0x1.7a834749d1e93p-6", "0x1.63ee8a5681470p-4", "0x1.24d4293266200p+3"),
-        ),
-    ],
-)
-def test_slider_level_gives_the_numbers_it_gave_before_the_levels_were_one(
-    grip: tuple[float, float, float], expected: tuple[str, ...]
-) -> None:
-    # slip distance, height and thumb's force of a lift, as an implementation of L1 alone had them
-    s = lift(parameters(PADS, body()), 5e-4, travel(*grip))
-    found = [s[i] for i in (laws.SLIP, laws.HEIGHT, laws.NORMAL)]
-    assert found == pytest.approx([float.fromhex(text) for text in expected], rel=1e-12)
 
 
 @settings(max_examples=20)
@@ -123,28 +102,3 @@ def test_object_that_stands_after_a_blow_goes_on_at_the_level_before_it() -> Non
     alike = [laws.SLIP, laws.ACROSS, laws.TURN, *range(laws.NORMAL, laws.NORMAL + FINGERS)]
     assert falls_back.state[alike] == pytest.approx(stays.state[alike], abs=2e-4)
     assert stays.state[laws.TURN] < -0.02
-
-
-@pytest.mark.parametrize("level", [Level.POINTS, Level.BRUSH])
-def test_object_that_hangs_still_hangs_still_at_a_fuller_level(level: Level) -> None:
-    contact, grip = held(Level.SLIDER, level, added_mass_kg=0.55)  # 8.8 N; its pads can bear 16
-    before = contact.state.copy()
-    contact.strike(blow("top", impulse_n_s=0.0), 0.3)
-    for k in range(50):
-        contact.advance(0.3 + k * 1e-3, 1e-3, 0.0, 0.0, 0.0, grip, grip)
-        pulls = contact.state[laws.SHEAR : laws.SHEAR + FINGERS]
-        assert pulls.sum() == pytest.approx(0.9 * laws.GRAVITY_MPS2, rel=0.01)
-    assert contact.state[laws.SLIP] == pytest.approx(before[laws.SLIP], abs=2e-6)
-
-
-def test_pads_feel_a_rotation_each_in_its_own_frame() -> None:
-    contact, _ = held(Level.SPIN)
-    s = contact.state.copy()
-    before = contact.felt(s, PadFrames.at(0.0))
-    s[laws.TURN] += 0.1
-    motion, turn, _ = (now - was for now, was in zip(contact.felt(s, PadFrames.at(0.0)), before,
-                                                     strict=True))  # fmt: skip
-    assert turn == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
-    half = 0.5 * PADS.finger_spacing_m
-    assert motion[:, 0] == pytest.approx([0.0, -half * 0.1, half * 0.1])  # x is upwards
-    assert motion[:, 1] == pytest.approx([0.0] * FINGERS)

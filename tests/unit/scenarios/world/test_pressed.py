@@ -1,7 +1,5 @@
 """A pad pressed on a fixed surface: load, geometry of the contact, frames."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -62,7 +60,6 @@ def press_down(
 
 
 SMOOTH = FixedSurface(name="plane", texture_rms_m=0.0)
-BALL = FixedSurface(name="ball", texture_rms_m=0.0, radius_x_m=0.0381, radius_y_m=0.0381)
 
 
 def test_load_is_what_mount_and_pad_in_series_give() -> None:
@@ -70,26 +67,6 @@ def test_load_is_what_mount_and_pad_in_series_give() -> None:
     taken_mm = pad.tips.approach_mm[0]
     assert 0.2 < taken_mm < 0.9
     assert pad.normal_n == pytest.approx(1e-3 * STIFFNESS * (1.0 - taken_mm), rel=1e-6)
-
-
-def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> None:
-    top, side = (press_down(BALL, 0.001, x) for x in (0.0, 0.004))
-    assert side.normal_n < top.normal_n
-    fall = [(pad.tips.rest - pad.tips.codes()[0])[0].astype(float) for pad in (top, side)]
-    columns = [f[:3] + f[5:2:-1] for f in fall]
-    balance = [(c[2] - c[0]) / c.sum() for c in columns]
-    assert balance[1] < balance[0] - 0.1  # the tool went to +x: the apex lies towards -x
-
-
-def test_a_turned_pad_feels_the_motion_in_its_own_frame() -> None:
-    pressing = Pressing(radius_x_m=0.0381, radius_y_m=0.0381)
-    pressing.go()
-    pressing.go(angle=math.pi / 2)
-    before = pressing.motion_mm.copy()
-    pressing.go(x=0.002, angle=math.pi / 2)
-    assert pressing.motion_mm - before == pytest.approx([0.0, 2.0])
-    assert pressing.felt[-1][2] == pytest.approx([-math.pi / 2])
-    assert pressing.centre_mm == pytest.approx([0.0, 2.0], abs=1e-3)
 
 
 def test_a_knock_carries_its_impulse_and_moves_nothing() -> None:

@@ -59,30 +59,6 @@ class Struck:
         return springs + 0.5 * MASS_KG * float(self.s[laws.LATERAL_SPEED]) ** 2
 
 
-def peaks(forces: Floats, least_n: float) -> list[int]:
-    inside = forces[1:-1]
-    high = (inside > forces[:-2]) & (inside >= forces[2:]) & (inside > least_n)
-    return [int(k) + 1 for k in np.flatnonzero(high)]
-
-
-def test_held_object_swings_on_the_three_springs_and_loads_the_thumb_by_one_of_them() -> None:
-    scene, impulse = Struck(impulse_n_s=0.05), 0.05
-    rate = math.sqrt(3 * scene.k / MASS_KG)
-    thumb = scene.go(2.2 * 2 * math.pi / rate)[:, 0]
-    first, second = peaks(thumb, GRIP_N)[:2]
-    assert (second - first) * STEP_S == pytest.approx(2 * math.pi / rate, rel=2e-3)
-    assert thumb.max() == pytest.approx(GRIP_N + scene.k * impulse / (MASS_KG * rate), rel=2e-3)
-
-
-def test_blow_that_frees_the_opposing_fingers_loads_the_thumb_by_its_energy() -> None:
-    scene = Struck(impulse_n_s=0.4)
-    forces = scene.go(0.02)
-    k, a_n, b_n = scene.k, GRIP_N, 0.5 * GRIP_N
-    moving_n2 = k * 0.4**2 / MASS_KG  # in N^2: 2 k times an energy is a spring's force squared
-    assert (forces[:, 1:] == 0.0).any()
-    assert forces[:, 0].max() == pytest.approx(math.sqrt(moving_n2 + a_n**2 + 2 * b_n**2), rel=2e-3)
-
-
 @given(
     impulse=st.floats(-1.0, 1.0), loss_s=st.floats(0.0, 5e-3),
     h=st.sampled_from([1e-5, 1e-4, 1e-3, 0.05]),
@@ -98,17 +74,6 @@ def test_at_any_step_fingers_only_push_and_no_energy_comes_from_nowhere(
         assert scene.energy_j() <= before_j * (1 + 1e-12)
         gained = MASS_KG * (float(scene.s[laws.LATERAL_SPEED]) - before_mps)
         assert gained == pytest.approx((n[1] + n[2] - n[0]) * h, rel=1e-6, abs=1e-12)
-
-
-@pytest.mark.parametrize("push_n", [5.0, 40.0])
-def test_steady_push_ends_where_the_forces_balance(push_n: float) -> None:
-    scene = Struck(loss_s=1.5e-3)
-    for _ in range(20):
-        n = scene.step(1.0, push_n)
-    assert n[0] == pytest.approx(n[1] + n[2] + push_n)
-    freed = push_n > 2 * GRIP_N
-    assert bool(n[1] == 0.0) is freed
-    assert n[0] == pytest.approx(push_n if freed else GRIP_N + push_n / 3)
 
 
 PADS = ContactSettings()

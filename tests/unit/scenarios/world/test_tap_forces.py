@@ -1,11 +1,6 @@
 """Blows on a held object: down, across, and the step of two directions."""
 
-import math
-
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from scenarios.world import laws
 from scenarios.world.contact import Floats, initial_state, parameters
@@ -37,49 +32,12 @@ def struck(
     return s
 
 
-@given(
-    push=st.floats(-1e3, 1e3), a=st.tuples(*[st.floats(-50, 50)] * 3), b=st.floats(1e-1, 1e3),
-    cap=st.tuples(*[st.floats(0, 30)] * 3),
-)  # fmt: skip
-def test_without_a_side_load_the_planar_step_is_the_scalar_one(
-    push: float, a: tuple[float, ...], b: float, cap: tuple[float, ...]
-) -> None:
-    scalar = laws.solve_along(100.0, push, np.array(a), b, np.array(cap))
-    work = np.zeros((3, 8))
-    work[:, laws.W_Z], work[:, laws.W_LOSS], work[:, laws.W_CAP] = a, b, cap
-    v = np.zeros(3)
-    laws.solve_planar(v, np.array([100.0] * 3), np.array([0.0, push, 0.0]), work, np.zeros((6, 3)))
-    assert v.tolist() == [0.0, pytest.approx(scalar, abs=1e-9), 0.0]
-
-
 def test_side_blow_moves_the_object_across_and_lets_it_sink_by_friction_spent_sideways() -> None:
     p, state, pads = held()
     s = struck((p, state, pads), laws.SIDE, 0.25)
     across, sunk = s[laws.ACROSS], s[laws.SLIP] - state[laws.SLIP]
     assert 0.002 < across < 0.03
     assert 0.05 * across < sunk < across
-
-
-def test_friction_of_a_finger_stays_within_its_circle() -> None:
-    p, state, pads = held()
-    s = state
-    s[laws.TAP_DIRECTION] = laws.SIDE
-    s[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = AT_S, 0.008, 0.3
-    before = s[laws.ACROSS_SPEED]
-    for k in range(200):
-        laws.advance(p, s, pads, AT_S + k * 1e-4, 1e-4, 1e-4, 0.0, 0.0, 0.0, GRIP, GRIP)
-        blow = laws.tap_force(s, AT_S + k * 1e-4, 1e-4)
-        across_n = 0.35 * (s[laws.ACROSS_SPEED] - before) / 1e-4 - blow
-        up_n = s[laws.SHEAR : laws.SHEAR + 3].sum()
-        before = s[laws.ACROSS_SPEED]
-        limit = 0.8 * s[laws.NORMAL : laws.NORMAL + 3].sum()
-        assert math.hypot(across_n, up_n) < limit * 1.0001
-
-
-def test_object_struck_beyond_its_own_half_width_is_out_of_the_hand() -> None:
-    p, state, pads = held()
-    s = struck((p, state, pads), laws.SIDE, 1.5)
-    assert s[laws.NORMAL : laws.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3, 5e-3, 0.05])

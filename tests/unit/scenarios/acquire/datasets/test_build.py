@@ -1,20 +1,12 @@
 """Data sets: the plan of the paper's, equal builds, and builds that were ended go on."""
 
-import errno
-import os
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from drivers.errors import ConfigError
-from grasp.cli.main import main
 from grasp.settings import config_dir
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.build import build, window
-from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.datasets.build import build
 from scenarios.acquire.datasets.plan import (
     DIRECTIONS,
     DatasetConfig,
@@ -62,11 +54,6 @@ def few(paper: DatasetConfig) -> list[Job]:
     return [small[0], small[40], small[-1]]
 
 
-def test_the_papers_set_has_the_papers_samples(jobs: list[Job]) -> None:
-    assert sum(job.slip for job in jobs) == PAPER_SLIP
-    assert sum(job.static for job in jobs) == PAPER_STATIC
-
-
 def test_the_papers_set_is_distributed_as_table_1_says(jobs: list[Job]) -> None:
     samples: Counter[tuple[str, float, str]] = Counter()
     for job in jobs:
@@ -100,21 +87,6 @@ def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
     assert plan(paper) == jobs
 
 
-def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:
-    config = load_acquire_config("planar", "simulated")
-    with pytest.raises(ConfigError, match="no such setting"):
-        with_values(config, {"fingertip.depht_mm": 4.0})
-    with pytest.raises(ConfigError, match="depth_mm"):
-        with_values(config, {"fingertip.depth_mm": 400.0})
-
-
-def test_the_window_holds_exactly_so_many_samples_of_slip() -> None:
-    slip = np.array([0, 0, 0, 1, 1, 0, 1, 1, 1, 0], bool)
-    assert window(slip, 4, 2) == 1
-    assert window(slip, 3, 3) == 6
-    assert window(slip, 4, 4) is None
-
-
 def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     tmp_path: Path, few: list[Job]
 ) -> None:
@@ -124,45 +96,3 @@ def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     path.unlink()
     assert build(few, {}, tmp_path / "set", HERE, quiet) == 1
     assert path.read_bytes() == before
-
-
-def test_a_full_disk_leaves_nothing_half_written_and_the_build_goes_on(
-    tmp_path: Path, few: list[Job], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "set"
-
-    def half(file: object, **_: object) -> None:
-        file.write(b"half")  # type: ignore[attr-defined]
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(np, "savez_compressed", half)
-        with pytest.raises(OSError, match="No space"):
-            build(few[:1], {}, out, HERE, quiet)
-    assert [path.name for path in out.rglob("*") if path.is_file()] == [datasets.INDEX]
-
-    assert build(few[:1], {}, out, HERE, quiet) == 1
-
-
-@pytest.mark.parametrize(
-    ("says", "named"),
-    [
-        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {"../../x" = 100}', "../../x"),
-        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {moon = 100}', "moon"),
-        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {planar = 0}', "nothing to record"),
-        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nshare = 1\nseconds = 1', "a/b"),
-        ('[[causes]]\ncause = "tap"\non = ["can"]\nshare = 1\nseconds = 1', "can"),
-        ('[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 1\nload = [0.1, 1]',
-         "straight"),
-        ("", "nothing to record"),
-    ],
-)  # fmt: skip
-def test_a_set_of_what_is_unknown_is_refused_before_a_folder_is_made(
-    says: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file, out = tmp_path / "set.toml", tmp_path / "out"
-    file.write_text(f'name = "x"\nseed = 1\nslip_samples = 500\n{says}\n')
-    assert main(["dataset", "build", str(file), "--out", str(out)]) == 2
-    err = capsys.readouterr().err
-    assert named in err and err.count("\n") == 1
-    assert not out.exists()

@@ -6,7 +6,6 @@ import pytest
 
 from detector.recordings import read_dataset, write
 from grasp.cli.main import main
-from scenarios.acquire.datasets.collect import shared_out
 from tests.unit.detector.toys import toy
 
 ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" for k in range(9))
@@ -34,25 +33,6 @@ def test_each_recording_is_of_one_split_and_all_splits_are_there(
     assert main(["detector", "tune", "energy", "--data", str(out), "--budget", "60"]) == 0
 
 
-def test_two_recordings_and_a_folder_in_use_are_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "collect", *own[:1], "--out", str(tmp_path / "few")]) == 2
-    assert "1 recordings make no data set" in capsys.readouterr().err
-    assert not (tmp_path / "few").exists()
-    assert main(["dataset", "collect", *own, "--out", str(tmp_path / "one")]) == 2
-    assert "is not empty" in capsys.readouterr().err
-
-
-def test_a_recording_beside_what_was_made_of_it_is_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "collect", *own, "--out", str(tmp_path / "own")]) == 0
-    made = [str(path) for path in (tmp_path / "own").glob("*.npz")]
-    assert main(["dataset", "collect", own[-1], *made, "--out", str(tmp_path / "again")]) == 2
-    assert "is the same recording as" in capsys.readouterr().err
-
-
 def test_one_recording_by_two_names_is_refused(
     own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,9 +45,3 @@ def test_one_recording_by_two_names_is_refused(
     for again, how in told.items():
         assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
         assert how in capsys.readouterr().err
-
-
-def test_kinds_that_are_mixed_are_each_dealt_out_in_their_own_order() -> None:
-    splits = shared_out(list("abababc"))
-    assert splits[:6:2] == splits[1:6:2] == ["train", "validation", "test"]
-    assert splits[6] == "train"

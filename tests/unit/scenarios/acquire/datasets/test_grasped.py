@@ -41,11 +41,6 @@ def of(jobs: list[Job], cause: str, number: int = 1, **parameters: float) -> lis
     return made
 
 
-def changes(r: Recording) -> np.ndarray:
-    """(n - 1,) mean absolute change of the liveliest fingertip's taxels."""
-    return np.abs(np.diff(r.counts.astype(int), axis=0)).mean(axis=2).max(axis=1)
-
-
 @pytest.mark.parametrize("cause", ["grasped_lift_acceleration", "grasped_set_down"])
 def test_an_open_hand_that_leaves_the_object_feels_no_slip(jobs: list[Job], cause: str) -> None:
     """What rounding leaves of a contact is none: the arm retreats at 50 mm/s."""
@@ -88,14 +83,3 @@ def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all
     places_m = np.stack([np.cumsum(step_m), np.zeros(40)], axis=1)
     label = as_felt(step_m != 0.0, places_m)
     assert np.flatnonzero(np.diff(label, prepend=False)).tolist() == [5, 13, 25, 39]
-
-
-def test_what_is_too_heavy_slips_in_the_hand_and_nobody_reacts(slips: list[Job]) -> None:
-    made = of(slips, "grasped_slip", 2)
-    for r in made:
-        assert r.fingers == 3
-        assert r.slip[:100].sum() == 0  # it begins with a grasp that holds
-    slid = [r for r in made if r.slip.sum() > 30]
-    assert slid
-    for r in slid:
-        assert changes(r)[r.slip[1:]].mean() > 2 * changes(r)[~r.slip[1:]].mean()

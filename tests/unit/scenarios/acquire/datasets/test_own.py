@@ -7,7 +7,6 @@ import msgspec
 import pytest
 
 from detector.recordings import read_dataset
-from drivers.errors import ConfigError
 from grasp.settings import config_dir
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, load_dataset_config, plan
@@ -72,25 +71,3 @@ def test_strokes_on_a_surface_and_with_a_layout_of_ones_own(own: Own, tmp_path: 
     assert (first.metadata.surface, last.metadata.surface) == ("dome", "planar")
     assert {Path(file).name for file in first.metadata.files} == {"dome.toml", "two-rows.toml"}
     assert {Path(file).name for file in last.metadata.files} == {"two-rows.toml"}
-
-
-@pytest.mark.parametrize(
-    ("percent", "told"),
-    [
-        ('"things/none.toml" = 1.0', "no such file"),
-        ('"things/planar.toml" = 1.0', "as one of config/surfaces is called"),
-        ('"things/dome.toml" = 1.0, "things/again.toml" = 1.0', "is 'dome', as that of"),
-        ('"things/two-rows.toml" = 1.0', r"is not of the surface"),
-        ("dome = 1.0", "unknown"),
-        ('"../planar" = 1.0', "unknown"),
-    ],
-)
-def test_what_is_no_surface_or_is_called_as_another_is_refused(
-    percent: str, told: str, own: Own, tmp_path: Path
-) -> None:
-    own("surfaces", "sphere", "dome")
-    own("surfaces", "sphere", "dome", file="again")
-    own("surfaces", "planar", "planar")
-    own("layouts", "eight", "two-rows")
-    with pytest.raises(ConfigError, match=told):
-        load_dataset_config(data_set(tmp_path, percent))

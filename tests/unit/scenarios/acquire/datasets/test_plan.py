@@ -83,15 +83,6 @@ def some_of_each_split(jobs: list[Job]) -> Iterator[Job]:
         yield from of_split(jobs, split)[::3][:8]
 
 
-def test_objects_of_the_experiments_cannot_be_trained_on(tmp_path: Path) -> None:
-    text = (
-        '[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 9\nload = [0.1, 1]'
-    )
-    with pytest.raises(ConfigError, match="config/bodies") as caught:
-        load_dataset_config(written(tmp_path, text))
-    assert "ellipsoid, straight" in caught.value.allowed
-
-
 def written(folder: Path, text: str) -> Path:
     file = folder / "set.toml"
     file.write_text(f'name = "x"\nseed = 1\nrecordings = 9\n{text}\n')
@@ -99,30 +90,6 @@ def written(folder: Path, text: str) -> Path:
 
 
 GRASP = '[[causes]]\ncause = "grasped_slip"\non = ["straight"]\nshare = 1\nseconds = 9\nload = {}\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        (GRASP.format("[0.5, 0.2]"), "load: 0.5 to 0.2"),
-        (GRASP.format("[-0.2, 0.1]"), "load: -0.2 to 0.1"),
-        (GRASP.format("[0, 0.1]"), "load: 0 to 0.1"),
-        (GRASP.format("[1, 2]") + 'randomise = { "fingertip.depth_mm" = [4, 3] }',
-         "fingertip.depth_mm: 4 is above 3"),
-        (GRASP.format("[1, 2]") + '[randomise]\n"fingertip.depth_mm" = [4, 3]',
-         "fingertip.depth_mm: 4 is above 3"),
-        (GRASP.format("[1, 2]") + '[on.planar]\n"fingertip.depth_mm" = [4, 3]',
-         "fingertip.depth_mm: 4 is above 3"),
-        (GRASP.format("[1, 2]") + '[[parts]]\nname = "a"\nshare = 1\n[parts.on.planar]\n'
-         '"fingertip.depth_mm" = [4, 3]', "fingertip.depth_mm: 4 is above 3"),
-    ],
-)  # fmt: skip
-def test_a_range_the_wrong_way_round_or_a_weight_of_nothing_is_refused(
-    text: str, named: str, tmp_path: Path
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_dataset_config(written(tmp_path, text))
-    assert named in f"{caught.value} {caught.value.allowed}"
 
 
 @pytest.mark.parametrize("where", ["randomise", "causes"])
