@@ -2,14 +2,13 @@
 
 One process makes all lifts and records each. By a seed, every fourth is struck by a fault of the
 cell in some phase. Once a lift, at the same place, memory, descriptors, threads and processes are
-counted. After each lift the cell is asked what became of the object and what still moves. A
-process that only looks at the clock tells when the machine stalled.
+counted. After each lift the cell is asked what became of the object and what still moves.
 """
 
 import os
 import random
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from drivers.errors import GraspError
 from grasp.phases import Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.rigs.emulated_cell import OPEN_M
 from scenarios.rigs.opening import open_rig
@@ -30,19 +28,17 @@ from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
 from scenarios.world.truth import Truth
 from tests.nightly.last_line import LET_GO_M
-from tests.nightly.soak.stillness import StallMeter
 
 SEED = 20261122
 BETWEEN = 4  # lifts, on average, between two faults
 COUNTED_TICKS = 300  # into a lift
 LATER_S, LOOK_S = 1.5, 0.05  # after a lift that failed; between two looks
 LOOKS, LOOKS_LATER = 4, 10  # after a lift that went well, and after one that failed
+STALL_S = 0.05  # longer between two steps: the machine stood still
 NOT_OPENED = "not opened"
 OBJECTS = ("can", "ball", "foam")
 PHASES = (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER, Phase.RELEASE)
 FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (  # device and request to the cell
-    ("gripper", {"name": "gripper_drop", "times": 2}),
-    ("gripper", {"name": "gripper_delay", "times": 3, "seconds": 0.1}),
     ("gripper", {"name": "gripper_garble", "times": 3}),
     ("gripper", {"name": "gripper_freeze", "seconds": 1.0}),
     ("gripper", {"name": "gripper_disconnect"}),
@@ -80,39 +76,27 @@ class After(msgspec.Struct, frozen=True):
 class Lift(msgspec.Struct, frozen=True):
     """One lift. None: not observed."""
 
-    seed: int
     object: str
     struck: str  # the fault's name; empty for none
     device: str  # that was struck
     outcome: str
-    kind: str
     message: str
     arm: str  # how it was left, by the last line
     hand: str
-    periods: int
-    missed: int
     peak_n: float | None  # true force
     let_go_m: float  # height at which the hand lost the object; 0: it did not
     slid_m: float  # in the hand, in the air
-    stall_s: float  # the machine's longest in this lift
+    stalled: bool  # the machine, in this lift
     after: After | None = None
-
-
-class Soak(msgspec.Struct):
-    """All lifts."""
-
-    minutes: float
-    lifts: list[Lift]
-    counts: list[Count]
 
 
 class Watcher:
     """Strikes, counts and follows the object while a lift goes on."""
 
-    def __init__(self, start_s: float) -> None:
+    def __init__(self) -> None:
         self.counts: list[Count] = []
         self.cell: Any = None  # of the open rig
-        self._start_s, self._random = start_s, random.Random(SEED)
+        self._start_s, self._random = time.monotonic(), random.Random(SEED)
         self.begin()
 
     def seeds(self) -> list[int]:
@@ -120,17 +104,19 @@ class Watcher:
 
     def begin(self) -> None:
         """Another lift; draws its fault, if any."""
-        self.periods, self.struck, self.device = 0, "", ""
+        self._periods, self.struck, self.device = 0, "", ""
+        self.stalled, self._last_s = False, 0.0
         self.let_go_m = self.slid_m = self._held_at_m = self._slip_m = 0.0
-        self.begun_s = time.monotonic()
         due = self._random.choice(FAULTS), self._random.choice(PHASES)
         self._due = due if self._random.random() * BETWEEN < 1.0 else None
 
     def watch(self, tick: Any, truth: Any, controller: Any) -> None:
-        self.periods += 1
+        self._periods += 1
+        last_s, self._last_s = self._last_s, time.monotonic()
+        self.stalled |= 0.0 < last_s < self._last_s - STALL_S
         if truth is not None:
             self.see(truth)
-        if self.periods == COUNTED_TICKS:
+        if self._periods == COUNTED_TICKS:
             self.counts.append(count(time.monotonic() - self._start_s))
         if self._due is not None and tick.decision.phase is self._due[1]:
             (self.device, request), self._due = self._due[0], None
@@ -172,6 +158,19 @@ class Watcher:
             self.cell = getattr(rig.world, "__self__", None)
             yield rig
 
+    def ended(self, name: str, finished: FinishedRun[LiftResult]) -> Lift:
+        result, failure = finished.result, finished.failure
+        outcome = "" if result is None else result.outcome
+        forces = None if result is None else result.peak_force_n
+        end = None if failure is None else failure.end
+        after = self.after(failure is not None)
+        return Lift(
+            name, self.struck, self.device, outcome, "" if failure is None else failure.message,
+            "" if end is None else end.arm, "" if end is None else end.hand,
+            max(forces.values()) if forces else None, self.let_go_m, self.slid_m, self.stalled,
+            after,
+        )  # fmt: skip
+
 
 def count(t_s: float) -> Count:
     children = [
@@ -196,54 +195,24 @@ def _resident_mb(pid: int | str) -> float:
     return int(words[1]) * os.sysconf("SC_PAGESIZE") / 1e6 if words else 0.0
 
 
-def config_of(name: str) -> LiftConfig:
-    return load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
-
-
-def soak(minutes: float, folder: Path) -> Soak:
+def soak(minutes: float, folder: Path) -> tuple[list[Lift], list[Count]]:
     """Lifts until the time is over; a fault ends a series, and another rig is opened."""
-    start_s, meter = time.monotonic(), StallMeter()
-    watcher = Watcher(start_s)
-    made = Soak(minutes, [], watcher.counts)
-    with closing(meter), mock.patch.object(series, "open_rig", watcher.open):
-        while time.monotonic() < start_s + 60.0 * minutes:
-            name = OBJECTS[len(made.lifts) % len(OBJECTS)]
-            for one in _series(name, watcher, meter, folder / str(len(made.lifts))):
-                made.lifts.append(one)
-                print(one, flush=True)
-    return made
-
-
-def _series(
-    name: str, watcher: Watcher, meter: StallMeter, folder: Path
-) -> Generator[Lift, None, None]:
-    seeds = watcher.seeds()
-    folder.mkdir()
-    bench = Bench(folder, watch=watcher.watch)
-    with closing(lift.run_series(config_of(name), seeds, bench)) as going:
-        watcher.begin()
-        try:
-            for seed, finished in zip(seeds, going, strict=False):
-                yield _made(seed, name, finished, watcher, meter)
-                watcher.begin()
-        except GraspError as error:  # a rig could not be opened
-            yield Lift(0, name, watcher.struck, watcher.device, NOT_OPENED, error.kind, str(error),
-                       "", "", watcher.periods, 0, None, watcher.let_go_m, watcher.slid_m,
-                       meter.worst_since_s(watcher.begun_s))  # fmt: skip
-
-
-def _made(
-    seed: int, name: str, finished: FinishedRun[LiftResult], watcher: Watcher, meter: StallMeter
-) -> Lift:
-    result, failure = finished.result, finished.failure
-    outcome, missed, peak_n = "", 0, None
-    if result is not None:
-        outcome, missed = result.outcome, result.timing.missed_periods
-        peak_n = max(result.peak_force_n.values()) if result.peak_force_n else None
-    kind, message = ("", "") if failure is None else (failure.kind, failure.message)
-    end = None if failure is None else failure.end
-    arm, hand = ("", "") if end is None else (end.arm, end.hand)
-    stall_s, after = meter.worst_since_s(watcher.begun_s), watcher.after(failure is not None)
-    return Lift(seed, name, watcher.struck, watcher.device, outcome, kind, message, arm, hand,
-                watcher.periods, missed, peak_n, watcher.let_go_m, watcher.slid_m, stall_s,
-                after)  # fmt: skip
+    end_s, watcher, made = time.monotonic() + 60.0 * minutes, Watcher(), list[Lift]()
+    with mock.patch.object(series, "open_rig", watcher.open):
+        while time.monotonic() < end_s:
+            name = OBJECTS[len(made) % len(OBJECTS)]
+            told = load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
+            runs = folder / str(len(made))
+            runs.mkdir()
+            watcher.begin()
+            bench = Bench(runs, watch=watcher.watch)
+            with closing(lift.run_series(told, watcher.seeds(), bench)) as going:
+                try:
+                    for finished in going:
+                        made.append(watcher.ended(name, finished))
+                        print(made[-1], flush=True)
+                        watcher.begin()
+                except GraspError as error:  # a rig could not be opened
+                    made.append(Lift(name, watcher.struck, watcher.device, NOT_OPENED, str(error),
+                                     "", "", None, 0.0, 0.0, watcher.stalled))  # fmt: skip
+    return made, watcher.counts
