@@ -47,15 +47,6 @@ def test_recipe_that_cannot_be_served_is_refused(emulator):
     assert answers(emulator)
 
 
-def test_speed_that_no_arm_has_ends_its_program_alone(emulator):
-    send_program(emulator.host, "def f():\n speedl([0,0,0,0,0,1e200],1e300,1)\n sync()\nend\n")
-    deadline = time.monotonic() + WAIT_S
-    while not emulator.fault(do="state")["script_errors"]:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    assert answers(emulator)
-
-
 def test_connections_that_say_nothing_are_capped_and_make_room(emulator):
     """More than select() could number, and than a process may open."""
     with contextlib.ExitStack() as held:
@@ -109,15 +100,3 @@ def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator):
             said = " ".join(emulator.fault(do="state")["messages"])
     assert most - before < 11.0  # what it keeps, and what answers are made of
     assert answers(emulator)
-
-
-def test_flood_leaves_time_for_the_others(emulator):
-    with contextlib.ExitStack() as stack:
-        for port, what in ((30004, packet("?") * 20_000), (29999, b"\n" * 60_000)):
-            sock = stack.enter_context(socket.create_connection((emulator.host, port)))
-            sock.setblocking(False)
-            with contextlib.suppress(BlockingIOError):
-                while True:
-                    sock.send(what)
-        for _ in range(5):
-            assert answers(emulator)

@@ -4,7 +4,6 @@ A grammar makes the bytes that one connection sends. Nothing here asks for what 
 for and others would suffer from by right: a freeze, dropped links, the load of another world.
 """
 
-import json
 import random
 import struct
 
@@ -14,7 +13,6 @@ from drivers.ur.emulator.rtde_wire import E_SERIES_OUTPUT_TYPES, INPUT_TYPES, ST
 from drivers.ur.emulator.urscript.builtins import BUILTINS
 
 NUMBERS = (0, 1, -1, 6, 0.1, 5e-324, 1e-9, 1e200, 1e308, 2**31 - 1, 2**31, -(2**31))
-WORDS = ("a", "b", "x", "p", "input_int_register_0", "stop", "\\u0000", "é", "")
 OUTPUTS, INPUTS, CALLS = sorted(E_SERIES_OUTPUT_TYPES), sorted(INPUT_TYPES), sorted(BUILTINS)
 MOST_BYTES = 200_000  # of one connection
 
@@ -145,38 +143,6 @@ def dashboard(r: random.Random) -> bytes:
     return "\n".join(r.choice(words) for _ in range(r.choice((3, 900)))).encode() + b"\n"
 
 
-def anything(r: random.Random, deep: int = 0) -> object:
-    match r.randrange(5 if deep < 3 else 3):
-        case 0:
-            return r.choice(NUMBERS)
-        case 1:
-            return r.choice(WORDS)
-        case 2:
-            return r.choice((None, True, r.uniform(-1, 1)))
-        case 3:
-            return {r.choice(WORDS): anything(r, deep + 1) for _ in range(r.randrange(4))}
-    return [anything(r, deep + 1) for _ in range(r.randrange(7))]
-
-
-def control(r: random.Random) -> bytes:
-    keys = ("name", "seed", "force_n", "grasp", "direction", "finger", "taxel", "newtons")
-    verbs = ("truth", "place", "home", "fault", "tap", "press", "nonsense")
-    return lines(r, "verb", verbs, keys)
-
-
-def faults(r: random.Random) -> bytes:
-    verbs = ("state", "wrench", "claim", "unclaim", "kill_program", "nonsense")
-    return lines(r, "do", verbs, ("value", "names", *WORDS))
-
-
-def lines(r: random.Random, verb: str, verbs: tuple[str, ...], keys: tuple[str, ...]) -> bytes:
-    made = (
-        {verb: r.choice(verbs), **{r.choice(keys): anything(r) for _ in range(r.randrange(3))}}
-        for _ in range(r.choice((1, 10, 300)))
-    )
-    return b"".join(json.dumps(line).encode() + b"\n" for line in made)
-
-
 def rubble(r: random.Random, data: bytes) -> bytes:
     """Some bytes changed, cut out or doubled, or the end missing."""
     changed = bytearray(data)
@@ -194,7 +160,6 @@ def rubble(r: random.Random, data: bytes) -> bytes:
 
 GRAMMARS = {
     "urscript": urscript, "rtde": rtde, "modbus": modbus, "hop": hop, "dashboard": dashboard,
-    "control": control, "faults": faults,
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Hostile clients on every port of an emulated cell, and a well-behaved client beside them.
+"""Hostile clients on every port of the emulated devices, and a well-behaved client beside them.
 
 `make test-fuzz MINUTES=60 SEED=1` attacks for an hour. The cell must live, answer everybody, not
 grow, and end after SIGTERM. A failure prints the last cases, each a grammar and a seed.
@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -103,17 +103,18 @@ def ports_of(at: dict[str, Any]) -> Ports:
         "modbus": [(at["gripper"]["host"], at["gripper"]["port"])],
         "hop": [(board, int(port))],
         "dashboard": [(host, arm["dashboard"])],
-        "control": [(at["control"]["host"], at["control"]["port"])],
-        "faults": [(host, arm["faults"])],
     }
 
 
-def questions(ports: Ports) -> dict[str, Callable[[], object]]:
+def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]:
     """Of a well-behaved client, one connection to each port, kept open; each ends with its answer,
     or raises."""
-    lines = ("dashboard", "control", "faults", "modbus", "hop", "rtde")
-    socks = {name: socket.create_connection(ports[name][0], ANSWER_S) for name in lines}
-    files = {name: sock.makefile("rb") for name, sock in socks.items()}
+    lines = ("dashboard", "modbus", "hop", "rtde")
+    socks = {
+        name: stack.enter_context(socket.create_connection(ports[name][0], ANSWER_S))
+        for name in lines
+    }
+    files = {name: stack.enter_context(sock.makefile("rb")) for name, sock in socks.items()}
 
     def ask(name: str, data: bytes, begins: bytes) -> None:
         socks[name].sendall(data)
@@ -138,8 +139,6 @@ def questions(ports: Ports) -> dict[str, Callable[[], object]]:
     read = bytes.fromhex("000100000006020400000001")
     return {
         "dashboard": lambda: ask("dashboard", b"robotmode\n", b"Robotmode"),
-        "control": lambda: ask("control", b'{"verb":"truth"}\n', b'{"truth'),
-        "faults": lambda: ask("faults", b'{"do":"state"}\n', b'{"ok":true'),
         "modbus": lambda: ask("modbus", read, b"\0\1\0\0\0\5\2\4\2"),
         "hop": list_boards,
         "rtde": version,
@@ -164,9 +163,10 @@ def ends_well(pid: int) -> bool:
 
 @pytest.mark.timeout(300 + 120 * MINUTES)
 def test_hostile_clients_of_all_ports_leave_a_cell_that_serves_the_others() -> None:
-    with cell_process(load_for_devices("can", "emulated", [], []), 0) as cell:
+    config = load_for_devices("can", "emulated", [], [])
+    with cell_process(config, 0) as cell, ExitStack() as stack:
         pid, ports = cell.endpoints["pid"], ports_of(cell.endpoints)
-        asked, least_mb = questions(ports), memory_mb(pid)
+        asked, least_mb = questions(ports, stack), memory_mb(pid)
         until = time.monotonic() + 60.0 * MINUTES
         attack = Attack(ports)
         try:

@@ -1,18 +1,17 @@
-"""What of a lift over spoilt wires was not as it must be."""
+"""What of a lift on the emulated cell was not as it must be, by what an onlooker saw of it."""
 
-import math
 import re
 
 import msgspec
 
 from grasp.doubt import STOOD_STILL
 from scenarios.lift.config import LiftConfig
+from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
-from scenarios.rigs.cell_process import READY_S
-from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration
-from tests.nightly.chaos.onlooker import LOOK_S, MOMENT_S, Left
-from tests.nightly.chaos.proxy import WIRES, Passed, Plan, Trouble
+from scenarios.rigs.rig import calibration
+from scenarios.trial.result import FinishedRun
 from tests.nightly.last_line import (
+    CANNOT_COMMAND,
     MOST_N,
     SLID_M,
     STILL_MPS,
@@ -21,9 +20,9 @@ from tests.nightly.last_line import (
     blames_another,
     misled,
 )
+from tests.nightly.onlooker import LOOK_S, MOMENT_S, Left
 
 NOT_OPENED = "not opened"
-SLACK_S = 2.0
 AWAY_S = 0.2  # between two looks of 50 ms: machine or cell stalled
 LEAST_LOOKS = round(MOMENT_S / LOOK_S / 3)
 NEVER = frozenset({
@@ -32,29 +31,31 @@ NEVER = frozenset({
 })  # fmt: skip
 # says that this computer stalled, whichever device it names
 STALLED = r"worker process says nothing|for \d+\.\d\d s this computer did not keep it alive in time"
-FRAME_BYTES = 30  # of a request to the hand, or its answer
 
 
 class Ended(msgspec.Struct, frozen=True):
     """Result of one lift."""
 
-    plan: Plan
-    outcome: str
-    message: str
-    arm: str  # how it was left, by the last line
-    hand: str
-    seconds: float
-    peak_n: float
+    struck: frozenset[str]  # devices, by their names in ``last_line.BLAMED``
+    takes_hand: bool  # the hand cannot be commanded
     left: Left
-    passed: Passed
+    outcome: str = NOT_OPENED
+    message: str = ""
+    arm: str = ""  # how it was left, by the last line
+    hand: str = ""
+    peak_n: float = 0.0  # true force
+    force_byte: int = 0  # the highest that was sent to the hand
 
-
-def stated_s(settings: LiftConfig) -> float:
-    """The longest run by its time-outs, each once: to open, run, stop and close."""
-    ur, loop = settings.ur, settings.loop
-    opening_s = READY_S + ACTIVATION_TIMEOUT_S + 3 * ur.step_timeout_s + ur.start_timeout_s
-    closing_s = ur.leave_timeout_s + ur.command_timeout_s
-    return opening_s + loop.deadline_s + loop.stop_s + closing_s + SLACK_S
+    def of(self, finished: FinishedRun[LiftResult]) -> "Ended":
+        result, failure = finished.result, finished.failure
+        assert result is not None
+        peak_n = max((result.peak_force_n or {"": 0.0}).values())
+        end = None if failure is None else failure.end
+        return msgspec.structs.replace(
+            self, outcome=result.outcome, message="" if failure is None else failure.message,
+            arm="" if end is None else end.arm, hand="" if end is None else end.hand,
+            peak_n=max(peak_n, self.left.peak_n),
+        )  # fmt: skip
 
 
 def problems(ended: Ended, settings: LiftConfig) -> list[str]:
@@ -62,17 +63,17 @@ def problems(ended: Ended, settings: LiftConfig) -> list[str]:
     cap, left = calibration(settings).byte_at_most(settings.guard.force_limit_n), ended.left
     opened, held = ended.outcome != NOT_OPENED, ended.outcome in SUCCESSES
     lost = dropped(left)
+    # only a closing could have held it, and the last line says so
+    excused = ended.takes_hand and re.search(CANNOT_COMMAND, ended.hand) is not None
     checks = {
-        f"force byte {ended.passed.most_force} of {cap}": ended.passed.most_force > cap,
-        "no command to the hand passed": held and not ended.passed.writes,
+        f"force byte {ended.force_byte} of {cap}": ended.force_byte > cap,
         f"{ended.peak_n:.1f} N": ended.peak_n > MOST_N,
-        f"{ended.seconds:.1f} s": ended.seconds > stated_s(settings),
         f"the arm moves at {left.arm_mps:.4f} m/s after the end": left.arm_mps > STILL_MPS,
         f"fingers move at {left.fingers_mps:.4f} m/s after the end": left.fingers_mps > STILL_MPS,
-        f"the object: {lost}": bool(lost) and not could_not_be_held(ended, settings),
+        f"the object: {lost}": bool(lost) and not excused,
         f"only {left.looks_later} looks after the end": (opened or bool(left.looks))
         and left.looks_later < LEAST_LOOKS,
-        f"outcome {ended.outcome!r}": ended.outcome in NEVER,
+        f"outcome {ended.outcome!r}: {ended.message}": ended.outcome in NEVER,
         f"{ended.outcome}, then {left.object}": held and left.object != "on the table",
         f"{ended.outcome}, and failed: {ended.message}": held and bool(ended.message),
         "no word": not opened and not ended.message,
@@ -97,11 +98,8 @@ def cause(ended: Ended) -> str:
 
 def known(ended: Ended) -> Known:
     left = ended.left
-    struck = {WIRES[trouble.wire] for trouble in ended.plan.troubles}
-    return Known(
-        wrong=frozenset(struck | ({"loop"} if left.gap_s > AWAY_S else set())),
-        pressed_n=left.pressed_n, opened=left.opened,
-    )  # fmt: skip
+    wrong = ended.struck | ({"loop"} if left.gap_s > AWAY_S else set())
+    return Known(wrong=wrong, pressed_n=left.pressed_n, opened=left.opened)
 
 
 def dropped(left: Left) -> str:
@@ -111,17 +109,3 @@ def dropped(left: Left) -> str:
     if left.slid_m > SLID_M:
         return f"slid {left.slid_m * 1e3:.0f} mm in the air"
     return left.object if left.object in ("slips", "falls") else ""
-
-
-def could_not_be_held(ended: Ended, settings: LiftConfig) -> bool:
-    """The hand could not be commanded to close, and the last line says so."""
-    taken = any(takes_the_hand(t, settings.modbus.timeout_s) for t in ended.plan.troubles)
-    return taken and "cannot be told anything" in ended.hand
-
-
-def takes_the_hand(trouble: Trouble, timeout_s: float) -> bool:
-    """Whether its wire is cut, garbles frames, or delays an answer beyond the time-out."""
-    pieces = math.ceil(FRAME_BYTES / trouble.slice_bytes) if trouble.slice_bytes else 1
-    broken = trouble.reset_share > 0.0 or trouble.twice_share > 0.0
-    late = 2.0 * pieces * trouble.latency_s >= timeout_s
-    return trouble.wire == "gripper" and (broken or late)
