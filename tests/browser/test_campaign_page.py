@@ -1,12 +1,15 @@
-"""The page of a campaign in a real browser: quiet, without a script, no wider than the window."""
+"""Pages of a campaign and an evaluation in a real browser: quiet, without a script, no wider than
+the window."""
 
 from pathlib import Path
 
 import pytest
 
 from scenarios.report.campaign_page import campaign_page
+from scenarios.report.evaluation_page import evaluation_page
 from tests.browser.chromium import BROWSER, Chromium
 from tests.unit.scenarios.report.test_campaign_page import SPEC, made
+from tests.unit.scenarios.report.test_evaluation_page import made as evaluated
 
 pytestmark = [
     pytest.mark.browser,
@@ -14,21 +17,23 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("width", [360, 1280])
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "dark"), [(360, False), (1280, True)])
 def test_a_page_asks_for_nothing_and_complains_of_nothing(
     width: int, dark: bool, tmp_path: Path
 ) -> None:
-    page = tmp_path / "small.html"
-    page.write_text(campaign_page(made(tmp_path / "small.sqlite", SPEC), page))
+    campaign, evaluation = tmp_path / "small.html", tmp_path / "toys.html"
+    campaign.write_text(campaign_page(made(tmp_path / "small.sqlite", SPEC), campaign))
+    evaluation.write_text(evaluation_page(evaluated(tmp_path / "toys.json")))
     with Chromium(tmp_path / "profile", dark, (width, 800)) as browser:
         browser.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
             mobile=False,
         )  # fmt: skip
-        browser.open(page)
-        assert browser.complaints == []
-        assert browser.requests == [page.as_uri()]
-        assert browser.value("document.documentElement.scrollWidth") <= width
-        chart = "document.querySelector('.chart svg').getBoundingClientRect().width"
-        assert browser.value(chart) > 50
+        for page in (campaign, evaluation):
+            browser.requests.clear()
+            browser.open(page)
+            assert browser.complaints == []
+            assert browser.requests == [page.as_uri()]
+            assert browser.value("document.documentElement.scrollWidth") <= width
+            chart = "document.querySelector('.chart svg').getBoundingClientRect().width"
+            assert browser.value(chart) > 50

@@ -26,9 +26,8 @@ def until(page: Chromium, expression: str) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.parametrize("dark", [False, True])
 def test_a_run_is_followed_and_its_last_instant_stays(
-    dark: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -42,7 +41,7 @@ def test_a_run_is_followed_and_its_last_instant_stays(
             shown.append((tick, truth))
             time.sleep(0.002)
 
-    with Chromium(tmp_path, dark) as page:
+    with Chromium(tmp_path) as page:
         page.call("Page.navigate", url=live.feed.address)
         until(page, "document.documentElement?.dataset.ready")
         list(lift.run_series(config, [0], Bench(None, watch=watch)))

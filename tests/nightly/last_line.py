@@ -8,7 +8,6 @@ import re
 import msgspec
 
 from grasp.guard import GuardSettings
-from scenarios.trial.ending import LOOK
 
 MOST_N = GuardSettings().force_limit_n + GuardSettings().overshoot_n  # true force of a finger
 GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slipped since
@@ -28,27 +27,6 @@ BLAMED = {
     "loop": r"loop_|nobody was in control",
 }
 WAY_OUT = "open the hand"  # advice of the simulated rig
-_FELT = r"(nothing measured yet|its force is not measured|\d+\.\d N measured at finger [ABC])"
-_AT = r"at \(\d+, \d+, \d+\) counts"
-_GRIP = rf"closed with the grip that it had, {_AT}"
-_STATE = (
-    rf"(open|still moving, {_FELT}|({_GRIP}|closed to the limit of \d+ N|"
-    r"closed to its last count, within the limit of \d+ N|"
-    rf"closed by position, short of the limit of \d+ N), {_FELT}|"
-    rf"closed, and feels nothing any more|closed as it was told, {_AT}, and feels nothing: the "
-    rf"object may still be in it|partly closed, {_AT}"
-    r"(, and feels nothing|; what it feels is not known))"
-)
-_ALONE = r"(cannot be told anything|is not activated|refuses every motion \(.+\)) and holds"
-_MOVES = r"moving at (\d+\.\d\d m/s|less than 0\.01 m/s|a speed that it does not tell)"
-SAID = {  # all that a last line may say
-    "arm": rf"the arm (stands|is stopped by its own safety system|says that it stands|is still "
-    rf"{_MOVES}|says that it is still {_MOVES}|(stood|was still {_MOVES}) when last heard)",
-    "hand": rf"the hand (is {_STATE}|reports .+: it is {_STATE}|is not believed, and may still "
-    rf"move: it says that it is {_STATE}|{_ALONE} by itself: (it is|when last heard it was) "
-    rf"{_STATE})",
-    "advice": rf"({LOOK}; )?({WAY_OUT}|start the run again)",
-}
 
 
 class Known(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,19 +45,9 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
 
 def misled(message: str, arm: str, hand: str, known: Known) -> list[str]:
     """What the last line says and is not true, or lacks."""
-    sentences = {
-        **_of_arm(arm, known),
-        **_of_hand(hand, known),
-        **unknown_words(arm=arm, hand=hand),
-    }
+    sentences = {**_of_arm(arm, known), **_of_hand(hand, known)}
     found = [text for text, is_wrong in sentences.items() if is_wrong]
     return [*found, *filter(None, [blames_another(message, known.wrong)])]
-
-
-def unknown_words(**said: str) -> dict[str, bool]:
-    """Sentences by name that the program has no template for."""
-    return {f"no such {name}: {text!r}": bool(text) and re.fullmatch(SAID[name], text) is None
-            for name, text in said.items()}  # fmt: skip
 
 
 def blames_another(message: str, wrong: frozenset[str]) -> str:

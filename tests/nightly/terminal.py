@@ -4,7 +4,6 @@ import os
 import pty
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -41,24 +40,11 @@ class Terminal:
     def __exit__(self, *_: object) -> None:
         self._process.kill()
         self._process.wait()
-        self.close()
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
+        os.close(self._own)
 
     def type(self, text: str) -> None:
         """As on a keyboard; "\\x03" is Ctrl-C."""
         os.write(self._own, text.encode())
-
-    def kill(self, number: signal.Signals) -> None:
-        self._process.send_signal(number)
-
-    def close(self) -> None:
-        """Close the terminal's window; twice is once."""
-        if self._own >= 0:
-            os.close(self._own)
-            self._own = -1
 
     def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> re.Match[str]:
         """What matches first in what is shown from where the last call ended. AssertionError, with
@@ -69,13 +55,6 @@ class Terminal:
             assert not ended, f"{pattern!r} was not shown:\n{self.shown}"
         self._read_to += found.end()
         return found
-
-    def wait(self, patience_s: float = PATIENCE_S) -> int:
-        """Read to the end; the exit code."""
-        end_s = time.monotonic() + patience_s
-        while self._read(end_s):
-            pass
-        return self._process.wait(max(1.0, end_s - time.monotonic()))
 
     def _read(self, end_s: float) -> bool:
         """Take what comes next; False at the end, or when it is late."""

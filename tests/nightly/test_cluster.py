@@ -8,13 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
 import pytest
 
-from grasp.settings import config_dir
-from scenarios.acquire.datasets.build import build
-from scenarios.acquire.datasets.plan import load_dataset_config, plan
-from scenarios.rigs.workers import Workers
 from tests.wire.scenarios.campaigns import (
     PATIENCE_S,
     campaign_file,
@@ -26,7 +21,6 @@ from tests.wire.scenarios.campaigns import (
 
 pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[2]
-PAPER = load_dataset_config(config_dir() / "datasets" / "paper.toml")
 
 
 class Cluster(NamedTuple):
@@ -71,16 +65,6 @@ def test_rows_are_those_of_one_machine(cluster: Cluster, tmp_path: Path) -> None
     assert code == 0, err
     assert len(rows(there)) == 6
     assert rows(there) == rows(here)
-
-
-def test_a_data_set_is_that_of_one_machine(cluster: Cluster, tmp_path: Path) -> None:
-    jobs = [msgspec.structs.replace(job, static=200, slip=200) for job in plan(PAPER)[:3]]
-    here, there = tmp_path / "here", tmp_path / "there"
-    for out, workers in ((here, Workers(0)), (there, Workers(1, cluster.address))):
-        assert build(jobs, {}, out, workers, lambda done, total: None) == 3
-    made = sorted(path.relative_to(there) for path in there.glob("*/*.npz"))
-    assert len(made) == 3
-    assert all((there / path).read_bytes() == (here / path).read_bytes() for path in made)
 
 
 def test_a_scheduler_that_goes_costs_no_row(cluster: Cluster, tmp_path: Path) -> None:

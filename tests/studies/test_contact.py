@@ -1,7 +1,6 @@
 """The contact levels against an explicit reference, and cases on which known methods fail."""
 
 import math
-from importlib.util import find_spec
 from typing import Any
 
 import msgspec
@@ -12,7 +11,7 @@ from scenarios.world.blow import Blow
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.world_settings import Level
-from studies.contact import comparators, mujoco_scene
+from studies.contact import comparators
 from studies.contact.comparators import Method
 from studies.contact.reference import adaptive, explicit
 from studies.contact.scene import (
@@ -135,12 +134,3 @@ def test_steps_up_to_50_ms_stay_within_first_order_at_any_stiffness(stiffness_np
         for order in (1, 4):
             assert not abs(explicit(scene, Level.SLIDER, 2e-3, order)[1]) < 0.1
         assert math.isnan(comparators.run(scene, Method.LUGRE_RK4, 2e-3)[1])
-
-
-@pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")
-def test_mujoco_sees_the_same_lift_but_for_its_creep() -> None:
-    exact = adaptive(lift(), Level.SLIDER, 1e-9)
-    errors = [
-        np.linalg.norm(mujoco_scene.run(lift(), 2e-3, ratio) - exact) for ratio in (1.0, 10.0)
-    ]
-    assert errors[1] < 0.6e-3 < 2e-3 < errors[0]

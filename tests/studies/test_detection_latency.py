@@ -36,10 +36,3 @@ def test_the_table_and_the_chart_have_the_paper_s_figure(
     text = capsys.readouterr().out
     assert "| `psd-fair`, slip |" in text and "later than the paper's 113 ms" in text
     assert "paper's mean, real fingertip" in (tmp_path / "chart.svg").read_text()
-
-
-def test_the_mean_is_of_slips_caught_and_a_miss_is_later_than_any() -> None:
-    rows = [study.Row("energy", "slip", [50.0, 150.0, np.inf], 2.0, 0.9)]
-    late, at = study.table(rows).split("\n\n")
-    assert late.endswith("| `energy`, slip | 100 | 150 | inf | inf | 1 of 3 |")
-    assert at.endswith("| `energy`, slip | 67 | 2.0 | 90.0 |")

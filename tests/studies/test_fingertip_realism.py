@@ -64,8 +64,3 @@ def test_a_small_set_gives_table_and_chart(tmp_path: Path) -> None:
     main("fingertip_realism", STUDY, [*words, "--out", str(tmp_path / "out")])
     assert "| all | slip | " in (tmp_path / "out" / "table.md").read_text()
     assert (tmp_path / "out" / "chart.svg").exists()
-
-
-def test_too_few_strokes_are_not_judged() -> None:
-    clip = windows_of(recording(1).counts[:, 0], recording(1).slip, "rest")
-    assert np.isnan(tell_apart(clip, [], Task("", "", "", "rest", 0)).auc)

@@ -1,12 +1,8 @@
 """Compensate and hold must not take turns: the default loop does not, and force is bounded."""
 
-from pathlib import Path
-
 import msgspec
-import pytest
 
-from studies import runner
-from studies.hunting import LOOSENING, RATCHET, STUDY, Loop, Task, bound, default_loop, hunt, trial
+from studies.hunting import LOOSENING, RATCHET, Loop, Task, bound, default_loop, hunt, trial
 from tests.unit.scenarios.conftest import changed, config
 
 
@@ -33,13 +29,3 @@ def test_a_hand_that_only_tightens_is_bounded_and_one_that_loosens_is_not() -> N
     assert trial(Task(LOOSENING, 0.5, 0.03)).bound is None
     loop = Loop(latency_s=0.1, refractory_s=0.2, hold_s=0.03, step_n=8.0, loosening_nps=2.0)
     assert hunt(loop) > bound(loop)
-
-
-@pytest.mark.slow
-def test_the_study_leaves_table_and_chart(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("matplotlib")
-    assert runner.main("hunting", STUDY, ["--out", str(tmp_path), "--jobs", "1"]) == 0
-    assert "compensations 1." in capsys.readouterr().out
-    assert (tmp_path / "chart.svg").read_text().startswith("<?xml")

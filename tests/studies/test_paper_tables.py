@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import write
-from detector.scores.metrics import Confusion
 from drivers.errors import UsageError
-from scenarios.benchmark.scoring import contender, read_split
 from studies import paper_tables as study
 from studies.runner import main
 from tests.unit.detector.toys import toy, toys
@@ -42,20 +40,6 @@ def test_both_tables_come_out_with_swept_thresholds(
         main("paper_tables", study.STUDY, ["psd", "--data", str(data), "--cells", str(data)])
 
 
-def test_a_swept_threshold_has_the_best_balanced_accuracy(tmp_path: Path) -> None:
-    for recording in toys("train", 4, 20):
-        write(tmp_path / f"{recording.source}.npz", recording)
-    recordings = read_split([tmp_path], "train")
-
-    def balanced(assignment: str) -> float:
-        made = contender("psd-fair", recordings, "train", assignments=[assignment])
-        return made.evaluation().balanced_accuracy or 0.0
-
-    swept = study.swept_threshold(contender("psd-fair", recordings, "train"))
-    name = swept.partition("=")[0]
-    assert balanced(swept) > max(balanced(f"{name}={other}") for other in (30, 600))
-
-
 def test_a_cell_with_too_few_recordings_is_refused() -> None:
     with pytest.raises(UsageError, match="28 of 28 cells"):
         study.require_cells(toys("test", 2, 0))
@@ -83,11 +67,3 @@ def test_statements_hold_do_not_or_are_not_resolved() -> None:
     opposite = {key: 30 if key[1] == 0.1 else 10 for key in study.KEYS}
     assert verdicts(row(opposite))[2] == "does not"
     assert verdicts(row({}, spread=2)) == 5 * ["not resolved"]
-
-
-def test_f1_is_that_of_the_confusion_and_means_weigh_cells_alike() -> None:
-    counts = (40, 10, 5, 45)
-    assert study.weighted_f1(np.array(counts)) == pytest.approx(Confusion(*counts).weighted_f1)
-    f1 = study.f1_by_cell(row({("primary", 0.05, "planar"): 40}).cells)
-    planar = [e.value for key, e in f1.items() if key[2] == "planar"]
-    assert study.mean_of(f1, "planar").value == pytest.approx(np.mean(planar))

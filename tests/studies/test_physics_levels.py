@@ -2,11 +2,8 @@
 
 from pathlib import Path
 
-import pytest
-
-from studies import physics_levels, physics_stability
+from studies import physics_stability
 from studies.physics_levels import Row, cheapest
-from studies.runner import main
 
 
 def row(curve: str, step_s: float, cost_us: float, error_mm: float) -> Row:
@@ -18,14 +15,6 @@ def test_a_lucky_hit_at_one_step_is_no_accuracy() -> None:
             row("LuGre EXP2", 4e-3, 0.1, 0.01)]  # fmt: skip
     assert cheapest(rows, "L", 0.1) == rows[2]
     assert cheapest(rows[:2], "L", 0.1) is None
-
-
-def test_a_small_grid_gives_table_and_chart(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    words = ["--scenes", "lift", "--curves", "L1", "explicit Euler", "--jobs", "1"]
-    main("physics_levels", physics_levels.STUDY, [*words, "--out", str(tmp_path)])
-    assert "| lift | 0.1 |" in (tmp_path / "table.md").read_text()
-    assert (tmp_path / "chart.svg").stat().st_size > 1000
 
 
 def test_integrators_that_break_are_told_from_those_that_hold(tmp_path: Path) -> None:

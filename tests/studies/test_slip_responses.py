@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_NS
 from grasp.clock import VirtualClock
 from studies import runner
@@ -31,11 +30,6 @@ def test_false_alarms_come_at_their_rate_and_last_a_tenth_of_a_second() -> None:
     begun = detector.between(0, clock.now_ns)
     assert begun == pytest.approx(60, abs=25)
     assert 5 * begun < probabilities.count(1.0) <= 10 * begun
-
-
-def test_an_unknown_policy_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no policy 'pray'"):
-        runner.main("x", STUDY, ["--policies", "pray", "--out", str(tmp_path)])
 
 
 def test_an_arm_that_stops_saves_slip_and_a_pull_in_the_air_is_harder(

@@ -48,16 +48,6 @@ def test_the_truth_scores_best_and_a_neighbouring_direction_counts_apart() -> No
     assert study.score(beside, made) == (None, None, (0.0,) * 3, (1.0,) * 3, None)
 
 
-def test_baselines_learn_speed_of_the_energy_and_direction_of_the_centre() -> None:
-    asked = samples(seed=1)
-    found = {by: study.score(g, asked) for by, g in study.baselines(samples(), asked).items()}
-    same, energy, centre = (found[by] for by in [*found][:3])
-    assert energy[1] and same[1] and energy[1][1] > same[1][2]
-    assert energy[4] and energy[4][0] > 0.6
-    assert centre[2] and same[2] and centre[2][1] > 0.9 > same[2][2]
-    assert "down, by the mount" in found
-
-
 def test_motion_of_the_fingers_mirrors_that_of_the_thumb_at_the_line_upwards() -> None:
     (one,) = moving("test", 1, 0)
     about = msgspec.structs.replace(one.metadata, parameters={study.UPWARDS: 90.0})
@@ -109,25 +99,3 @@ def test_outputs_that_were_trained_are_read_with_their_network(tmp_path: Path) -
     assert read_heads(weights, weights_digest(weights), read_network(weights)) is not None
     made = msgspec.json.decode((tmp_path / "gru.heads.json").read_bytes(), type=Heads)
     assert f"{tmp_path.name}: {study.OWN}, {study.FIGURES[0]}" in made.scores
-
-
-@pytest.mark.train
-def test_outputs_learn_what_their_inputs_hold() -> None:
-    pytest.importorskip("torch")
-    from detector.heads import Teller
-    from detector.training.heads import Wanted, train_heads
-
-    def learnable(seed: int) -> Wanted:
-        rng, n = np.random.default_rng(seed), 2000
-        sector, speed, turns = rng.integers(0, 8, n), rng.normal(-3.5, 0.5, n), rng.random(n) < 0.1
-        angle = sector * np.pi / 4
-        known = np.column_stack([np.cos(angle), np.sin(angle), speed, turns])
-        return Wanted((5.0 * known + 3.0).astype(np.float32), speed, turns, sector)
-
-    one, other = (train_heads([learnable(0)], 3, 400, "n", "d", "c") for _ in range(2))
-    assert one == other != train_heads([learnable(0)], 4, 400, "n", "d", "c")
-    asked = learnable(1)
-    out = Teller(one).outputs(asked.inputs)
-    assert np.median(abs(out[:, 0] - asked.log_speed)) < 0.1
-    assert (out[:, 2:].argmax(axis=1) == asked.sector)[~asked.turning].mean() > 0.9
-    assert (1.0 / (1.0 + np.exp(-out[:, 1]))).mean() == pytest.approx(0.1, abs=0.03)

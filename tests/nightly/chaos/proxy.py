@@ -13,11 +13,49 @@ import time
 
 import msgspec
 
-from tests.nightly.chaos.plans import Plan, Trouble
-
+WIRES = {"gripper": "gripper", "tactile": "fingertips", "arm": "arm"}  # and the device's name
+AMOUNTS: dict[str, tuple[float, ...]] = {
+    "latency_s": (0.002, 0.02, 0.08, 0.3, 1.0),
+    "slice_bytes": (1, 7, 50),
+    "reset_share": (0.001, 0.01, 0.2),
+    "twice_share": (0.001, 0.01, 0.2),
+}
 PIECE = 65_536
 FC16 = 16  # of Modbus: write registers
 FORCES = (5, 8, 11)  # bytes of the command image: rFRA, rFRB, rFRC
+
+
+class Trouble(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Of one wire, both ways, from ``after_s`` on for ``lasts_s``."""
+
+    wire: str
+    after_s: float  # since the first connection
+    lasts_s: float
+    latency_s: float = 0.0  # of every piece
+    slice_bytes: int = 0  # largest piece; 0: as they come
+    reset_share: float = 0.0  # of pieces: the connection is reset in place of passing one
+    twice_share: float = 0.0  # of pieces: passed twice
+
+
+class Plan(msgspec.Struct, frozen=True):
+    """One run."""
+
+    number: int
+    troubles: tuple[Trouble, ...]
+
+
+def drawn(number: int) -> Plan:
+    """Always the same for a number."""
+    chance = random.Random(number)
+    wires = chance.sample(tuple(WIRES), chance.choice((1, 1, 1, 2, 3)))
+    return Plan(number, tuple(_trouble(chance, wire) for wire in wires))
+
+
+def _trouble(chance: random.Random, wire: str) -> Trouble:
+    kinds = chance.sample(sorted(AMOUNTS), chance.choice((1, 1, 2)))
+    amounts = {kind: chance.choice(AMOUNTS[kind]) for kind in kinds}
+    after_s = chance.choice((0.0, 1.0, 3.0, 5.0, 7.0))
+    return Trouble(wire, after_s, chance.choice((0.1, 0.5, 2.0, 600.0)), **amounts)  # type: ignore[arg-type]
 
 
 class Route(msgspec.Struct, frozen=True):
@@ -36,13 +74,10 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Passed(msgspec.Struct):
-    """What came of it."""
+    """Writes of the application to the hand that came by, and the highest force byte in them."""
 
-    pieces: int = 0
-    spoilt: int = 0
-    resets: int = 0
-    writes: int = 0  # of the application to the hand
-    most_force: int = 0  # the highest force byte in them
+    writes: int = 0
+    most_force: int = 0
 
 
 class Commands:
@@ -64,8 +99,7 @@ class Commands:
     def _frame(self, pdu: bytes) -> None:
         if pdu[:1] != bytes([FC16]):
             return
-        first = int.from_bytes(pdu[1:3], "big")
-        image = bytes(2 * first) + pdu[6:]
+        image = bytes(2 * int.from_bytes(pdu[1:3], "big")) + pdu[6:]
         self._passed.writes += 1
         forces = [image[at] for at in FORCES if at < len(image)]
         self._passed.most_force = max(self._passed.most_force, *forces, 0)
@@ -74,9 +108,9 @@ class Commands:
 class Proxy:
     """All routes of one plan."""
 
-    def __init__(self, order: Order) -> None:
-        self._troubles = {trouble.wire: trouble for trouble in order.plan.troubles}
-        self._chance = random.Random(order.plan.number)
+    def __init__(self, plan: Plan) -> None:
+        self._troubles = {trouble.wire: trouble for trouble in plan.troubles}
+        self._chance = random.Random(plan.number)
         self._start_s: float | None = None
         self.passed = Passed()
 
@@ -113,31 +147,23 @@ class Proxy:
             while data := await reader.read(PIECE):
                 if commands is not None:
                     commands.take(data)
-                for piece in self._pieces(wire, data):
-                    if not await self._piece(wire, piece, writer):
+                trouble = self._under_way(wire)
+                size = trouble.slice_bytes if trouble and trouble.slice_bytes else len(data)
+                for at in range(0, len(data), size):
+                    if not await self._piece(wire, data[at : at + size], writer):
                         writer.transport.abort()
                         return
             writer.write_eof()
 
-    def _pieces(self, wire: str, data: bytes) -> list[bytes]:
-        trouble = self._under_way(wire)
-        size = trouble.slice_bytes if trouble and trouble.slice_bytes else len(data)
-        return [data[at : at + size] for at in range(0, len(data), size)]
-
     async def _piece(self, wire: str, piece: bytes, writer: asyncio.StreamWriter) -> bool:
         """Whether the connection lives."""
-        self.passed.pieces += 1
         trouble = self._under_way(wire)
         times = 1
         if trouble is not None:
-            self.passed.spoilt += 1
             if self._chance.random() < trouble.reset_share:
-                self.passed.resets += 1
                 return False
-            wait_s = trouble.latency_s + trouble.jitter_s * self._chance.random()
-            wait_s += len(piece) / trouble.bytes_per_s if trouble.bytes_per_s else 0.0
-            if wait_s:
-                await asyncio.sleep(wait_s)
+            if trouble.latency_s:
+                await asyncio.sleep(trouble.latency_s)
             times += self._chance.random() < trouble.twice_share
         writer.write(piece * times)
         await writer.drain()
@@ -148,7 +174,7 @@ class Proxy:
 
 async def run(line: str) -> None:
     order = msgspec.json.decode(line, type=Order)
-    proxy = Proxy(order)
+    proxy = Proxy(order.plan)
     servers = [await proxy.serve(route) for route in order.routes]
     print(
         msgspec.json.encode([s.sockets[0].getsockname()[1] for s in servers]).decode(), flush=True

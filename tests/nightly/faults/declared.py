@@ -42,11 +42,11 @@ class Declared(msgspec.Struct, frozen=True):
 DECLARED = (
     Declared(
         "with the force of the first grasp an object slips that only a closing could hold",
-        r"gripper link (cut|blinking|slow)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
+        r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),
     Declared(
         "the same, though the hand answers",
-        r"gripper (close|hold) (lost|late|half done)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
+        r"gripper (close|hold) lost", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),
     Declared(
         "a hand that reports a fault, another mode or no activation is not commanded",
@@ -55,7 +55,7 @@ DECLARED = (
     ),
     Declared(
         "without detection the grasp stays too weak; the outcome says that the lift failed",
-        r"detector (hears nothing|frozen)", ANY, frozenset({"missed"}),
+        r"detector hears nothing", ANY, frozenset({"missed"}),
         r"^(dropped|undetected|cap_reached);",
     ),
     Declared(
@@ -65,7 +65,7 @@ DECLARED = (
     ),
     Declared(
         "nothing else stops an arm that takes no stop: the last line asks for the emergency stop",
-        r"arm stop (lost|half done)", AIR | {"retreat", "release"},
+        r"arm stop lost", AIR | {"retreat", "release"},
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
     ),

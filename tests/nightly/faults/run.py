@@ -1,14 +1,8 @@
-"""Lifts in virtual time in which something fails, and what came of them until long after the end.
+"""Lifts in virtual time in which something fails, and what came of them until long after."""
 
-Up to the fault a lift is the plain one, so cases of one scene share it: where one is struck the
-process forks, and the child goes on with the fault.
-"""
-
-import gc
 import math
-import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -20,7 +14,6 @@ from grasp.loop import Tick
 from grasp.phases import END_PHASES, SAFE_PHASES, Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import Wires, simulated
 from scenarios.trial.ending import End
@@ -28,13 +21,13 @@ from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.truth import Truth
 from tests.nightly.faults.cases import STANDSTILLS_S, Case, Fault, Stretch
-from tests.nightly.faults.struck import Struck
 from tests.nightly.faults.wires import (
     HEARTBEAT_NS,
     ArmWire,
     FailingDetector,
     HandWire,
     PadWire,
+    Struck,
     Wire,
 )
 from tests.nightly.last_line import WAY_OUT
@@ -121,11 +114,6 @@ class Attack:
         self.arm.told.clear()
         return found
 
-    def flush(self, now_ns: int) -> None:
-        """What was held back arrives, though no driver speaks any more."""
-        self.hand.flush(now_ns)
-        self.arm.flush(now_ns)
-
     def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
         self.struck_ns.append(now_ns)
         self._hits.append(None)
@@ -207,107 +195,44 @@ def speed(cell: SimulatedCell, t_ns: int) -> float:
     return float(np.linalg.norm(cell.arm.velocity(t_ns)))
 
 
-def config_of(name: str, seed: int) -> LiftConfig:
-    return load_config(name, "simulated").for_lift().built_for(seed)
+class Moment:
+    """Says when the case's moment has come."""
 
-
-class Branches:
-    """The cases of one scene, each of which leaves the plain lift when its moment has come."""
-
-    def __init__(self, cases: Sequence[Case]) -> None:
-        self._waiting = list(cases)
+    def __init__(self, case: Case) -> None:
+        self.case = case
         self._phase: Phase | None = None
-        self._visits: dict[Phase, int] = {}
+        self._visits: Counter[Phase] = Counter()
         self._ticks = 0  # since the phase began
-        self.case = cases[0] if len(cases) == 1 else None  # that this process goes on with
-        self.ended: list[Ended] = []  # by children
-        self.write: int | None = None  # of a child: pipe of its result
 
-    @property
-    def is_child(self) -> bool:
-        return self.write is not None
-
-    @property
-    def left(self) -> list[Case]:
-        """Those that were not struck."""
-        return self._waiting
-
-    def due(self, phase: Phase) -> Case | None:
-        """After every step: a case that this process shall go on with from now on."""
+    def comes(self, phase: Phase) -> bool:
+        """After every step; true once, in the case's own phase and at its own visit."""
         if phase is self._phase:
             self._ticks += 1
         else:
             self._phase, self._ticks = phase, 0
-            self._visits[phase] = self._visits.get(phase, 0) + 1
-        if self.is_child:
-            return None
-        for case in [case for case in self._waiting if self._comes(case)]:
-            self._waiting.remove(case)
-            if self.case is case or self._is_forked(case):
-                return case
-        return None
-
-    def _comes(self, case: Case) -> bool:
-        """In its own phase and at its own visit: not in whatever comes after."""
-        if case.phase is None or case.phase is not self._phase:
-            return False
-        return (case.visit, case.ticks) == (self._visits[case.phase], self._ticks)
-
-    def _is_forked(self, case: Case) -> bool:
-        """In the child: true. In its parent, when it has ended: false."""
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            gc.disable()  # it ends soon, and to look through all there is would copy it
-            os.close(read)
-            self.case, self.write, self._waiting = case, write, []
-            return True
-        os.close(write)
-        with os.fdopen(read, "rb") as told:
-            text = told.read()
-        os.waitpid(child, 0)
-        if text:
-            self.ended.append(msgspec.json.decode(text, type=Ended))
-        return False
+            self._visits[phase] += 1
+        now = phase, self._visits[phase], self._ticks
+        return now == (self.case.phase, self.case.visit, self.case.ticks)
 
 
-def run(case: Case) -> Ended:
-    """One case, in virtual time; what it tells is the same whenever and wherever it is run."""
-    return run_scene([case])[0]
-
-
-def run_scene(cases: Sequence[Case]) -> list[Ended]:
-    """Cases of one object and seed; one that could not be run is left out."""
-    branches = Branches(cases)
-    try:
-        ended = _run(cases[0].object, cases[0].seed, branches)
-        if branches.write is not None:
-            os.write(branches.write, msgspec.json.encode(ended))
-    finally:
-        if branches.is_child:
-            os._exit(0)
-    left = cases if branches.case is not None else branches.left  # a plain lift, or never struck
-    return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in left)]
-
-
-class Plain(Branches):
+class Plain(Moment):
     """A plain lift whose stretches are noted."""
 
     def __init__(self, scene: tuple[str, int]) -> None:
-        super().__init__([Case(0, *scene, None)])
+        super().__init__(Case(0, *scene, None))
         self.told: Callable[[], list[str]] = list  # commands since the last call
         self._found: list[tuple[Phase, int, list[tuple[str, int]]]] = []
 
-    def due(self, phase: Phase) -> Case | None:
+    def comes(self, phase: Phase) -> bool:
         sent = self.told()
         if self._found:  # what was sent since the tick before belongs to that
             was, ticks, commands = self._found[-1]
             commands += [(what, ticks - 1) for what in dict.fromkeys(sent)]
             if phase is was:
                 self._found[-1] = was, ticks + 1, commands
-                return None
+                return False
         self._found.append((phase, 1, []))
-        return None
+        return False
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:
@@ -323,25 +248,31 @@ class Plain(Branches):
 def schedule(name: str, seed: int) -> tuple[Stretch, ...]:
     """The stretches of a plain lift."""
     plain = Plain((name, seed))
-    _run(name, seed, plain)
+    _run(plain)
     return plain.stretches
 
 
-def _run(name: str, seed: int, branches: Branches) -> Ended:
-    config, attack = config_of(name, seed), Attack()
-    rig = attack.rig = simulated(config, seed, paced=False, wires=attack.wires)
+def run(case: Case) -> Ended:
+    """One case, in virtual time; what it tells is the same whenever and wherever it is run."""
+    return _run(Moment(case))
+
+
+def _run(moment: Moment) -> Ended:
+    case = moment.case
+    config, attack = load_config(case.object, "simulated").for_lift().built_for(case.seed), Attack()
+    rig = attack.rig = simulated(config, case.seed, paced=False, wires=attack.wires)
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)
     attack.pads.of(cell.board)
     attack.arm.clock = rig.clock
     attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
     seen, struck_in = Observer(cell), ""
-    if isinstance(branches, Plain):
-        branches.told = attack.told
+    if isinstance(moment, Plain):
+        moment.told = attack.told
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
         nonlocal struck_in
-        if (case := branches.due(tick.decision.phase)) is not None:
+        if moment.comes(tick.decision.phase):
             struck_in = tick.decision.phase.value
             attack.begin(case, rig.clock.now_ns)
         attack.tick(rig.clock.now_ns)
@@ -353,15 +284,15 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
     trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
     safe = trial.controller.phase in SAFE_PHASES
-    _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
+    _wait(rig, attack.arm.watch, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
     later = cell.truth()
-    outcome = lift.judge(config, seed, trial, None).outcome
+    outcome = lift.judge(config, case.seed, trial, None).outcome
     failure, said = trial.failure(config), trial.end(config) or End("", "", "")
     arm_s, hand_s = _delays(trial, seen) if attack.struck_ns else (None, None)
     (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
     safe_ns = seen.safe_ns
     return Ended(
-        case=branches.case or Case(0, name, seed, None), struck_in=struck_in, taken=taken,
+        case=case, struck_in=struck_in, taken=taken,
         then_taken=then_taken,
         taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
         outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,

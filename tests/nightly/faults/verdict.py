@@ -23,7 +23,6 @@ from tests.nightly.last_line import (
     Known,
     blames_another,
     misled,
-    unknown_words,
 )
 
 BRAKES_MPS2 = ControllerSettings().stop_deceleration_mps2
@@ -118,7 +117,6 @@ def misleading(end: Ended) -> str:
     )  # fmt: skip
     due = end.outcome == "fault" or any((end.arm, end.hand, end.advice))
     wrong = {
-        **(unknown_words(advice=end.advice) if due else {}),
         "nobody is told to look at an arm that moves": bool(end.arm) and moves
         and LOOK not in end.advice and "still moving" not in end.arm,
         "nobody is told what to do": due and not end.advice,

@@ -19,15 +19,17 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
-from tests.nightly.faults.cases import AXES, TAXELS, Fault
+from tests.nightly.faults.cases import AXES, RECOVERS_NS, TAXELS, Fault
 from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb, wrong
-from tests.nightly.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
 
 Codes = NDArray[np.int16]
+_FOR_EVER = 1 << 62
+BLINK_NS = 80_000_000  # a blinking link is gone for so long, and there for so long
+FLICKER_NS = 40_000_000  # what flickers says one thing for so long, and then the other
 WATCHDOG_NS = 100_000_000  # of the arm's controller: unkicked for so long it stops the program
 HEARTBEAT_NS = 200_000_000  # a client not heard for so long is taken for dead, and the arm stopped
 PROGRAM_END_MPS2 = 1.2  # assumed: no harder than the moves themselves
-SLOW_FRAME_NS = 40_000_000  # from frame to frame of a slow bus
+AGAIN_NS = 100_000_000  # from one write of another client to the next
 PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slice(12, 18),
              "temperatures": slice(0, 18)}  # fmt: skip
 PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
@@ -35,6 +37,40 @@ RAIL, SHIFT = 1023, 150  # codes
 # codes a second, of one taxel or shared by those of a finger, as if pressed more and more
 DRIFT_PS = 60.0
 WIDTH = 6  # bits below a code in its word
+
+
+class Struck(msgspec.Struct):
+    """One fault from when it struck on."""
+
+    fault: Fault
+    since_ns: int
+    recovers: bool
+    times: int = 0  # commands that it took so far
+    took_ns: int = -1  # the last of them
+
+    def on(self, now_ns: int) -> bool:
+        """Of a state, a link, the detector: under way at this time."""
+        end_ns = self.since_ns + RECOVERS_NS if self.recovers else _FOR_EVER
+        return self.since_ns <= now_ns < end_ns
+
+    def flickers(self, now_ns: int) -> bool:
+        """Of what does: whether it says the wrong thing at this time."""
+        return (now_ns - self.since_ns) // FLICKER_NS % 2 == 0
+
+    def gone(self, now_ns: int) -> bool:
+        """Of a link: nothing passes at this time."""
+        if not self.on(now_ns):
+            return False
+        blink = (now_ns - self.since_ns) // BLINK_NS % 2 == 0
+        return self.fault.kind == "cut" or blink
+
+    def takes(self, what: str, now_ns: int) -> bool:
+        """Of commands: this one too. One that recovers takes the next alone."""
+        if self.fault.what != what or now_ns < self.since_ns or (self.recovers and self.times):
+            return False
+        self.times += 1
+        self.took_ns = now_ns
+        return True
 
 
 class Wire:
@@ -50,17 +86,13 @@ class Wire:
     def gone(self, now_ns: int) -> bool:
         return any(s.gone(now_ns) for s in self.links())
 
-    def slow(self, now_ns: int) -> bool:
-        return any(s.fault.kind == "slow" and s.on(now_ns) for s in self.links())
-
     def lies(self, now_ns: int) -> list[Struck]:
         return [s for s in self.struck if s.fault.part == "state" and s.on(now_ns)]
 
-    def taken(self, what: str, now_ns: int) -> str:
-        """What becomes of this command: the kind of fault that takes it, or nothing."""
+    def taken(self, what: str, now_ns: int) -> bool:
+        """Whether a fault takes this command."""
         self.told.append(what)
-        of_commands = (s for s in self.struck if s.fault.part == "command")
-        return next((s.fault.kind for s in of_commands if s.takes(what, now_ns)), "")
+        return any(s.fault.part == "command" and s.takes(what, now_ns) for s in self.struck)
 
 
 class HandWire(Wire):
@@ -69,10 +101,8 @@ class HandWire(Wire):
     def __init__(self) -> None:
         super().__init__()
         self._inner: Any = None
-        self._past: Past[tuple[int, ...]] = Past()
         self._kept: dict[int, int] = {}
         self._here: tuple[int, ...] = (0, 0, 0)  # positions that were told last, counts
-        self._due: list[tuple[int, int, tuple[int, ...]]] = []  # when, first register, words
         self._image: tuple[int, ...] = (0,) * 8  # that the hand was told
 
     def around(self, transport: RegisterTransport) -> RegisterTransport:
@@ -83,20 +113,12 @@ class HandWire(Wire):
         self._reach(now_ns)
         words = tuple(registers)
         self._image = (*self._image[:first], *words, *self._image[first + len(words) :])
-        kind = self.taken(verb(first, words, self._here), now_ns)
-        if self.slow(now_ns) or kind in ("late", "repeated"):
-            self._due.append((now_ns + BEHIND_NS, first, words))
-        if kind == "half done":
-            self._inner.write(first, words[: (len(words) + 1) // 2], now_ns)
-        elif kind not in ("lost", "late") and not self.slow(now_ns):
+        if not self.taken(verb(first, words, self._here), now_ns):
             self._inner.write(first, words, now_ns)
 
     def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
         self._reach(now_ns)
         words = tuple(self._inner.read(first, count, now_ns))
-        self._past.add(now_ns, words)
-        if self.slow(now_ns):
-            words = self._past.behind()
         for lie in self.lies(now_ns):
             words = self._said(lie, words, now_ns)
         if first == 0 and len(words) == 8:
@@ -106,7 +128,7 @@ class HandWire(Wire):
     def tick(self, now_ns: int) -> None:
         """Another client writes, once or again and again, past the link."""
         for s in self.struck:
-            again = not s.times or (not s.recovers and now_ns >= s.took_ns + BEHIND_NS)
+            again = not s.times or (not s.recovers and now_ns >= s.took_ns + AGAIN_NS)
             if s.fault.part == "registers" and again:
                 s.times, s.took_ns = s.times + 1, now_ns
                 self._inner.write(*self._written(s.fault), now_ns)
@@ -119,15 +141,7 @@ class HandWire(Wire):
         words = field.set(self._image, 0 if what == "cleared" else field.most)
         return field.word, words[field.word : field.word + 1]
 
-    def flush(self, now_ns: int) -> None:
-        """Commands that were held back arrive once they are due."""
-        due = [held for held in self._due if held[0] <= now_ns]
-        self._due = [held for held in self._due if held[0] > now_ns]
-        for _, first, words in due:
-            self._inner.write(first, words, now_ns)
-
     def _reach(self, now_ns: int) -> None:
-        self.flush(now_ns)
         if self.gone(now_ns):
             raise LinkLost(
                 "the gripper does not answer", "check its power, cable and address; then try again"
@@ -137,8 +151,6 @@ class HandWire(Wire):
         field, kind = FIELDS[lie.fault.what], lie.fault.kind
         if kind == "frozen":
             value = self._kept.setdefault(id(lie), field.of(words))
-        elif kind == "late":
-            value = field.of(self._past.behind())
         elif kind == "missing" or (kind == "flickers" and lie.flickers(now_ns)):
             value = 0
         elif kind == "flickers":
@@ -172,9 +184,7 @@ class ArmWire(Wire):
     def __init__(self) -> None:
         super().__init__()
         self._model: Any = None
-        self._past: Past[ArmSample] = Past()
         self._kept: dict[int, Any] = {}
-        self._due: list[tuple[int, str, tuple[Any, ...]]] = []
         self._bitten: set[int] = set()
         self.clock: Clock | None = None
 
@@ -201,19 +211,12 @@ class ArmWire(Wire):
     def read(self, now_ns: int) -> ArmSample:
         self._reach(now_ns)
         sample: ArmSample = self._model.read(now_ns)
-        self._past.add(now_ns, sample)
-        if self.slow(now_ns):
-            sample = self._past.behind()
         for lie in self.lies(now_ns):
             sample = self._said(lie, sample, now_ns)
         return sample
 
-    def flush(self, now_ns: int) -> None:
-        """Commands that were held back arrive once they are due; a watchdog bites."""
-        due = [held for held in self._due if held[0] <= now_ns]
-        self._due = [held for held in self._due if held[0] > now_ns]
-        for _, name, words in due:
-            getattr(self._model, name)(*words, now_ns)
+    def watch(self, now_ns: int) -> None:
+        """A watchdog bites."""
         for cut in self.links():
             bites = cut.gone(now_ns) and cut.fault.kind == "cut"
             if bites and now_ns - cut.since_ns >= WATCHDOG_NS and id(cut) not in self._bitten:
@@ -225,7 +228,7 @@ class ArmWire(Wire):
         self._model.stop_l(PROGRAM_END_MPS2, now_ns)
 
     def _reach(self, now_ns: int) -> None:
-        self.flush(now_ns)
+        self.watch(now_ns)
         if self.gone(now_ns):
             raise LinkLost(
                 "link to the arm lost: the arm controller sends no data any more",
@@ -238,33 +241,13 @@ class ArmWire(Wire):
         if self.clock is not None:
             now_ns = max(now_ns, self.clock.now_ns)
         self._reach(now_ns)
-        kind = self.taken(what, now_ns)
-        held = self.slow(now_ns) or kind == "late"
-        if held or kind == "repeated":
-            self._due.append((now_ns + BEHIND_NS, name, words))
-        if kind == "half done":
-            self._half(name, words, now_ns)
-        elif kind != "lost" and not held:
-            return getattr(self._model, name)(*words, now_ns) is not False
-        return True
-
-    def _half(self, name: str, words: tuple[Any, ...], now_ns: int) -> None:
-        """A move ends half-way, a stop at half the speed."""
-        if name == "move_l":
-            here = self._model.position(now_ns)
-            half = tuple(0.5 * (a + b) for a, b in zip(here, words[0], strict=True))
-            self._model.move_l(half, *words[1:], now_ns)
-        elif name == "stop_l":
-            x, y, z = self._model.velocity(now_ns)
-            self._model.speed_l((0.5 * x, 0.5 * y, 0.5 * z), 0.0, words[0], now_ns)
+        return self.taken(what, now_ns) or getattr(self._model, name)(*words, now_ns) is not False
 
     def _said(self, lie: Struck, sample: ArmSample, now_ns: int) -> ArmSample:
         (name, _, axis), kind = lie.fault.what.partition(" "), lie.fault.kind
         true = getattr(sample, name)
         if kind == "frozen":
             value = self._kept.setdefault(id(lie), true)
-        elif kind == "late":
-            value = getattr(self._past.behind(), name)
         elif kind == "missing":
             value = NOTHING[name]
         elif kind == "flickers":
@@ -291,7 +274,6 @@ class PadWire(Wire):
     def __init__(self) -> None:
         super().__init__()
         self._usb: Any = None
-        self._past: Past[bytes] = Past()
         self._kept: dict[int, Codes] = {}
         self._board: Any = None
 
@@ -318,11 +300,8 @@ class PadWire(Wire):
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
         transfer: Transfer | None = self._usb.bulk_read(size, now_ns)
-        if self.slow(now_ns):
-            self._board.silence(now_ns + SLOW_FRAME_NS)
         if transfer is None:
             return None
-        self._past.add(now_ns, transfer.data)
         words = None
         for lie in self.lies(now_ns):
             words = coded(transfer.data) if words is None else words
@@ -353,8 +332,6 @@ class PadWire(Wire):
         true = out[cells, column]
         if kind == "frozen":
             true = self._kept.setdefault(id(lie), true.copy())
-        elif kind == "late":
-            true = coded(self._past.behind())[cells, column]
         else:
             codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
             if kind == "drifts":
@@ -373,7 +350,6 @@ class FailingDetector(Wire):
         super().__init__()
         self._inner = inner
         self._clock = clock
-        self._kept: NDArray[np.float64] | None = None
         self.name, self.threshold, self.memory = inner.name, inner.threshold, inner.memory
 
     def reset(self) -> None:
@@ -391,11 +367,8 @@ class FailingDetector(Wire):
             raise MemoryError("no room for a window")
         if kind == "late":
             self._clock.sleep_until_ns(self._clock.now_ns + 120_000_000)
-        if kind == "frozen":
-            self._kept = answer.copy() if self._kept is None else self._kept
-            return self._kept
         wrong_answers = {
-            "not a number": np.full_like(answer, np.nan), "wrong shape": answer[:, None],
+            "not a number": np.full_like(answer, np.nan),
             "hears nothing": np.zeros_like(answer), "hears slip": np.ones_like(answer),
         }  # fmt: skip
         return wrong_answers.get(kind, answer)

@@ -35,7 +35,6 @@ class Left(msgspec.Struct, frozen=True):
 
     looks: int = 0
     object: str = "not observed"
-    lifted_m: float = 0.0
     let_go_m: float = 0.0  # height at which the hand lost it; 0: not, or on the table
     slid_m: float = 0.0  # in the hand, in the air
     peak_n: float = 0.0
@@ -95,7 +94,7 @@ def left(looks: list[Look], ended: int) -> Left:
     near = [one.at_s for one in looks if one.at_s >= since_s]
     gap_s = max((after - before for before, after in pairwise(near)), default=0.0)
     return Left(
-        len(looks), _object(truths[-1]), max(t.height_m for t in truths), let_go_m, slid_m,
+        len(looks), _object(truths[-1]), let_go_m, slid_m,
         max(max(t.peak_n) for t in truths), max(one.arm_mps for one in later),
         max(one.fingers_mps for one in later), len(later), max(truths[-1].normal_n),
         looks[-1].travel_m < OPEN_M, gap_s,
