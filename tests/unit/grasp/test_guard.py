@@ -42,6 +42,14 @@ def test_no_force_above_the_limit_is_admitted(asked_n: float) -> None:
     assert moved.force_n == min(asked_n, 10.0)
 
 
+def test_first_stage_of_a_closing_stays_one() -> None:
+    for more in (False, True):
+        asked = msgspec.structs.replace(close(), more=more)
+        admitted = guard().admit(asked, gripper(), NO_FORCE)
+        assert isinstance(admitted, CloseFast)
+        assert admitted.more is more
+
+
 def test_calibration_that_cannot_keep_the_limit_is_refused_with_the_remedy() -> None:
     with pytest.raises(ConfigError) as caught:
         ForceGuard(GuardSettings(), least_force_n=15.0, stiffness=RIGID)

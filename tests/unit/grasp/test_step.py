@@ -343,6 +343,20 @@ def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measur
     assert result.observation.overloaded
 
 
+def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
+    b, states = Bench(Told(Phase.LIFT, CLOSE)), list[GripperState]()
+    admit = b.gate.admit
+
+    def noted(command: GripperCommand, state: GripperState, measured_n: Vector3) -> GripperCommand:
+        states.append(state)
+        return admit(command, state, measured_n)
+
+    monkeypatch.setattr(b.gate, "admit", noted)
+    given = told(frame(-1))
+    b.step.decide(given)
+    assert states == [given.gripper]
+
+
 @pytest.mark.parametrize("command", [RISE, StopArm(2.0)])
 def test_arm_commands_pass_as_they_are(command: Command) -> None:
     b = Bench()

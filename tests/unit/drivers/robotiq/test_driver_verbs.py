@@ -32,6 +32,17 @@ def test_state_tells_the_bytes_that_were_written_and_when_they_were_acknowledged
     assert (made.frames[-1], made.written_ns[-1]) == ("0904" + short, made.state.written_ns)
 
 
+def test_fingers_that_are_not_told_to_close_get_the_least_force(rig) -> None:
+    made = rig()
+    made.step(5)
+    made.driver.close_fast(60.0, THUMB, (255, 255, 255), FAST)
+    made.step()
+    registers = bytes.fromhex(made.state.written)[-13:]  # target, speed and force of A, B and C
+    a, b, c = (registers[i] for i in (2, 5, 8))
+    assert a > 0
+    assert (b, c) == (0, 0)
+
+
 # Start and activation
 
 
