@@ -100,6 +100,7 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
 def test_a_refusal_comes_back_to_the_caller(serve, connect) -> None:
     with connect(serve()).threaded() as gripper, pytest.raises(Refused):
         gripper.move_to((60, 60, 60), FAST, 1.0)
+        until(lambda: gripper.pump(0))  # a verb that met an exchange is refused after it
 
 
 def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
