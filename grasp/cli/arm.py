@@ -1,23 +1,22 @@
-"""`grasp arm`: the arm alone, looked at, moved by one short slow step, or stopped."""
+"""`grasp arm`: the arm alone, moved by one short slow step, or stopped. `grasp status`: what the
+gripper or the arm reports."""
 
 import argparse
 from typing import Any
 
 from grasp import interruption
-from grasp.cli import exits
+from grasp.cli import exits, gripper
 from grasp.cli.lab import add_verb, lab_config, leave_to_move, say, tell, tell_slow, will
 from grasp.cli.options import decimal
 from grasp.cli.output import json_line
 from grasp.cli.parser import group
 
-HELP = "look at a lab's arm, move it by one slow step, stop it"
+HELP = "move a lab's arm by one slow step, stop it"
 PLAN = "10 mm/s in a straight line"
 
 
 def add_parser(verbs: Any) -> None:
     actions = group(verbs, "arm", HELP)
-    text = "modes, joints, tool, and what stands against a run; moves nothing"
-    add_verb(actions, "status", status, text, moves=False)
     text = f"one step of at most 5 mm in the base frame, at {PLAN}"
     step = add_verb(actions, "step", step_arm, text)
     for axis in "xyz":
@@ -32,7 +31,18 @@ def add_parser(verbs: Any) -> None:
     add_verb(actions, "stop", stop_arm, text)
 
 
+def add_status(verbs: Any) -> None:
+    text = "what a lab's gripper or arm reports, and what stands against a run; moves nothing"
+    parser = add_verb(verbs, "status", status, text, moves=False)
+    parser.option("device", "", choices=("gripper", "arm"))
+
+
 def status(args: argparse.Namespace) -> int:
+    return gripper.status(args) if args.device == "gripper" else arm_status(args)
+
+
+def arm_status(args: argparse.Namespace) -> int:
+    """Modes, joints, tool, and what stands against a run."""
     from drivers.ur.link.look import lines, look
     from scenarios.rigs.device_checks import arm_checks
     from scenarios.rigs.permission import arm_address

@@ -25,9 +25,12 @@ EXAMPLES = {
         "grasp report runs/20260102-101500-lift-can",
         "grasp report runs/campaigns/paper.sqlite",
         "grasp report scores.json",
-        "grasp report runs/20260102-101500-lift-can --to svg",
-        "grasp report runs/campaigns/paper.sqlite --out paper.csv",
     ),
+    "export": (
+        "grasp export runs/20260102-101500-lift-can --to svg",
+        "grasp export runs/campaigns/paper.sqlite --out paper.csv",
+    ),
+    "status": ("grasp status gripper --config lab.toml", "grasp status arm --config lab.toml"),
     "runs": ("grasp runs", "grasp runs runs/campaigns/paper.sqlite"),
     "config": (
         "grasp config object --object ball",

@@ -1,4 +1,4 @@
-"""`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps; `grasp
+"""`grasp gripper`: the hand alone, activated, and moved slowly in finite steps; `grasp
 release`: a hand that was left closed, opened so."""
 
 import argparse
@@ -24,7 +24,7 @@ from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
 from grasp.cli.parser import Parser, group
 
-HELP = "look at a lab's gripper, activate it, move it slowly"
+HELP = "activate a lab's gripper, move it slowly"
 SLOW = "slowly, at its least force"
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: it is active"
@@ -35,7 +35,6 @@ OPEN = (0, 0, 0)
 
 def add_parser(verbs: Any) -> None:
     actions = group(verbs, "gripper", HELP)
-    add_verb(actions, "status", status, "every register in words; moves nothing", moves=False)
     active = add_verb(
         actions, "activate", activate,
         "make the hand ready, which opens and closes it fully; one that is active in another mode "
@@ -71,6 +70,7 @@ def _add_finger(parser: Parser, default: str) -> None:
 
 
 def status(args: argparse.Namespace) -> int:
+    """`grasp status gripper`."""
     from drivers.robotiq.protocol import FAULTS, TO_BASIC, other_than_basic
     from drivers.robotiq.words import doubts, lines
     from scenarios.rigs.device_checks import STRANGE

@@ -22,6 +22,7 @@ from grasp.cli import (
     emulate,
     examples,
     exits,
+    export,
     gripper,
     replay,
     report,
@@ -34,14 +35,14 @@ from grasp.cli.parser import EXAMPLES, Parser, RootParser
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
 VERBS = (
-    run, campaign, replay, runs, report, dataset, detector, tactile, config, doctor, gripper, arm,
-    calibrate, emulate,
+    run, campaign, replay, runs, report, export, dataset, detector, tactile, config, doctor,
+    gripper, arm, calibrate, emulate,
 )  # fmt: skip
 GROUPS = {
-    "try": ("run", "replay", "runs", "report"),
+    "try": ("run", "replay", "runs", "report", "export"),
     "measure": ("campaign", "dataset", "detector"),
     "a lab's devices": (
-        "doctor", "gripper", "arm", "tactile", "calibrate", "release", "emulate",
+        "doctor", "status", "gripper", "arm", "tactile", "calibrate", "release", "emulate",
     ),
     "set up": ("config",),
 }  # fmt: skip
@@ -70,6 +71,7 @@ def build_parser() -> Parser:
     for verb in VERBS:
         verb.add_parser(verbs)
     gripper.add_release(verbs)
+    arm.add_status(verbs)
     for name, lines in examples.EXAMPLES.items():
         _leaf(parser, name).epilog = EXAMPLES + "\n".join(f"  {line}" for line in lines)
     return parser

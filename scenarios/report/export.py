@@ -1,4 +1,4 @@
-"""A recorded trial as a table for other programs: `grasp report RUN --to csv`."""
+"""A recorded trial as a table for other programs: `grasp export RUN --to csv`."""
 
 import csv
 import io

@@ -29,7 +29,7 @@ CLOSED_AND_INACTIVE = (
     "activate`"
 )
 STAYS = (
-    "remove its cause and look again with `grasp gripper status`; if it stays, support what the "
+    "remove its cause and look again with `grasp status gripper`; if it stays, support what the "
     "hand holds, `grasp release`, then `grasp gripper activate`"
 )
 

@@ -110,8 +110,8 @@ def _looks(day: Day) -> None:
     day.run("doctor", HOST, f"{HOST}:{PORT}", url)
     day.write()
     day.run("doctor", "--rig", "hardware", *LAB, code=3)
-    day.run("gripper", "status", *LAB)
-    day.run("arm", "status", *LAB)
+    day.run("status", "gripper", *LAB)
+    day.run("status", "arm", *LAB)
 
     def presses(question: str) -> None:
         for pad in ("A 2", "C 5"):

@@ -93,13 +93,13 @@ def test_arm_steps_by_what_was_asked_and_needs_no_address_of_a_gripper(lab: Lab)
     alone = sets((host, "ur.watchdog_hz=1", "ur.heartbeat_timeout_s=2", "arm.stale_after_s=1"))
     back = grasp("arm", "step", "--z", "-3", *HARDWARE, *alone, *CONFIRMED)
     assert back.code == 0, back
-    assert "safety mode 1: normal" in lab.grasp("arm", "status").out
+    assert "safety mode 1: normal" in lab.grasp("status", "arm").out
 
 
 def test_arm_on_which_a_program_runs_is_not_moved_and_the_program_can_be_ended(lab: Lab) -> None:
     with socket.create_connection((lab.config.ur.host, 30003), PATIENCE_S) as peer:
         peer.sendall(b"def theirs():\n while True:\n  sleep(0.1)\n end\nend\n")
-    until(lambda: "program: runs" in lab.grasp("arm", "status").out)
+    until(lambda: "program: runs" in lab.grasp("status", "arm").out)
     soon = sets(("ur.step_timeout_s=0.5",))  # that a program may still end by itself
     told = lab.grasp("doctor", *HARDWARE, *soon)
     assert told.code == 3
@@ -123,7 +123,7 @@ def test_arm_whose_speed_slider_is_low_is_refused(lab: Lab) -> None:
         (recipe,) = rtde.ask(b"I", b"speed_slider_mask,speed_slider_fraction")[:1]
         rtde.ask(b"S", b"")
         rtde.tell(b"U", struct.pack(">BId", recipe, 1, 0.6))
-        until(lambda: "speed slider: 60 %" in lab.grasp("arm", "status").out)
+        until(lambda: "speed slider: 60 %" in lab.grasp("status", "arm").out)
 
 
 def test_arm_that_somebody_drives_is_stopped_without_asking_them(lab: Lab) -> None:
@@ -157,7 +157,7 @@ def test_hand_is_activated_only_by_whoever_says_that_it_is_empty(lab: Lab) -> No
     assert not lab.hand.active
     assert "active, fingers at (6, 6, 6)" in lab.done("gripper", "activate", "--empty")
     assert "already" in lab.done("gripper", "activate", "--empty")
-    told = lab.grasp("gripper", "status").out
+    told = lab.grasp("status", "gripper").out
     assert all(name in told for name in ("gACT 1", "gIMC 3: ready", "finger C: at 6"))
 
 

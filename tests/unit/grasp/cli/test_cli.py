@@ -72,7 +72,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
     assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("report", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
+        assert call("export", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
 
 
 def test_safety_stop_exits_with_4_and_reports_the_result_too(
@@ -192,7 +192,7 @@ def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_
     assert json.loads((folder / "result.json").read_text())["success"] is True
     assert "held_within_6cm" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("report", str(folder), "--to", "svg", capsys=capsys)[0] == 0
+        assert call("export", str(folder), "--to", "svg", capsys=capsys)[0] == 0
         assert (folder / "run.svg").read_text().startswith("<?xml")
     (tmp_path / "damaged").mkdir()
     damaged = tmp_path / "damaged" / "result.json"

@@ -29,9 +29,9 @@ RELEASE = ("release --rig hardware --confirm-motion", 3, f"the gripper at {NOBOD
 COMMANDS = [
     ("arm stop --help", 0, ""),
     STOP,
-    ("arm status", 3, f"arm at {NOBODY}"),
+    ("status arm", 3, f"arm at {NOBODY}"),
     ("arm step --z 1 --confirm-motion", 3, f"arm at {NOBODY}"),
-    ("gripper status", 3, f"the gripper at {NOBODY}:9"),
+    ("status gripper", 3, f"the gripper at {NOBODY}:9"),
     ("release --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
     ("gripper activate --empty --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
     ("gripper close --confirm-motion", 3, NOBODY),

@@ -103,7 +103,7 @@ def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(
     with pytest.raises(BadFile):
         run(SPEC, copy, Workers(0), resume=True, work=judged)
     assert copy.read_bytes() == before
-    for words in (["runs"], ["report", "--to", "csv"]):
+    for words in (["runs"], ["export"]):
         assert main([*words, str(copy)]) == 2
         out, err = capsys.readouterr()
         assert out == "" and named in err

@@ -78,8 +78,8 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
             yield from (((name, *rest), leaf) for rest, leaf in verbs(sub))
 
 
-GRIPPER = ("status", "activate", "close", "step")
-ARM = ("status", "step", "stop")
+GRIPPER = ("activate", "close", "step")
+ARM = ("step", "stop")
 TACTILE = ("watch",)
 CALIBRATE = {
     "force": ["--out", "f.toml"], "hand": ["--out", "f.toml", "--up-to", "16"],
@@ -177,12 +177,12 @@ def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
 WITH_A_RIG = {
     ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [],
     ("release",): [], ("doctor",): [],
-    **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
+    **{("gripper", name): [] for name in GRIPPER}, ("status",): ["arm"],
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
     **{("calibrate", name): more for name, more in CALIBRATE.items()},
 }  # fmt: skip
 LOOKS = {  # nobody answers
-    ("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop"),
+    ("doctor",), ("status",), ("arm", "stop"),
     *(("tactile", name) for name in TACTILE),
 }  # fmt: skip
 
