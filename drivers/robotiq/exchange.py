@@ -100,8 +100,9 @@ class Exchange:
 
     That register has rICF too, which no status shows: without it all fingers obey finger A's
     target and force. So a status that shows what was not written here, as another client has
-    written it, is answered by the whole image; and so is a finger that begins to move though it was
-    told nothing, for no status shows a force either.
+    written it, is answered by the whole image; and so is a finger that begins to move without a
+    command. No status shows speed or force, so all other registers are written again at each
+    refresh while a finger moves.
     """
 
     def __init__(
@@ -118,6 +119,7 @@ class Exchange:
         self._image: Registers | None = None
         self._written: Registers | None = None
         self._written_ns: int | None = None
+        self._repeated_ns = 0
         self._read_ns = -self._refresh_ns
         self._told: CommandRegisters | None = None  # what was written last, while it is wanted
         self._shown: tuple[int, ...] = (-1,) * 4  # by the status: rGTO and targets
@@ -196,6 +198,8 @@ class Exchange:
             again = status is not None and self._prove(status, now_ns)
             if again and not self.lost and self._due(now_ns):
                 self._write(now_ns)
+            elif status is not None:
+                self._repeat_in_motion(status, now_ns)
         except LinkLost:
             self.link_losses += not self.lost
             self.lost, self._proven, self._head = True, False, None
@@ -238,6 +242,19 @@ class Exchange:
         self._edge = self._proven and wanted.go_to and self._shown[1:] != self._asked()[1:]
         self._proven, self._untold = False, True
         self._written, self._written_ns = image, now_ns
+
+    def _repeat_in_motion(self, status: StatusRegisters, now_ns: int) -> None:
+        """Write the same image again at each refresh while a finger moves: nothing else takes back
+        speed and force that another client set. The hand takes no equal image for a new
+        request."""
+        told, image = self._told, self._image
+        if told is None or not told.go_to or image is None or image != self._written or self.lost:
+            return
+        if all(self._stood) or not status.active or image[0] != self._head or self._whole:
+            return
+        if now_ns - max(self._repeated_ns, self.told_ns) >= self._refresh_ns:
+            self._transport.write(self._link.command_register + 1, image[1:], now_ns)
+            self._repeated_ns = now_ns
 
     def _read(self, now_ns: int) -> StatusRegisters | None:
         registers = self._transport.read(self._link.status_register, REGISTERS, now_ns)

@@ -57,7 +57,10 @@ class _Acknowledged:
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         self._inner.write(first_register, registers, now_ns)
-        self.written = "".join(f"{register:04x}" for register in registers)
+        words = "".join(f"{register:04x}" for register in registers)
+        if first_register and self.written.endswith(words):
+            return  # the same registers again
+        self.written = words
         self.written_ns = now_ns if self._clock is None else self._clock()
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:

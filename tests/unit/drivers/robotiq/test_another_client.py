@@ -42,7 +42,7 @@ def test_what_another_client_writes_is_told_with_its_values_and_written_over_who
     made.transport.write = lambda first, *rest: (firsts.append(first), write(first, *rest))
     assert told(made, another) == said
     made.settle()
-    assert firsts == [0] and made.written[-1] == ours
+    assert firsts[0] == 0 and made.written[-1] == ours
     assert made.state.fresh
     assert max(made.peak_n) < most_n + OVERSHOOT_N
 
@@ -112,3 +112,19 @@ def test_a_hand_that_another_client_has_change_its_mode_is_not_told_to_move(rig)
     with pytest.raises(DeviceFault, match="in mode 1, and was taken over in mode 0"):
         made.step(500)
     assert len(made.written) == written
+
+
+@pytest.mark.parametrize("late_ms", range(0, 60, 12))
+def test_force_and_speed_that_no_status_shows_are_written_over_while_a_finger_closes(
+    rig, springs, late_ms: int
+) -> None:
+    made = rig(springs=springs([RIGID] * 3, [0.03] * 3))
+    made.driver.move_to((30, 30, 30), FAST, LIMIT_N)
+    made.settle()
+    made.driver.close_fast(LIMIT_N, THUMB, (255, 0, 0), SLOW)
+    made.step(2)
+    made.advance(late_ms)
+    made.model.write(2, (0xFFFF,), made.now_ns)  # speed and force of finger A
+    made.settle()
+    assert made.peak_n[0] > LIMIT_N - OVERSHOOT_N
+    assert made.peak_n[0] < LIMIT_N + 2 * OVERSHOOT_N
