@@ -33,7 +33,7 @@ LOSING = ("<frozen importlib._bootstrap>", typing.__file__)  # files of frames t
 LOOK_S = 0.01  # between two looks whether they have ended
 STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a further one cuts in
 HUNG_NS = 10_000_000_000  # and where nobody looks
-MOST_CUTS = 3  # without a look in between: code that catches an Interruption and goes on
+MOST_CUTS = 3  # consecutive, without progress of the loop: code may catch an Interruption and go on
 RESCUE_S = 40.0  # more than the devices get (loop.abort_s is 30 s at most)
 INTERNAL = 5  # exit code of a bug
 
@@ -45,7 +45,7 @@ _WORDS = {
 
 
 class Interruption(KeyboardInterrupt):
-    """A signal asked for the end. ``cut``: it was raised inside code that did not come back."""
+    """A signal asked the process to end. ``cut``: raised inside code that did not return."""
 
     def __init__(self, number: int, cut: bool = False) -> None:
         super().__init__(number, cut)
@@ -74,7 +74,7 @@ class _Taker:
         # shared with the thread of `guarded`
         self.looks = 0
         self.handled = False  # the main thread has taken the signal that was sent last
-        self.cutting = False  # that signal is to cut in where the loop stands still
+        self.cutting = False  # that signal interrupts a loop that stands still
         self.given_up = False
         self.report: Callable[[Any], int] = lambda failure: INTERNAL
         self.last_acts: list[Callable[[], object]] = []
@@ -144,10 +144,9 @@ _taker: _Taker | None = None
 
 @contextmanager
 def taken(report: Callable[[Any], int] = lambda failure: INTERNAL) -> Iterator[None]:
-    """Take the signals, but those that whoever started us had ignored; give them back after.
+    """Handle the signals, except those that the parent process ignores; restore them at the end.
 
-    ``report``: says what ``guarded`` returned for a main thread that was given up; returns the
-    exit code."""
+    ``report``: prints the result of ``guarded``'s rescue, and returns the exit code."""
     global _taker  # noqa: PLW0603  (signals are the process's)
     if threading.current_thread() is not threading.main_thread() or _taker is not None:
         yield
@@ -180,10 +179,11 @@ def watched() -> AbstractContextManager[None]:
 
 @contextmanager
 def guarded(rescue: Callable[[], object]) -> Iterator[None]:
-    """Within, the first signal alone ends a ``watched`` loop that stands still for a second.
+    """Within, one signal ends a ``watched`` loop that has stood still for a second.
 
-    An Interruption is raised in it. Native code holds that up: then ``rescue`` runs in another
-    thread, then each act of ``lastly``; its result is reported, and the process ends."""
+    The loop gets an Interruption. Native code can block that exception. Then another thread runs
+    ``rescue``, then each act of ``lastly``, reports the result of ``rescue``, and ends the process.
+    """
     taker = _here()
     if taker is None:
         yield
@@ -203,8 +203,8 @@ def guarded(rescue: Callable[[], object]) -> Iterator[None]:
 
 
 def _guard(taker: _Taker, wakes: socket.socket, rescue: Callable[[], object]) -> None:
-    """Thread. Counts its own waits and reads no clock: a computer that stood still, this thread
-    with it, is no loop that stands still."""
+    """Body of the guard thread. It counts its own waits instead of reading a clock: a suspended
+    computer must not look like a loop that stands still."""
     number, looks, waits, cuts = taker.asked, -1, 0, 0
     while True:
         if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
@@ -226,7 +226,7 @@ def _guard(taker: _Taker, wakes: socket.socket, rescue: Callable[[], object]) ->
 
 
 def _strike(number: int) -> None:
-    """Send a signal to the main thread, so that a system call that it waits in returns."""
+    """Send a signal to the main thread, so that a blocking system call returns."""
     ident = threading.main_thread().ident
     assert ident is not None  # noqa: S101
     signal.pthread_kill(ident, number)
@@ -249,7 +249,7 @@ def _end_process(taker: _Taker, rescue: Callable[[], object]) -> NoReturn:
 
 @contextmanager
 def lastly(act: Callable[[], object]) -> Iterator[None]:
-    """Within, ``act`` is done before ``guarded`` ends the process, which runs no `finally`."""
+    """Within, ``guarded`` runs ``act`` before it ends the process, which runs no `finally`."""
     taker = _here()
     if taker is not None:
         taker.last_acts.append(act)

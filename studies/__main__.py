@@ -31,7 +31,9 @@ def main(words: list[str]) -> int:
         print(f"{error.message}; {error.remedy}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted: stored rows are kept, the same command goes on", file=sys.stderr)
+        print(
+            "interrupted: stored rows are kept; run the same command to continue", file=sys.stderr
+        )
         return 130
 
 

@@ -1,4 +1,4 @@
-"""Detection latency: how long after its label's rise each slip is registered.
+"""Detection latency: delay from the rise of a slip's label to its registration.
 
 The paper counts samples until its network with its rule registers slip: 113 ms on average, 134 ms
 with computing (Grover et al. 2022, section V-B).
@@ -86,7 +86,7 @@ def table(rows: Sequence[Row]) -> str:
     of_all = [quantiles(each) for each in delays]
     names = {"detector": [f"`{row.detector}`, {row.label}" for row in rows]}
     late = markdown(names | {
-        "mean of those caught, ms": [f"{mean_caught(each):.0f}" for each in delays],
+        "mean of detected, ms": [f"{mean_caught(each):.0f}" for each in delays],
         "p50, ms": [None if q is None else f"{q.p50:.0f}" for q in of_all],
         "p90, ms": [None if q is None else f"{q.p90:.0f}" for q in of_all],
         "p99, ms": [None if q is None else f"{q.p99:.0f}" for q in of_all],
@@ -107,7 +107,7 @@ def mean_caught(delays_ms: Any) -> float:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Histogram of delays, and share of slips registered by then."""
+    """Histogram of delays, and cumulative share of slips registered."""
     histogram, share = figure.subplots(1, 2)
     edges = np.arange(-2 * BIN_MS, SHOWN_MS + BIN_MS, BIN_MS) - BIN_MS / 2
     for row in rows:

@@ -1,6 +1,6 @@
 """Delay against false events of every decision rule, and accuracy against the cost of an update.
 
-Run with `--jobs 1` where the cost matters: workers beside one another slow each other down.
+Measure cost with `--jobs 1`: parallel workers slow each other down.
 """
 
 import argparse
@@ -21,9 +21,9 @@ from studies.runner import Study, add_data, markdown
 PAPER_DELAY_MS, PAPER_ACCURACY, PAPER_COMPUTE_US = 134.0, 0.913, 21_000.0
 PAPER_FALSE_PER_MIN = 100.0  # estimate: 7.6 % of static samples, three fingers, two in a row
 HUMAN_MS, HUMAN_DEVIATION_MS = 74.0, 9.0  # Johansson and Westling 1987
-SHOWN_MS = 300.0  # later delays and misses are drawn above, one line a detector
+SHOWN_MS = 300.0  # the chart shows later delays and misses above this, one line per detector
 LINE_MS = 9.0
-LEAST_PER_MIN = 0.1  # zero has no place on a logarithmic axis
+LEAST_PER_MIN = 0.1  # stands for zero on the logarithmic axis
 BUDGET_PER_MIN = 1.0
 
 
@@ -36,8 +36,8 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One detector; ``points``: false events a minute of a hand, and the least median and 90 %
-    delay in ms, infinite where missed."""
+    """One detector. ``points``: false events a minute of a hand, and the least median and 90 %
+    delay, ms; infinite if missed."""
 
     detector: str
     accuracy: float
@@ -108,7 +108,7 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
 
 
 def shown_ms(delay_ms: float, line: int) -> float:
-    """Height of a delay in the chart; what is later than the axis has its detector's line."""
+    """Height of a delay in the chart; delays beyond the axis get the line of their detector."""
     return delay_ms if delay_ms <= SHOWN_MS else SHOWN_MS + LINE_MS * (line + 1)
 
 

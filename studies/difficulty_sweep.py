@@ -1,11 +1,11 @@
-"""How much harder a lift may become before it fails: eight axes, each moved alone.
+"""Operating envelope of the lift: success over eight difficulty axes, each varied alone.
 
-The bound of an axis is what the force limit F can hold by sliding friction: the thumb at F and the
-two opposing fingers at F in all carry 2 mu F, so m (g + a) + pull <= 2 mu F. It ignores time. The
-success rate is the non-increasing one that fits the trials best (isotonic regression), linear
-between values. The interval of a fall below a level holds every gap in which it may be by
-likelihood ratio (Banerjee and Wellner 2001, with the wider bound of the chi-square distribution).
-Lifts that never slip test nothing and are counted apart.
+The bound of an axis is the load that sliding friction carries at the force limit F. The thumb at F
+and the two opposing fingers at F together carry 2 mu F, so m (g + a) + pull <= 2 mu F. The bound
+ignores time. The success rate is the isotonic regression of the trials, linear between values. The
+interval of a crossing of a level contains every gap that the likelihood ratio allows (Banerjee and
+Wellner 2001, with the wider bound of the chi-square distribution). Lifts that never slip do not
+test the response and are counted separately.
 """
 
 import argparse
@@ -42,7 +42,7 @@ class Axis(NamedTuple):
     sign: int = 1  # -1: lower is harder
 
     def share(self, config: RunConfig, value: float) -> float:
-        """Of the bound: 1 at the bound, less where it is easier."""
+        """Share of the bound: 1 at the bound, less where the lift is easier."""
         return (value / self.bound(config)) ** self.sign
 
 
@@ -127,7 +127,7 @@ AXES = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One lift. ``at``: value and share of the bound on each axis of which it is a point."""
+    """One lift. ``at``: its value and share of the bound on each axis."""
 
     config: LiftConfig
     seed: int
@@ -178,7 +178,7 @@ Fall = tuple[float | None, float | None, float | None]  # value, interval; None:
 
 
 def fall(hard: Sequence[float], held: Sequence[bool], level: float) -> Fall:
-    """Along how hard each trial was, from whether it was held."""
+    """Levels of success over the difficulty of the trials, from held or not."""
     x, which = np.unique(np.asarray(hard, float), return_inverse=True)
     won, n = np.zeros(len(x)), np.zeros(len(x))
     np.add.at(won, which, np.asarray(held, float))
@@ -281,7 +281,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """A panel an axis: success with 95 % intervals; the bound over the objects as a band."""
+    """One panel per axis: success with 95 % intervals; a band is the bound over the objects."""
     lines = _lines(rows)
     panels = figure.subplots(-(-len(lines) // 4), min(4, len(lines)), sharey=True, squeeze=False)
     for panel, (axis, line) in zip(panels.flat, lines.items(), strict=False):
@@ -297,5 +297,5 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
             panel.invert_xaxis()  # harder to the right
 
 
-STUDY = Study("how much harder lifts may become before they fail, on eight axes", grid, trial,
+STUDY = Study("operating envelope of the lift on eight difficulty axes", grid, trial,
               Row, table, chart, options, (16.0, 7.5))  # fmt: skip

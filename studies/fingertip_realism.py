@@ -1,13 +1,13 @@
-"""Can one tell simulated fingertips from a real recording? A classifier tries.
+"""Two-sample test of simulated fingertips against a real recording, by a classifier.
 
-It sees short windows within pauses, or within strokes. Each taxel's level is removed and taxels are
-ordered by their liveliness: only how the signal moves counts. The classifier is a ridge on random
-convolutions (Dempster, Petitjean and Webb 2020, ROCKET): largest value and share above zero of
-each. What is tested was not trained on: the real side is split by stroke or pause, the simulated by
-recording.
+The classifier gets short windows within pauses, or within strokes. Each taxel's mean is removed and
+taxels are ordered by their activity, so only the motion of the signal counts. It is a ridge
+regression on random convolutions (Dempster, Petitjean and Webb 2020, ROCKET): the maximum and the
+share above zero of each. Cross-validation splits the real windows by stroke or pause, the simulated
+ones by recording.
 
-One recording differs from others even if all come from one simulation. So the same is done with
-simulated pieces in its place, the control: the AUC counts by its rank among those.
+Even simulated recordings differ from one another. As a control, simulated recordings take the real
+one's place; the rank of the AUC among those controls is the result.
 """
 
 import argparse
@@ -30,10 +30,10 @@ from grasp.cli.parser import Parser
 from studies.runner import Study, add_data, markdown
 
 PIECE_SAMPLES = 416  # of a data set's recordings: the length of the authors' clip, 4.2 s
-LEAST_RUN = {"rest": 12, "slip": 15}  # samples; a shorter run of a label is no pause, no stroke
+LEAST_RUN = {"rest": 12, "slip": 15}  # samples; the least length of a pause or a stroke
 WINDOW, HOP = {"rest": 16, "slip": 40}, {"rest": 4, "slip": 5}  # samples
-EDGE = 2  # samples off both ends of a stroke or pause
-LIVELY = 3  # taxels that the convolutions look at
+EDGE = 2  # samples removed at both ends of a stroke or pause
+LIVELY = 3  # input taxels of the convolutions
 KERNELS, KERNEL_SAMPLES = 200, 7
 PENALTIES = (1.0, 30.0, 1000.0)  # of the ridge
 RESAMPLES, CONTROLS, MOST_WINDOWS, LEAST_WINDOWS = 400, 12, 600, 8
@@ -43,7 +43,7 @@ Bools = NDArray[np.bool_]
 
 
 class Task(msgspec.Struct, frozen=True):
-    """A state of one part of a data set, against the recording."""
+    """One state (pause or stroke) of one part of a data set, compared with the recording."""
 
     recording: str
     data: str
@@ -53,8 +53,8 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """How well the classifier tells the two apart: AUC and its 95 % interval. NaN: too few
-    strokes, pauses or recordings."""
+    """How well the classifier separates real from simulated: AUC and its 95 % interval. NaN:
+    too few strokes, pauses or recordings."""
 
     part: str
     state: str
@@ -63,11 +63,11 @@ class Row(msgspec.Struct, frozen=True):
     high: float = np.nan
     real_windows: int = 0
     simulated_windows: int = 0
-    control: tuple[float, ...] = ()  # AUC of simulated pieces in the recording's place, rising
+    control: tuple[float, ...] = ()  # AUC of the simulated controls, ascending
 
     @property
     def rank(self) -> float | None:
-        """Percent of the control that is told apart less well; ties count half."""
+        """Percentage of controls with a lower AUC; ties count half."""
         if not self.control:
             return None
         below = sum(0.5 * (c == self.auc) + (c < self.auc) for c in self.control)
@@ -103,7 +103,7 @@ def windows_of(counts: NDArray[Any], slip: Bools, state: str) -> Windows:
 
 
 def _posed(window: Floats) -> Floats:
-    """Level removed, the liveliest taxel first."""
+    """Windows without their mean, the most active taxel first."""
     level = window - window.mean(axis=0)
     out: Floats = level[:, np.argsort(-np.diff(level, axis=0).std(axis=0), kind="stable")]
     return out
@@ -184,7 +184,7 @@ def contest(real: Windows, simulated: Windows, seed: int) -> list[Fold]:
 
 
 def interval(folds: Sequence[Fold], rng: np.random.Generator) -> tuple[float, float]:
-    """95 %: folds and recordings drawn anew."""
+    """95 % interval: bootstrap over folds and recordings."""
     means = []
     for _ in range(RESAMPLES):
         drawn = []
@@ -199,7 +199,7 @@ def interval(folds: Sequence[Fold], rng: np.random.Generator) -> tuple[float, fl
 
 
 def tell_apart(clip: Windows, pieces: Sequence[tuple[int, Windows]], task: Task) -> Row:
-    """The recording's windows against those of a data set's pieces, each of a recording."""
+    """Classify the recording's windows against windows of a data set, one piece per recording."""
     rng = np.random.default_rng([task.seed, 0])
     each = max(1, MOST_WINDOWS // max(1, len({source for source, _ in pieces})))
     of: dict[int, list[Floats]] = {}
@@ -261,7 +261,10 @@ def grid(args: argparse.Namespace) -> list[Task]:
     for folder in map(str, args.data):
         for part, recordings in sorted(strokes_by_part(folder).items()):
             if any(r.counts.shape[2] != taxels for r in recordings):
-                raise UsageError(f"{folder}: fingertips of another layout", f"{taxels} taxels")
+                raise UsageError(
+                    f"{folder}: not all fingertips have {taxels} taxels",
+                    "give sets with the layout of --recording",
+                )
             tasks += [Task(str(args.recording), folder, part, state, args.seed) for state in WINDOW]
     return tasks
 
@@ -269,16 +272,16 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def table(rows: Sequence[Row]) -> str:
     return markdown({
         "part": [r.part or "all" for r in rows], "state": [r.state for r in rows],
-        "AUC (0.5: cannot be told)": [r.auc for r in rows],
+        "AUC (0.5: indistinguishable)": [r.auc for r in rows],
         "95 %": [f"{r.low:.2f} to {r.high:.2f}" for r in rows],
         "windows, real": [r.real_windows for r in rows],
         "simulated": [r.simulated_windows for r in rows],
-        "rank among simulated, %": [r.rank for r in rows],
+        "rank among controls, %": [r.rank for r in rows],
     })  # fmt: skip
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """The recording's AUC with its interval, over those of simulated pieces in its place."""
+    """AUC of the real recording with its interval, and the AUCs of the simulated controls."""
     axes = figure.subplots()
     for y, r in enumerate(rows):
         axes.plot(r.control, [y] * len(r.control), "o", color="#999999", ms=4)
@@ -289,7 +292,7 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
             fmt="s",
             color="#b00020",
         )
-    axes.set(xlabel="AUC; grey: simulated pieces in the recording's place", xlim=(0.3, 1.02))
+    axes.set(xlabel="AUC; grey: simulated controls", xlim=(0.3, 1.02))
     axes.set_yticks(range(len(rows)), [f"{r.part or 'all'}, {r.state}" for r in rows])
     axes.axvline(0.5, color="black", lw=0.5)
 

@@ -1,9 +1,9 @@
-"""Finger positions, in whole counts, that hold an object and are sure to let it slip in the lift.
+"""Search for finger positions, in whole counts, that hold an object but let it slip in the lift.
 
-The paper's lift needs a grasp that keeps contact and is too weak, and calls such grasps challenging
-to find (section V-C): one motor count is 2 to 4 N on a rigid object. Each finger has a position of
-its own (individual mode), which divides that step. All triples near first contact are judged on
-many draws of the variation between trials, by the contact law's balance of forces.
+The paper's lift needs a grasp that keeps contact and is too weak. It calls such grasps challenging
+to find (section V-C): one motor count is 2 to 4 N on a rigid object. Individual finger positions
+give finer steps. The contact law's balance of forces scores all triples near first contact, on many
+draws of the variation between trials.
 """
 
 import argparse
@@ -26,17 +26,17 @@ from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 from studies.runner import PAPER_OBJECTS, Study, markdown
 
-REACH_COUNTS = 4  # searched past first contact
+REACH_COUNTS = 4  # search range beyond first contact
 SHOWN = 5  # of the triples found
 
 
 class Criteria(msgspec.Struct, frozen=True):
     """A grasp that is weak enough; the paper gives no numbers."""
 
-    least_n: float = 0.5  # at the thumb, after the rubber has relaxed
+    least_n: float = 0.5  # at the thumb, after relaxation of the rubber
     most_n: float = 3.0  # at the thumb, at first
     finger_n: float = 0.1  # at both other fingers, at least
-    slip_margin: float = 0.05  # friction carries this share less than the weight
+    slip_margin: float = 0.05  # friction must carry less than the weight by this share
     least_sure: float = 0.99  # share of draws that fail in nothing
     draws: int = 200
 
@@ -60,12 +60,12 @@ class Grip(msgspec.Struct, frozen=True):
     sure: float  # share of draws that fail in nothing
 
     def meets(self, criteria: Criteria) -> bool:
-        """True when it slips in every draw and rarely fails otherwise."""
+        """Whether it slips in every draw and rarely fails another criterion."""
         return self.fails["holds"] == 0.0 and self.sure >= criteria.least_sure
 
 
 class Row(msgspec.Struct, frozen=True):
-    """The object's own positions, the best that were found, and lifts with the first of them."""
+    """The object's configured positions, the best ones found, and lifts with the best one."""
 
     object: str
     present: Grip
@@ -84,7 +84,7 @@ def options(parser: Parser) -> None:
                             metavar="N", help="force at the thumb, N")  # fmt: skip
     parser.add_argument("--draws", type=whole(1, 10_000), default=default.draws, metavar="N")
     parser.add_argument("--verify", type=whole(0, 10_000), default=5, metavar="N",
-                        help="lifts without reaction, each of which must slip")  # fmt: skip
+                        help="lifts without slip response; each must slip")  # fmt: skip
     add_settings(parser)
 
 
@@ -111,7 +111,7 @@ def trial(task: Task) -> Row:
 
 
 def search(config: LiftConfig, criteria: Criteria) -> list[Grip]:
-    """All triples near first contact, best first: fewest draws fail, then middle force."""
+    """All triples near first contact, best first: fewest failing draws, then the middle force."""
     trials = _trials(config, criteria.draws)
     grips = [_judge(config, criteria, counts, trials) for counts in _candidates(config)]
     middle_n = 0.5 * (criteria.least_n + criteria.most_n)
@@ -126,7 +126,7 @@ def search(config: LiftConfig, criteria: Criteria) -> list[Grip]:
 
 
 def present(config: LiftConfig, criteria: Criteria) -> Grip:
-    """The object's own positions."""
+    """The grip at the object's configured positions."""
     trials = _trials(config, criteria.draws)
     return _judge(config, criteria, config.object.grip_counts, trials)
 
@@ -159,8 +159,8 @@ def _trials(config: LiftConfig, draws: int) -> list[Draw]:
 
 
 def _candidates(config: LiftConfig) -> Iterator[Counts3]:
-    """Triples around first contact. B and C are alike, and the object is free along the closing
-    axis, so only one order of the two and triples about its middle are tried."""
+    """Triples around first contact. B and C are alike, so one order of the two is enough. The
+    object is free along the closing axis, so triples about its middle are enough."""
     p = contact.parameters(config.contact, config.object)
     width_m, _ = laws.width_and_slope(p, 0.0)
     first = int((config.contact.half_aperture_m - width_m) / config.hand.m_per_count)
@@ -173,7 +173,7 @@ def _candidates(config: LiftConfig) -> Iterator[Counts3]:
 def _forces(
     config: LiftConfig, counts: Counts3, trials: list[Draw]
 ) -> tuple[Floats, NDArray[np.float64]]:
-    """Normal forces (n, 3), N, at first, and the share (n,) of the weight that friction carries."""
+    """Initial normal forces (n, 3), N, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))
     carried = np.zeros(len(trials))
     for k, one in enumerate(trials):

@@ -1,10 +1,10 @@
-"""Where the control loop would hunt: hold and compensate taking turns, on a reduced loop.
+"""Limit cycles of the control loop (hunting between hold and compensate), on a reduced model.
 
-The hand latches and holds, so its force only rises and cannot oscillate. The status can: closing
-shakes the pads, a detector reports that as slip, and each false slip adds a step of force. Two
-policies that the controller does not have are mapped beside its own: one that loosens the grip
-slowly, and one that regrasps at the force limit. The model has time and force only: no contact,
-and an object that slips below a needed force.
+The hand latches and holds, so its force only rises and cannot oscillate. The slip status can:
+closing shakes the pads, a detector reports that as slip, and each false slip adds a force step.
+The study also maps two policies that the controller does not have. One loosens the grip slowly, the
+other regrasps at the force limit. The model has time and force but no contact: the object slips
+below a needed force.
 """
 
 import argparse
@@ -24,9 +24,9 @@ STEPS_N = (0.5, 2.0, 8.0)
 HOLDS_S = (0.03, 0.1)
 LATENCIES_S = tuple(0.01 * k for k in range(21))
 REFRACTORIES_S = tuple(0.01 * k for k in range(41))
-# of the default controller, drawn as a star
+# of the default controller; a star in the chart
 CLOSING_S = 0.05  # first grasp to the limit on a rigid object, measured on the simulated rig
-TRANSIENT_S = 0.1  # closing reads as slip for so long; assumed, 30-100 ms
+TRANSIENT_S = 0.1  # a closing is detected as slip this long; assumed, 30-100 ms
 DARKEST = 20  # compensations
 TICK_S, REGRASP_S = 0.005, 0.05
 
@@ -36,14 +36,14 @@ class Loop(msgspec.Struct, frozen=True, kw_only=True):
 
     latency_s: float  # command to rise of force
     refractory_s: float  # from one command to the next
-    hold_s: float  # status nominal for so long ends a compensation
+    hold_s: float  # a nominal status this long ends a compensation
     step_n: float  # force added by a command
     detector_s: float = 0.06  # slip to registered slip; assumed, 20-300 ms
     transient_s: float = TRANSIENT_S
-    loosening_nps: float = 0.0  # force given up while holding
+    loosening_nps: float = 0.0  # loss of force while holding
     regrasp: bool = False  # open and close at the limit
     first_n: float = 2.0
-    needed_n: float = 6.0  # with less force the object slips
+    needed_n: float = 6.0  # the object slips below this force
     limit_n: float = 10.0
     horizon_s: float = 6.0
 
@@ -63,7 +63,7 @@ class Row(msgspec.Struct, frozen=True):
 
     task: Task
     compensations: list[list[int]]
-    bound: int | None  # None: the policy gives force back, so there is none
+    bound: int | None  # None: the policy reduces force, so no bound exists
 
     @property
     def most(self) -> int:
@@ -71,13 +71,13 @@ class Row(msgspec.Struct, frozen=True):
 
 
 def bound(loop: Loop) -> int:
-    """Most compensations of a hand that only tightens: the steps from first force to limit, and
-    one in which nothing moves any more."""
+    """Upper bound for a hand that only tightens: the steps from first force to limit, and one more
+    at the limit, without motion."""
     return math.ceil((loop.limit_n - loop.first_n) / loop.step_n) + 1
 
 
 def hunt(loop: Loop) -> int:
-    """Compensations of the loop; one is what a slip needs."""
+    """Number of compensations of the loop; a slip needs one."""
     return int(_hunt(*msgspec.structs.astuple(loop)))
 
 
@@ -195,5 +195,5 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
     figure.colorbar(image, ax=axes, label=f"compensations in 6 s ({DARKEST} and more: dark)")
 
 
-STUDY = Study("where the controller's own closing would trigger the next compensation", grid,
-              trial, Row, table, chart, figure_size=(16.6, 8.1))  # fmt: skip
+STUDY = Study("parameters at which closing would trigger the next compensation", grid, trial,
+               Row, table, chart, figure_size=(16.6, 8.1))  # fmt: skip

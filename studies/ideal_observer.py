@@ -1,9 +1,9 @@
-"""An upper bound of slip detection: a classifier that is told when something happened.
+"""Upper bound of slip detection: a classifier that knows when the event happened.
 
-It is told the time of a tap, or of the first motion in a lift, and asked a while later in which
-class the object moved. It knows all counts since 0.5 s before and the outputs of the networks, and
-is trained on other objects, for each time anew. Its score of a class is the log-likelihood ratio
-to rest: no test of the same signal does better if the classifier is as good as can be.
+It gets the time of a tap, or of the first motion in a lift. After a delay it predicts the class of
+the object's motion. Its inputs are all counts from 0.5 s before the event on, and the outputs of
+the networks. One classifier per delay is trained on other objects. Its score of a class is the
+log-likelihood ratio to rest; with an ideal classifier no test of the same signal does better.
 """
 
 import argparse
@@ -47,13 +47,13 @@ TITLES = {
     "tap": ("within 0.5 mm", "0.5-1 mm", "1-2 mm", "2 mm or more"),
     "lift": ("held", "below 20 mm/s", "20-50 mm/s", "above 50 mm/s"),
 }
-SIMPLE = ("energy", "psd", "psd-fair")  # their output says nothing that counts do not
+SIMPLE = ("energy", "psd", "psd-fair")  # formulas of the counts: their output adds no information
 HELD_MOMENTS = 4  # of a lift in which nothing slips
 MEMBERS, WIDTH, BATCH, EPOCHS, RATE = 3, 96, 256, 30, 3e-3  # of the ensemble's networks
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One kind of event, so long after it."""
+    """One kind of event, and the delay after it."""
 
     kind: str
     time_s: float
@@ -61,10 +61,10 @@ class Task(msgspec.Struct, frozen=True):
     data: str
 
 
-class Told(msgspec.Struct, frozen=True):
-    """How well one class is told from rest."""
+class Separation(msgspec.Struct, frozen=True):
+    """How well a score separates one class from rest."""
 
-    who: str
+    detector: str
     title: str
     auc: float
     hits: float  # share of the class scored above all but 5 % of rest
@@ -78,7 +78,7 @@ class Row(msgspec.Struct, frozen=True):
 
     kind: str
     time_s: float
-    told: list[Told]
+    separations: list[Separation]
 
 
 class Cases(msgspec.Struct, frozen=True, eq=False):
@@ -93,7 +93,7 @@ class Cases(msgspec.Struct, frozen=True, eq=False):
 
 def _options(parser: Parser) -> None:
     parser.add_argument("--data", type=Path, required=True, metavar="DIR",
-                        help="keeps the recordings; those there are not made again")  # fmt: skip
+                        help="folder of the recordings; existing ones are kept")  # fmt: skip
     parser.add_argument("--share", type=decimal(1e-3, 1), default=0.75, metavar="X")
     parser.add_argument("--detectors", nargs="+", default=COMPARED, metavar="NAME")
 
@@ -115,23 +115,23 @@ def _cases(kind: str, detectors: tuple[str, ...], data: str) -> Cases:
     its = cases(recordings, moments, detectors)
     for k, title in enumerate(TITLES[kind]):
         if len(np.unique(its.groups[its.classes == k])) < FOLDS:
-            raise UsageError(f"fewer than {FOLDS} recordings of {title!r}", "a greater --share")
+            raise UsageError(f"fewer than {FOLDS} recordings of {title!r}", "give a larger --share")
     return its
 
 
 def trial(task: Task) -> Row:
-    """Train the observer for this time, and score it and the detectors."""
+    """Train the observer for this delay; score it and the detectors."""
     its = _cases(task.kind, task.detectors, task.data)
     lasting = its.lasts >= samples(task.time_s)
     odds = np.full((len(its.classes), len(TITLES[task.kind])), np.nan)
     known = features(its, task.time_s)[lasting]
     odds[lasting] = held_out(known, its.classes[lasting], its.groups[lasting])
-    found = list[Told]()
+    found = list[Separation]()
     for k, title in list(enumerate(TITLES[task.kind]))[1:]:
-        found.append(told(its, odds[:, k] - odds[:, 0], k, "observer", title))
+        found.append(separation(its, odds[:, k] - odds[:, 0], k, "observer", title))
         for name in task.detectors:
             highest = its.outputs[name][:, : samples(task.time_s)].max(axis=1)
-            found.append(told(its, np.where(lasting, highest, np.nan), k, name, title))
+            found.append(separation(its, np.where(lasting, highest, np.nan), k, name, title))
     return Row(task.kind, task.time_s, found)
 
 
@@ -148,8 +148,8 @@ def taps(recordings: Sequence[Recording]) -> list[Moment]:
 
 
 def lifts(recordings: Sequence[Recording]) -> list[Moment]:
-    """The first motion of each lift that slips, and moments with the same delays after the grip
-    in lifts that hold."""
+    """The first motion of each lift that slips. In lifts that hold: moments with the same delays
+    after the grip."""
     rng, found, delays = np.random.default_rng(SEED), list[Moment](), list[int]()
     for i, r in enumerate(recordings):
         slides = np.flatnonzero(r.slip[(grip := _gripped(r)) :])
@@ -175,7 +175,7 @@ def _gripped(recording: Recording) -> int:
 def cases(
     recordings: Sequence[Recording], moments: Sequence[Moment], detectors: Sequence[str]
 ) -> Cases:
-    """The moments that have half a second before them."""
+    """The moments with at least 0.5 s of recording before them."""
     moments = [m for m in moments if m[1] >= BEFORE]
 
     def around(series: Sequence[Any], first: int) -> Any:
@@ -193,8 +193,8 @@ def cases(
 
 
 def features(cases: Cases, time_s: float) -> Floats:
-    """What is known this long after the moment, (n, d): level, shift and vibration of taxels,
-    fingers and hand, before and since; outputs of networks."""
+    """Features (n, d) at this delay: level, shift and vibration of taxels, fingers and hand, before
+    and after the moment; outputs of networks."""
     n, first, k = len(cases.counts), BEFORE, samples(time_s)
     known = cases.counts[:, : first + k].reshape(n, first + k, -1)
     rest, since = known[:, :first], known[:, first:]
@@ -263,8 +263,8 @@ def _trained(inputs: Any, labels: Any, classes: int, seed: int) -> Any:
     return network.eval()
 
 
-def told(cases: Cases, score: Floats, kind: int, who: str, title: str) -> Told:
-    """How well a score (n,) tells a class from rest; nan is left out."""
+def separation(cases: Cases, score: Floats, kind: int, detector: str, title: str) -> Separation:
+    """How well a score (n,) separates a class from rest; NaN is left out."""
     chosen = np.isfinite(score) & np.isin(cases.classes, (0, kind))
     s, moved, groups = score[chosen], cases.classes[chosen] == kind, cases.groups[chosen]
     rows = [np.flatnonzero(groups == g) for g in np.unique(groups)]
@@ -275,7 +275,8 @@ def told(cases: Cases, score: Floats, kind: int, who: str, title: str) -> Told:
             hits.append(_hits(s[again], moved[again]))
     interval = quantile(sorted(hits), 0.025), quantile(sorted(hits), 0.975)
     n = int(moved.sum())
-    return Told(who, title, auc(s, moved) or 0.0, _hits(s, moved), interval, n, len(s) - n)
+    area, share = auc(s, moved) or 0.0, _hits(s, moved)
+    return Separation(detector, title, area, share, interval, n, len(s) - n)
 
 
 def _hits(score: Floats, moved: NDArray[np.bool_]) -> float:
@@ -284,19 +285,23 @@ def _hits(score: Floats, moved: NDArray[np.bool_]) -> float:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    """A table for each class; in brackets 95 %."""
+    """One table per class; columns "from" and "to" are the 95 % interval."""
     parts = []
     for kind, title in ((kind, title) for kind, titles in TITLES.items() for title in titles[1:]):
-        told = [(r.time_s, t) for r in rows if r.kind == kind for t in r.told if t.title == title]
+        found = [
+            (r.time_s, s)
+            for r in rows if r.kind == kind
+            for s in r.separations if s.title == title
+        ]  # fmt: skip
         columns: dict[str, list[object]] = {
-            "ms": [round(1e3 * s) for s, _ in told], "detector": [t.who for _, t in told],
-            "AUC": [t.auc for _, t in told], "hits": [t.hits for _, t in told],
-            "from": [t.interval[0] for _, t in told], "to": [t.interval[1] for _, t in told],
+            "ms": [round(1e3 * t) for t, _ in found], "detector": [s.detector for _, s in found],
+            "AUC": [s.auc for _, s in found], "hits": [s.hits for _, s in found],
+            "from": [s.interval[0] for _, s in found], "to": [s.interval[1] for _, s in found],
         }  # fmt: skip
-        counts = f"{told[0][1].n}, and {told[0][1].rest} at rest" if told else "none"
+        counts = f"{found[0][1].n}, and {found[0][1].rest} at rest" if found else "none"
         parts.append(f"{kind}, {title}: {counts}\n\n{markdown(columns)}")
     return "\n\n".join(parts)
 
 
-SUMMARY = "upper bound of slip detection by a classifier that is told when (extra `train`)"
+SUMMARY = "upper bound of slip detection: a classifier that knows the onset (extra `train`)"
 STUDY = Study(SUMMARY, _grid, trial, Row, _table, None, _options)

@@ -16,10 +16,10 @@ LiftStart = tuple[SimulatedCell, Gripper]
 
 
 def at_lift(config: LiftConfig, seed: int) -> LiftStart:
-    """Copies of world and driver at the instant at which the arm begins to rise. Nothing closes
-    the hand any more, and ``copy.deepcopy`` of the pair gives an independent lift.
+    """Copies of world and driver when the arm starts to rise. No slip response follows, and
+    ``copy.deepcopy`` of the pair gives an independent lift.
 
-    Raises RuntimeError when the lift never begins.
+    Raises RuntimeError if the lift does not start.
     """
     controller_settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     unanswered = msgspec.structs.replace(config, controller=controller_settings)
@@ -30,6 +30,8 @@ def at_lift(config: LiftConfig, seed: int) -> LiftStart:
             tick = loop.tick()
             if controller.phase is Phase.LIFT and tick.arm.moving:
                 start = copy.deepcopy((cast(SimulatedCell, rig.cell), rig.devices.gripper))
-                start[0].arm.brake_unread(None)  # no loop reads a copy: its arm must not brake
+                start[0].arm.brake_unread(
+                    None
+                )  # no loop reads the copy, and its arm must not brake for that
                 return start
-    raise RuntimeError(f"seed {seed}: the lift never began: {controller.fault_cause}")
+    raise RuntimeError(f"seed {seed}: the lift did not start: {controller.fault_cause}")

@@ -1,9 +1,9 @@
 """The paper's network with other windows, without layer norm and with other augmentation.
 
-Each variant is trained on the same number of samples and scored on the split `test` with the
-paper's rule. A step learns from the second half of stretches as long as the window. The paper
-learns from the last sample of each window, which costs a hundred times more. Trainings run one
-after the other, whatever `--jobs` says. Needs the extra `train`.
+Each variant trains on the same number of samples; the paper's rule scores it on the split `test`.
+A step uses the second half of stretches as long as the window. The paper uses only the last sample
+of each window, which costs a hundred times more. Trainings run one after the other and ignore
+`--jobs`. Needs the extra `train`.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from scenarios.trial.result import versions
 from studies.runner import Study, add_data, markdown
 
 NETWORK = "tcn-paper"
-SAMPLES_PER_STEP = 3200  # half of them are learnt from
+SAMPLES_PER_STEP = 3200  # training uses half of them
 # accuracy by window in the authors' training reports, 400 epochs
 PAPER_WINDOWS = (10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
 PAPER_ACCURACY = (81.0, 82.4, 87.3, 87.6, 88.2, 89.6, 90.1, 90.2, 90.8, 90.8)
@@ -87,7 +87,7 @@ def add_options(parser: Parser) -> None:
 def grid(args: argparse.Namespace) -> list[Task]:
     need("train", "torch", "onnx")
     require_whole(args.data)
-    args.jobs = 0  # in this process: torch makes a worker so large that it is taken for a leak
+    args.jobs = 0  # in this process: torch makes a worker so large that the leak check ends it
     data = tuple(map(str, args.data))
     return [
         Task(variant, seed, args.steps, data, str(args.out / f"{variant}-{seed}.onnx"))
@@ -96,7 +96,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 
 def settings_of(variant: Variant, steps: int, seed: int) -> TrainSettings:
-    """One validation, at the end: it selects nothing."""
+    """Training settings with one validation at the end, so that it selects nothing."""
     half = variant.window // 2
     return msgspec.structs.replace(
         DEFAULTS[NETWORK], steps=steps, seed=seed, validations=1, window=variant.window,
@@ -151,7 +151,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Accuracy, delay and cost against the window: a point a training, lines through the means."""
+    """Accuracy, delay and cost over the window: one point per training, lines through the means."""
     accuracy, delay, cost = figure.subplots(1, 3)
     swept = [row for row in rows if row.variant.startswith("window-")]
     windows = np.array([VARIANTS[row.variant].window for row in swept])

@@ -1,8 +1,8 @@
 """The paper's Tables II and III with its detectors and ours.
 
-The paper measured a real fingertip and this study a simulated one: compare within a column only.
-A formula has its threshold swept on the split `train` of `--data`, as in the paper. Intervals are
-95 %, by bootstrap over recordings. Means of Table III weigh every cell alike.
+The paper measured a real fingertip, this study a simulated one: compare within a column only. As in
+the paper, the split `train` of `--data` sets the threshold of a formula. Intervals are 95 %, by
+bootstrap over recordings. Means of Table III weigh every cell equally.
 """
 
 import argparse
@@ -93,7 +93,7 @@ class Row(msgspec.Struct, frozen=True):
 
 
 class Estimate(msgspec.Struct, frozen=True, eq=False):
-    """A figure, and the same figure of every resample (RESAMPLES,)."""
+    """A figure, and its value on every resample (RESAMPLES,)."""
 
     value: float
     draws: Floats
@@ -168,10 +168,10 @@ def key_of(recording: Recording) -> Key | None:
 
 
 def swept_threshold(made: Contender) -> str:
-    """The threshold with the best mean recall of both classes, as `--set` takes it.
+    """The threshold with the best mean recall of both classes, as a `--set` assignment.
 
-    The probability of a formula is logistic in the logarithm of its number, so one stream gives the
-    verdicts of all thresholds.
+    The probability of a formula is logistic in the logarithm of its statistic, so one stream gives
+    the predictions of all thresholds.
     """
     section = made.config.detector_section
     settings = getattr(made.config, section)
@@ -219,10 +219,10 @@ def methods_table(rows: Sequence[Row]) -> str:
         for i, title in enumerate(("accuracy", "precision", "recall", "F1"))
     })  # fmt: skip
     confusions = markdown(detectors | {
-        "static, called static": [c.static_static for c in sums],
-        "static, called slip": [c.static_slip for c in sums],
-        "slip, called static": [c.slip_static for c in sums],
-        "slip, called slip": [c.slip_slip for c in sums],
+        "static, predicted static": [c.static_static for c in sums],
+        "static, predicted slip": [c.static_slip for c in sums],
+        "slip, predicted static": [c.slip_static for c in sums],
+        "slip, predicted slip": [c.slip_slip for c in sums],
     })  # fmt: skip
     return f"{methods}\n\nTable II, paper / ours, per cent of samples of `test`.\n\n{confusions}"
 
@@ -238,7 +238,7 @@ def weighted_f1(cells: NDArray[np.intp]) -> Floats:
 
 
 def f1_by_cell(recordings: Sequence[Counts]) -> dict[Key, Estimate]:
-    """Weighted F1, and that of as many recordings of the cell drawn with replacement."""
+    """Weighted F1 of the cell, and of bootstrap resamples of its recordings."""
     rng, found = np.random.default_rng(0), {}
     for key in KEYS:
         each = np.array([c.confusion for c in recordings if c.key == key])
@@ -256,7 +256,7 @@ def mean_of(f1: dict[Key, Estimate], *groups: str | float) -> Estimate:
 
 
 def cells_table(row: Row, f1: dict[Key, Estimate]) -> str:
-    """Table III: a line a cell, then a line a mean."""
+    """Table III: one line per cell, then one per mean."""
     delays = [[d for c in row.cells if c.key == key for d in c.delays_ms] for key in KEYS]
     found = [quantiles(each) for each in delays]
     cells = markdown({
@@ -279,7 +279,7 @@ def cells_table(row: Row, f1: dict[Key, Estimate]) -> str:
 
 
 def statements_table(row: Row, f1: dict[Key, Estimate]) -> str:
-    """A statement holds if all its intervals lie above zero, does not if one lies below."""
+    """A statement holds if all its intervals are above zero, and fails if one is below."""
     verdicts, texts = [], []
     for pairs in STATEMENTS.values():
         found = {f"{a} - {b}": mean_of(f1, a) - mean_of(f1, b) for a, b in pairs}

@@ -1,4 +1,4 @@
-"""How far off is every contact model and integrator, and what does it cost?
+"""Error and processor time of every contact level and integrator.
 
 Times are processor times of one thread and vary between runs: use --workers 0 on a quiet machine.
 """
@@ -27,9 +27,9 @@ SCENES = {"lift": scene.lift, "tap": scene.tap, "vibration": scene.vibration}
 STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
 MUJOCO_STEPS_S = STEPS_S[1:-1]
 TOLERANCES_M = (1e-6, 1e-8, 1e-10)
-ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # at which costs are compared
-FLOOR_MM = 1e-6  # errors below are drawn here
-REPEATS = 5  # the least time counts
+ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # of the cost comparison
+FLOOR_MM = 1e-6  # the chart shows smaller errors as this
+REPEATS = 5  # the shortest time counts
 COLOURS = {
     "L1": "#1f5f99", "L2": "#3a7d44", "L3": "#8a6fb0", "L4": "#c2571a", "LuGre": "#b5a000",
     "regularised": "#b00020", "explicit": "#7fb2d9", "adaptive": "#009999", "MuJoCo": "#888888",
@@ -45,7 +45,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """What it cost, and the error of the tape mark. NaN: diverged."""
+    """Processor time, and error of the tape mark's displacement. NaN: diverged."""
 
     scene: str
     curve: str
@@ -65,7 +65,7 @@ def extrapolated(level: Level, of: Scene, step_s: float) -> Floats:
 
 
 def best_level(of: Scene) -> Level:
-    """The least level that has all that moves."""
+    """The lowest level that models every motion of the scene."""
     return Level.SLIDER if of.tap is None else Level.BRUSH
 
 
@@ -86,7 +86,7 @@ def by_mujoco(impratio: float, of: Scene, step_s: float) -> Floats:
 
 
 def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
-    """What runs a curve, and its steps; MuJoCo's where it is installed (extra `dev`)."""
+    """Runner and steps of each curve; MuJoCo only if installed (extra `dev`)."""
     found: dict[str, tuple[Runner, Sequence[float]]] = {}
     for level in Level:
         found[level.label] = partial(at_level, level), STEPS_S
@@ -105,7 +105,7 @@ def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
 
 @cache
 def exact(name: str) -> Floats:
-    """The reference: adaptive, with 12 x 12 brush points where something turns."""
+    """The reference: adaptive, with 12 x 12 brush points if the object turns."""
     of = SCENES[name]()
     if of.tap is not None:
         return reference.adaptive(of, Level.BRUSH, 1e-10, 12)
@@ -140,8 +140,8 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 
 def cheapest(rows: Iterable[Row], prefix: str, error_mm: float) -> Row | None:
-    """The cheapest row so near. It counts only if all smaller steps are as near: a lucky hit at one
-    step is no accuracy."""
+    """The cheapest row within that error. All smaller steps of its curve must be within it too,
+    which excludes accidental hits."""
     curves: dict[str, list[Row]] = {}
     for row in rows:
         if row.curve.startswith(prefix) and not row.curve.startswith("LuGre"):
@@ -170,12 +170,12 @@ def table(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row | None) -> tuple[str, float | None]:
     if row is None:
-        return "does not get there", None
+        return "not reached", None
     return f"{row.curve}, {row.step_s * 1e3:g} ms", row.cost_us
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Error over processor time, a panel a scene."""
+    """Error over processor time, one panel per scene."""
     scenes = list(dict.fromkeys(row.scene for row in rows))
     panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, scenes, strict=True):

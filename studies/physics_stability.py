@@ -1,4 +1,4 @@
-"""Which step breaks which integrator? A short lift on pads of any stiffness."""
+"""Stability of integrators: a short lift with pads of varying stiffness and a varying step."""
 
 import argparse
 import math
@@ -19,7 +19,7 @@ from studies.runner import Study, markdown
 FORCE_N = 20.0  # sum of the normal forces after closing
 DAMPING_RATIO = 0.2  # of the object on its pads, at every stiffness
 DURATION_S = 0.6
-LOST_MM = 10.0  # an error above this counts as broken
+LOST_MM = 10.0  # a larger error counts as failed
 STIFFNESS_OVER_LOAD = np.logspace(2, 8, 13)  # 1/m; rubber pads 1e3
 STEPS_S = np.logspace(-5, math.log10(0.05), 14)
 METHODS: dict[str, Runner] = {
@@ -35,7 +35,7 @@ METHODS: dict[str, Runner] = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """A stiffness of the pads, all three together, over the normal force; and steps."""
+    """Stiffness of all three pads over the normal force, 1/m, and the steps."""
 
     stiffness_over_load: float
     steps_s: tuple[float, ...]
@@ -50,7 +50,7 @@ class Row(msgspec.Struct, frozen=True):
 
 
 def scene_of(stiffness_over_load: float) -> Scene:
-    """The lift on such pads."""
+    """The lift with pads of this stiffness."""
     stiffness = stiffness_over_load * FORCE_N / 3
     damping = 2 * DAMPING_RATIO * math.sqrt(stiffness * BODY.mass_kg / 3)
     pads = msgspec.structs.replace(PADS, shear_stiffness_npm=stiffness, shear_damping_nspm=damping)
@@ -58,7 +58,7 @@ def scene_of(stiffness_over_load: float) -> Scene:
 
 
 def trial(task: Task) -> Row:
-    """Every method at every step, against the law of L1 to 0.1 nm."""
+    """Every method at every step, against the law of L1 solved to 0.1 nm."""
     scene = scene_of(task.stiffness_over_load)
     exact = reference.adaptive(scene, Level.SLIDER, 1e-10)
     errors = {
@@ -72,19 +72,19 @@ def grid(args: argparse.Namespace) -> list[Task]:
     return [Task(float(x), tuple(STEPS_S.tolist())) for x in STIFFNESS_OVER_LOAD]
 
 
-def broken(rows: Sequence[Row], method: str) -> float:
-    """Share of the map on which a method diverges or is off by more than 10 mm."""
+def failed(rows: Sequence[Row], method: str) -> float:
+    """Share of the map on which a method diverges or its error exceeds 10 mm."""
     errors = np.array([row.error_mm[method] for row in rows])
     return float((~(errors <= LOST_MM)).mean())
 
 
 def table(rows: Sequence[Row]) -> str:
-    shares = [100.0 * broken(rows, name) for name in METHODS]
-    return markdown({"method": [*METHODS], "broken, % of the map": shares})
+    shares = [100.0 * failed(rows, name) for name in METHODS]
+    return markdown({"method": [*METHODS], "failed, % of the map": shares})
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """A map a method: colour is the error, black where it broke."""
+    """One map per method: colour is the error, black where the method failed."""
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm
 
@@ -100,15 +100,21 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
             cmap=colours, shading="nearest", rasterized=True,
         )  # fmt: skip
         axes.set(xscale="log", yscale="log")
-        axes.set_title(f"{name}\nbroken: {broken(rows, name):.0%} of the map", fontsize=9)
+        axes.set_title(f"{name}\nbroken: {failed(rows, name):.0%} of the map", fontsize=9)
     for axes in panels[1]:
         axes.set_xlabel("step, ms")
     for axes in panels[:, 0]:
         axes.set_ylabel("stiffness over load, 1/m")
     bar = figure.colorbar(mesh, ax=panels, extend="max", shrink=0.8)
-    bar.set_label("error of the slip distance, mm (black: broken)")
+    bar.set_label("error of the slip distance, mm (black: failed)")
 
 
 STUDY = Study(
-    "which step breaks which integrator", grid, trial, Row, table, chart, figure_size=(15.0, 7.0)
+    "stability of integrators over step and pad stiffness",
+    grid,
+    trial,
+    Row,
+    table,
+    chart,
+    figure_size=(15.0, 7.0),
 )

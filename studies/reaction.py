@@ -1,9 +1,9 @@
-"""What a millisecond of reaction is worth: success and slip distance over reaction latency.
+"""Success and slip distance over reaction latency and closing speed.
 
-The full path (fingertips, detector, controller) runs up to the start of the lift only. From there
-the world is copied for every reaction: contact law, hand and arm as they are, one command to close
-at the time asked for. So success and slip depend on the reaction alone. Some seeds are also run in
-full: a copy that gets the same command at the same time must give the same result.
+The full path (fingertips, detector, controller) runs only up to the start of the lift. There the
+study copies the world for each reaction: contact law, hand and arm, and one command to close at the
+set time. So success and slip depend on the reaction alone. Some seeds also run in full: a copy with
+the same command at the same time must give the same result.
 """
 
 import argparse
@@ -38,10 +38,10 @@ from studies.runner import Study, add_trials, markdown, seeds_of
 LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
 SPEEDS_MPS = (0.022, 0.044, 0.066, 0.11)
 FASTER = (2.0, 4.0)  # times as fast as the detector
-SEARCH_S = 3.0  # gross slip that has not begun by then never does: the arm is at the top
+SEARCH_S = 3.0  # no gross slip starts after this time: the arm is at the top
 SETTLE_S = 0.5  # at the top, before the verdict
 ALL_FINGERS = (True, True, True)
-CLIFF = 0.3  # a drop of success by this much between neighbouring latencies is listed
+CLIFF = 0.3  # the table lists a drop of success of at least this between neighbouring latencies
 HUMAN_MS, HUMAN_SPREAD_MS = 74.0, 9.0  # reflex to slip: Johansson and Westling 1984
 PAPER_MS = 134.0  # paper, section IV-D: slip to decision, without the hand
 SLIP_TOP_MM = 60.0
@@ -54,11 +54,11 @@ class Task(msgspec.Struct, frozen=True):
     seed: int
     latencies_ms: tuple[float, ...]  # true onset of slip to the first motion of the fingers
     speeds_mps: tuple[float, ...]
-    check: bool  # run in full as well
+    check: bool  # True: run in full too
 
 
 class Reaction(msgspec.Struct, frozen=True):
-    """Result of one reaction; None of slip: lost, of rise: the grip force never rose."""
+    """Result of one reaction. Slip None: object lost. Rise None: the grip force never rose."""
 
     slip_mm: float | None
     rise_ms: float | None  # true onset of slip to the first rise of grip force
@@ -93,7 +93,7 @@ def options(parser: Parser) -> None:
     add("--latencies", nargs="+", type=decimal(0, 10_000), default=LATENCIES_MS, metavar="MS")
     add("--speeds", nargs="+", type=decimal(0.001, 1), default=SPEEDS_MPS, metavar="M/S")
     add("--check", type=whole(0, 100_000), default=10, metavar="N",
-        help="seeds that are run in full too (default: %(default)s)")  # fmt: skip
+        help="number of seeds that also run in full (default: %(default)s)")  # fmt: skip
 
 
 def grid(args: argparse.Namespace) -> list[Task]:
@@ -138,8 +138,8 @@ def find_onset(start: LiftStart) -> int | None:
 
 
 def react(config: LiftConfig, start: LiftStart, at_ns: int, command: CloseFast) -> Reaction:
-    """The lift with one command at one time, judged at the top by the rules of a lift, without
-    its conditions on detector and force."""
+    """Simulate the lift with one command at one time. The rules of a lift judge it at the top,
+    without their conditions on detector and force."""
     cell, gripper = copy.deepcopy(start)
     start_ns = cell.truth().t_ns
     now_ns = max(start_ns, at_ns)
@@ -178,7 +178,7 @@ def _judged(end: Truth, config: LiftConfig) -> Reaction:
 
 
 def _check(config: LiftConfig, seed: int, start: LiftStart) -> Check | None:
-    """The full path answers in one closing; None where it never answers or nothing slips."""
+    """Compare the full run, which closes once, with its copy; None without slip or closing."""
     own = msgspec.structs.replace(config.controller, closing="constant", answer="jump")
     config = msgspec.structs.replace(config, controller=own)
     sent: list[tuple[int, CloseFast]] = []
@@ -221,7 +221,7 @@ def _slips(reactions: Sequence[Reaction]) -> Quantiles:
 
 
 def cliff(by_latency: dict[float, list[Reaction]]) -> str | None:
-    """The steepest drop of success between neighbouring latencies, if it is a cliff."""
+    """The steepest drop of success between neighbouring latencies, if at least CLIFF."""
     pairs = itertools.pairwise((latency, _rate(r)) for latency, r in sorted(by_latency.items()))
     (a, before), (b, after) = max(pairs, key=lambda p: p[0][1] - p[1][1], default=((0, 0),) * 2)
     if before - after < CLIFF:
@@ -273,7 +273,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Success and slip over latency, a column a closing speed."""
+    """Success and slip over latency, one column per closing speed."""
     cells = _cells(rows)
     names = list(dict.fromkeys(name for name, _ in cells))
     speeds = sorted({speed for _, speed in cells})

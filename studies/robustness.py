@@ -1,8 +1,8 @@
-"""Detectors on recordings with one thing wrong: a taxel, noise, lost samples, a stiffer pad.
+"""Detectors on recordings with one perturbation: a taxel, noise, lost samples or a stiffer pad.
 
-Detectors and rules are as packaged; scored is a part of the split `test`. A perturbation starts
-with the first sample and affects every finger. A dead, stuck or swapped taxel is the most pressed
-one of the first finger. The stiffer pad is simulated again from each recording's plan.
+Detectors and rules are the packaged ones; the scores use a part of the split `test`. A perturbation
+starts with the first sample and affects every finger. A dead, stuck or swapped taxel is the most
+pressed one of the first finger. For the stiffer pad each recording's plan is simulated again.
 """
 
 import argparse
@@ -46,10 +46,10 @@ Floats = NDArray[np.float64]
 COMPARED = ("tcn", "gru", "energy", "psd-fair")
 NOISE_COUNTS = 0.65  # RMS of a taxel before rounding (`fingertip.noise_counts`)
 COUNTS_PER_K = 1.6  # of the simulated barometer
-RAIL_COUNTS = -450  # code 0; no pressure moves a taxel further
-STEP_S, RAMP_S = 4.0, 1.0  # between two temperature steps; how long each takes
+RAIL_COUNTS = -450  # code 0, the end of the range
+STEP_S, RAMP_S = 4.0, 1.0  # time between temperature steps; duration of a step
 PAD, STIFFNESS = "pad", "fingertip.foundation_n_per_mm3"
-LATEST_MS = 600.0  # a missed slip is drawn here
+LATEST_MS = 600.0  # the chart shows a missed slip here
 GRID: dict[str, tuple[str, float, tuple[float, ...]]] = {  # unit, amount of no change, others
     "gain": ("times", 1.0, (0.5, 0.71, 1.41, 2.0)),
     "noise": ("times the board's", 1.0, (2.0, 4.0)),
@@ -69,7 +69,7 @@ BROKEN = ("dead", "stuck", "swapped", PAD)  # share one column of the chart
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One perturbation; kind "" changes nothing."""
+    """One perturbation; kind "" is the unchanged recording."""
 
     kind: str
     amount: float
@@ -84,7 +84,7 @@ class Score(msgspec.Struct, frozen=True):
     detector: str
     accuracy: float  # of samples, at the detector's own threshold
     recall: float | None  # of slips outside taps
-    p90_ms: float | None  # delay of slips of pressed fingertips; None too where they are missed
+    p90_ms: float | None  # delay of slips of pressed fingertips; None also if missed
     false_per_min: float | None  # of a hand
     taps: float | None  # share of taps of 2 mm or more registered within 100 ms
     no_slip_taps: float | None  # share of taps below 0.5 mm that were registered
@@ -204,7 +204,7 @@ def stiffer(folder: str, factor: float) -> dict[str, Job]:
 
 
 def perturbed(recording: Recording, kind: str, amount: float, seed: int = 0) -> Recording:
-    """The recording with one thing wrong, a key of ``GRID``. Equal seeds give equal recordings."""
+    """The recording with one perturbation, a key of ``GRID``. Equal seeds give equal recordings."""
     if kind == "rate":
         return _resampled(recording, amount)
     counts, rng = recording.counts, np.random.default_rng(seed)
@@ -242,7 +242,7 @@ def _counts(values: Floats) -> NDArray[np.int16]:
 
 
 def _resampled(recording: Recording, hertz: float) -> Recording:
-    """Counts on the straight line between two samples; all else from the sample before."""
+    """Linear interpolation of the counts; all other fields from the sample before."""
     t_s = recording.t_s
     new_s = np.arange(t_s[0], t_s[-1], 1.0 / hertz)
     before = np.searchsorted(t_s, new_s, side="right") - 1
@@ -272,7 +272,7 @@ def _table(rows: Sequence[Row]) -> str:
 
 
 def _chart(rows: Sequence[Row], figure: Any) -> None:
-    """A row a score, a column a perturbation, a line a detector."""
+    """One row per score, one column per perturbation, one line per detector."""
     scores = ("accuracy", "p90_ms", "false_per_min", "taps")
     curves = [kind for kind in GRID if kind not in BROKEN]
     panels = figure.subplots(len(scores), len(curves) + 1, sharey="row", sharex="col")
@@ -296,6 +296,6 @@ def _value(one: Score, key: str) -> float:
 
 
 STUDY = Study(
-    "slip detectors on recordings with one thing wrong: gain, taxels, noise, samples, rate, pad",
+    "slip detectors on perturbed recordings: gain, taxels, noise, samples, rate, pad",
     _grid, trial, Row, _table, _chart, _options, (15.0, 8.5),
 )  # fmt: skip

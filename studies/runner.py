@@ -1,4 +1,4 @@
-"""Runs one study: its grid on worker processes, a stored row a trial, then a table and a chart.
+"""Runs one study: its grid on worker processes, one stored row per trial, a table and a chart.
 
 A study module declares ``STUDY``. Everything else (options, workers, resume, progress, storage,
 JSON) is here. A folder holds the result: ``rows.jsonl``, ``table.md`` and ``chart.svg``.
@@ -75,7 +75,7 @@ def main(name: str, study: Study[Any, Any], words: Sequence[str]) -> int:
     parser = Parser(prog=f"python -m studies {name}", description=study.summary)
     study.options(parser)
     parser.add_argument("--out", type=Path, default=Path("build/studies") / name, metavar="DIR",
-                        help="folder of the result; rows in it are not run again "
+                        help="folder of the result; its stored rows are not run again "
                         "(default: %(default)s)")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print rows as JSON lines")
     add_workers(parser)
@@ -92,9 +92,9 @@ def main(name: str, study: Study[Any, Any], words: Sequence[str]) -> int:
 def run(
     study: Study[Task, Row], tasks: Sequence[Task], args: argparse.Namespace, out: Path
 ) -> list[Row]:
-    """All rows in the order of their tasks; those already stored are not run again.
+    """All rows in the order of their tasks; stored rows are not run again.
 
-    Raises BadFile for a stored file that is damaged, and what a trial raises.
+    Raises BadFile for a damaged file of rows, and any exception of a trial.
     """
     if not tasks:
         raise UsageError("nothing to run", "name at least one object, seed and variant")
@@ -117,7 +117,7 @@ def run(
 
 
 class _Keyed(Generic[Task, Row]):
-    """A trial that returns its task's key with its row, since results come in any order."""
+    """Wraps a trial to return its task's key with its row, because results come in any order."""
 
     def __init__(self, trial: Callable[[Task], Row]) -> None:
         self._trial = trial
@@ -131,7 +131,7 @@ def _key(task: msgspec.Struct) -> str:
 
 
 def _stored(path: Path, row: type[Row]) -> dict[str, Row]:
-    """Rows by the key of their task; a last line cut off by a kill is left out."""
+    """Rows by the key of their task, without a truncated last line."""
     if not path.exists():
         return {}
     rows: dict[str, Row] = {}

@@ -1,7 +1,8 @@
-"""What a response to slip is worth: lifts under every policy, in easy and in harder scenes.
+"""Comparison of slip responses: lifts under every policy, in easy and in harder scenes.
 
-A lift ends in the air. Held is physical: off the table, in contact, at rest, run not ended early.
-The least force at the thumb is what carries the weight in sliding, m g / 2 mu, of that trial.
+A lift ends in the air. The object counts as held if it is off the table, in contact and at rest,
+and the run did not end early. The least force at the thumb is m g / 2 mu of the trial: sliding
+friction then carries the weight.
 """
 
 import argparse
@@ -33,14 +34,14 @@ from scenarios.world.truth import Truth
 from studies.runner import Study, add_trials, markdown, seeds_of
 
 AIR_M = 0.005  # off the table
-FEASIBLE = 0.95  # of the force limit; an object that needs more is not held by any response
+FEASIBLE = 0.95  # of the force limit; no response holds an object that needs more
 ALARM_NS = 100_000_000  # duration of a false alarm
-WET_M = 0.1  # the object's wet patch begins at this height
+WET_M = 0.1  # lower end of the object's wet patch
 SLIP_TOP_MM = 20.0
 
 
 class Policy(msgspec.Struct, frozen=True):
-    """A response to slip. ``oracle``: slip is detected as soon as there is some."""
+    """A slip response. ``oracle``: an ideal detector reports slip at its onset."""
 
     name: str
     settings: tuple[str, ...]
@@ -48,8 +49,8 @@ class Policy(msgspec.Struct, frozen=True):
 
 
 class Scene(msgspec.Struct, frozen=True):
-    """What makes a lift harder. Friction and mass are factors; ``wet``: share of the friction that
-    is left from 10 cm up; ``alarms``: false alarms a minute, beside those of the detector."""
+    """Difficulty of a lift. Friction and mass are factors; ``wet``: share of friction left above
+    10 cm; ``alarms``: added false alarms per minute."""
 
     name: str
     settings: tuple[str, ...] = ()
@@ -113,7 +114,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     force_n: float  # at the end
     least_n: float
     peak_n: float
-    alarms: int  # false ones during the lift
+    alarms: int  # false alarms during the lift
     paused_s: float  # the arm stood
     seconds: float  # from the start of the lift to its end
 
@@ -130,7 +131,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
     asked = args.policies or known
     if unknown := set(asked) - known.keys():
         raise UsageError(f"no policy {min(unknown)!r}", f"one of: {', '.join(map(repr, known))}")
-    # an emulated world runs in another process: nothing can make its object wet
+    # an emulated world runs in another process, so the study cannot change its friction
     scenes = [s for s in SCENES[args.scenes] if args.rig == "simulated" or s.wet == 1.0]
     return [
         Task(configured(name, scene, known[policy], args), known[policy], scene, seed)
@@ -142,7 +143,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 
 def configured(name: str, scene: Scene, policy: Policy, args: argparse.Namespace) -> LiftConfig:
-    """Settings of an object in a scene under a policy, which lie above the user's own."""
+    """Settings of an object in a scene under a policy; they override the user's."""
     base = name, args.rig, args.detector, args.config
     body = load_config(*base, (*args.set, *policy.settings)).object
     scaled = (
@@ -189,7 +190,7 @@ class FalseAlarms:
 
 
 class Observer:
-    """Keeps what the result needs, and makes the object wet where the scene says so."""
+    """Records the quantities of the result, and reduces friction if the scene has a wet patch."""
 
     def __init__(self, scene: Scene, rig: GraspRig) -> None:
         self._rig, self._wet = rig, scene.wet
@@ -283,7 +284,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """Force against slip, a cross a policy, of the scene as configured."""
+    """Force against slip in the configured scene, one cross per policy."""
     panel = figure.subplots()
     for (scene, policy), cell in _cells(rows).items():
         force, slip = _force_over_least(cell), quantiles(row.slip_mm for row in cell)

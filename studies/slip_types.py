@@ -1,9 +1,9 @@
-"""Auxiliary outputs of a network: speed, direction, sliding or turning, beside simple baselines.
+"""Auxiliary outputs of a network (speed, direction, sliding or turning) against simple baselines.
 
-Scored are the samples labelled slip in which a fingertip moves, each finger by itself. Baselines
-learn from the split `train` of each set, and all are scored on `test`. Intervals are 95 %, by
-bootstrap over recordings. `--train` (extra `train`) learns new outputs from the split `train` of
-all sets and writes DIR/NAME.heads.json; without it, those beside the weights are scored.
+The scores use samples labelled slip in which a fingertip moves, for each finger separately. The
+split `train` of each set fits the baselines; the split `test` scores all. Intervals are 95 %, by
+bootstrap over recordings. `--train` (extra `train`) trains new outputs on the split `train` of all
+sets and writes DIR/NAME.heads.json. Without it the study scores the outputs beside the weights.
 """
 
 import argparse
@@ -44,12 +44,12 @@ from studies.runner import Study, add_data, markdown
 Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
 Figure = tuple[float, float, float]  # and its interval
-SPAN = 5  # a motion is the mean of so many samples: a tap is over within two
+SPAN = 5  # samples in the mean of a motion; a tap lasts less than two
 TURN_LEVER_M = 0.003 / 0.2  # of the paper's label: 3 mm/s, 0.2 rad/s
 OWN, SEED = "auxiliary outputs", 0
 LEAST_MPS, FIRST_SAMPLE, HAND_FINGERS = 0.003, 100, 3
 UPWARDS = "fingertip.slip_direction_deg"  # of a recording's parameters
-# places of the kit's taxels, columns and rows; and the past that a centre is compared with
+# taxel positions of the kit, columns and rows; and the past samples for the centre's reference
 PLACES = np.array([(-1.0, -0.5), (0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5), (-1.0, 0.5)])
 LEAST_COUNTS, SHIFT_LAG, SHIFT_MEAN = 30.0, 9, 30
 FIGURES = ("speed factor, median", "speed, R2 of its logarithm", "direction, one of eight",
@@ -68,7 +68,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One network: FIGURES by set and predictor, None where it predicts nothing of that."""
+    """One network: FIGURES by set and predictor; None for a figure without a prediction."""
 
     network: str
     scores: dict[str, tuple[Figure | None, ...]]
@@ -86,7 +86,7 @@ class Samples(msgspec.Struct, frozen=True, eq=False):
 
 
 class Guess(msgspec.Struct, frozen=True, eq=False):
-    """What is predicted of samples (n,); None: nothing of that."""
+    """Predictions for samples (n,); None: no prediction of that figure."""
 
     log_speed: Floats | None = None
     turning: Floats | None = None  # the more, the likelier
@@ -105,7 +105,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
     if args.train:
         need("train", "torch")
         require_whole(args.data)
-        args.jobs = 0  # in this process: torch makes a worker so large that it is taken for a leak
+        args.jobs = 0  # in this process: torch makes a worker so large that the leak check ends it
     data = tuple(map(str, args.data))
     rest = (data, args.train, args.steps, str(args.out))
     return [Task(str(p), weights_digest(p), *rest) for p in map(network_path, args.network)]
@@ -114,7 +114,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     weights, folders = Path(task.network), [Path(f) for f in task.data]
     loaded = read_network(weights)
-    width_of(loaded)  # raises for a network without state, before data are read
+    width_of(loaded)  # raises for a network without state, before reading data
     learnt = [read_set(folder, "train") for folder in folders]
     known = [samples_of(loaded, recordings) for recordings in learnt]
     outputs = read_heads(weights, task.digest, loaded)
@@ -177,16 +177,16 @@ def _samples(loaded: LoadedNetwork, r: Recording, motion: Floats, number: int) -
 
 
 def _up_rad(recording: Recording) -> float | None:
-    """Upwards on the thumb's pad; None where nothing is held, or it is not recorded."""
+    """Direction of up on the thumb's pad, rad; None if nothing is held or it is not recorded."""
     about = recording.metadata.parameters if recording.metadata else {}
     held = recording.fingers == HAND_FINGERS and UPWARDS in about
     return math.radians(about[UPWARDS]) if held else None
 
 
 def motion_of(recording: Recording) -> Floats | None:
-    """True motion (n, fingers, 3), mean of SPAN samples; None where it is not recorded.
+    """True motion (n, fingers, 3), mean of SPAN samples; None if it is not recorded.
 
-    The thumb's is recorded; the fingers face it, so theirs is mirrored at the line upwards.
+    Recordings have the thumb's motion. The fingers face it, so theirs is its mirror image.
     """
     up = _up_rad(recording)
     if recording.velocity_mps is None or recording.spin_radps is None:
@@ -220,7 +220,7 @@ def sector_of(motion: Floats) -> Whole:
 
 
 def centre_shift(counts: NDArray[np.int16]) -> Floats:
-    """Centre of pressure (n, fingers, 2) less its own mean of 0.3 s, 0.09 s ago."""
+    """Centre of pressure (n, fingers, 2) minus its mean over 0.3 s, ended 0.09 s earlier."""
     load = np.maximum(-counts.astype(np.float64), 0.0)
     centre = load @ PLACES / np.maximum(load.sum(axis=2, keepdims=True), LEAST_COUNTS)
     before = np.repeat(centre[:1], SHIFT_LAG + SHIFT_MEAN, axis=0)
@@ -230,7 +230,7 @@ def centre_shift(counts: NDArray[np.int16]) -> Floats:
 
 
 def baselines(learnt: Samples, asked: Samples) -> dict[str, Guess]:
-    """What can be predicted without the network."""
+    """Predictions without the network."""
     speed, turns = log_speed(learnt.motion), turning_of(learnt.motion)
     slides = learnt.motion[~turns]
     sign = 1.0 if (auc(learnt.energy, turns) or 0.0) >= 0.5 else -1.0
@@ -269,7 +269,7 @@ def score(guess: Guess, truth: Samples) -> tuple[Figure | None, ...]:
 
 
 def figures_of(guess: Guess, truth: Samples, at: Whole) -> tuple[float | None, ...]:
-    """FIGURES of some samples: factor and direction of those that slide."""
+    """FIGURES of the samples; speed factor and direction use only sliding ones."""
     motion = truth.motion[at]
     speed, turns = log_speed(motion), turning_of(motion)
     factor = r2 = right = beside = area = None

@@ -20,7 +20,7 @@ _Meta = msgspec.Meta
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
 
-_SETTLED_NS = 500_000_000  # a motion that a command of ours sets going has begun by then; assumed
+_SETTLED_NS = 500_000_000  # a commanded motion has begun by then; assumed
 
 WireLog = Callable[[int, Literal["write", "read"], Sequence[int]], None]
 
@@ -98,11 +98,10 @@ class Exchange:
     rACT is left as it is where the hand has shown that it holds what is wanted. A hand that has
     just lost power has 0 there, and what comes after it moves nothing.
 
-    That register has rICF too, which no status shows: without it all fingers obey finger A's
-    target and force. So a status that shows what was not written here, as another client has
-    written it, is answered by the whole image; and so is a finger that begins to move without a
-    command. No status shows speed or force, so all other registers are written again at each
-    refresh while a finger moves.
+    That register has rICF too: without it all fingers obey finger A's target and force. The status
+    shows neither rICF nor speeds and forces. So the whole image is written again when the status
+    shows values that this exchange did not write, or when a finger starts to move without a
+    command. All other registers are written again at each refresh while a finger moves.
     """
 
     def __init__(
@@ -121,17 +120,19 @@ class Exchange:
         self._written_ns: int | None = None
         self._repeated_ns = 0
         self._read_ns = -self._refresh_ns
-        self._told: CommandRegisters | None = None  # what was written last, while it is wanted
+        self._commanded: CommandRegisters | None = None  # written last, and still wanted
         self._shown: tuple[int, ...] = (-1,) * 4  # by the status: rGTO and targets
-        self._ours: set[tuple[int, ...]] = set()  # what may be shown until that is taken up
-        self._foreign: tuple[int, ...] | None = None  # what was shown instead
-        self._stood: tuple[bool, ...] = ()  # each finger
+        self._ours: set[tuple[int, ...]] = set()  # values the status may show until take-up
+        self._foreign: tuple[int, ...] | None = (
+            None  # values of another client that the status shows
+        )
+        self._stood: tuple[bool, ...] = ()  # each finger, in the last status
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
         self._untold = False  # it has never spoken of what was written last
         self._raw: Registers | None = None  # of the status, once one was understood
         self._status = StatusRegisters()
-        self.changed = ""  # by another client, as this exchange was the first to show
+        self.changed = ""  # by another client: what this exchange detected first
         self.lost = False
         self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
 
@@ -150,7 +151,7 @@ class Exchange:
         self._wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
-            self._written = self._told = self._head = self._foreign = None
+            self._written = self._commanded = self._head = self._foreign = None
             self._ours.clear()
 
     def again(self) -> None:
@@ -185,8 +186,8 @@ class Exchange:
         return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
 
     def pump(self, now_ns: int) -> StatusRegisters | None:
-        """At most one write, then a read, or where that shows that another client has written, the
-        write after it. None when the reply was no status.
+        """At most one write, then a read. If the status shows another client's write, the write is
+        repeated after the read. None when the reply was no status.
 
         While the link is lost nothing is written: what the device has now is not known.
         """
@@ -237,7 +238,7 @@ class Exchange:
         self._transport.write(self._link.command_register + kept, image[kept:], now_ns)
         self.writes += 1
         self._ours |= {self._shown, self._asked()}
-        self._told = wanted
+        self._commanded = wanted
         # An echo proves take-up only if it has to change, and the one before had been seen.
         self._edge = self._proven and wanted.go_to and self._shown[1:] != self._asked()[1:]
         self._proven, self._untold = False, True
@@ -273,10 +274,10 @@ class Exchange:
         return self._status
 
     def _prove(self, status: StatusRegisters, now_ns: int) -> bool:
-        """Echo gating: until then position and detection may be those of the motion before. Returns
-        whether another client has written, so that all is to be written again."""
+        """Update whether the status reflects the last write: before that, it may describe the
+        previous motion. Returns whether to write again, after another client."""
         stood, self._stood = self._stood, tuple(finger.detection != 0 for finger in status.fingers)
-        was_proven = self._proven  # false where something was told since
+        was_proven = self._proven  # false after a new write
         self._shown = (int(status.go_to), *(finger.echo for finger in status.fingers))
         asked = self._asked()
         proof = self._proven or self._edge or self._refreshed_twice(now_ns)
@@ -292,9 +293,15 @@ class Exchange:
             self.again()
             return True
         begun = any(stood and not stands for stood, stands in zip(stood, self._stood, strict=False))
-        if begun and was_proven and self._proven and self._told is not None and self._told.go_to:
+        if (
+            begun
+            and was_proven
+            and self._proven
+            and self._commanded is not None
+            and self._commanded.go_to
+        ):
             if now_ns - self.told_ns > _SETTLED_NS:
-                self.changed = "a finger moves that was told nothing"
+                self.changed = "a finger moves without a command"
             self.again()
             return True
         if not status.active:
@@ -304,27 +311,28 @@ class Exchange:
         return False
 
     def _is_foreign(self, asked: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
-        """Whether nobody here asked for what the status shows. What it showed before the last write
-        it may go on showing: that is silence. A mixture of what was asked lately gets two refreshes
-        to pass, and what was written over already gets two as well."""
-        told, shown = self._told, self._shown
-        if shown == asked or told is None or told in (RESET, ACTIVATE):
+        """Whether the status shows values that this exchange did not write.
+
+        Values from before the last write are allowed: the device may not have taken it up yet. A
+        mixture of recent writes is allowed for two refreshes. A foreign value that was already
+        overwritten also gets two refreshes to disappear."""
+        commanded, shown = self._commanded, self._shown
+        if shown == asked or commanded is None or commanded in (RESET, ACTIVATE):
             return False
-        if not status.ready or status.mode != told.mode:  # no target is obeyed, or another's
+        if not status.ready or status.mode != commanded.mode:  # targets are not obeyed
             return False
         if self._refreshed_twice(now_ns):
             return shown == self._foreign or shown not in self._ours
         return any(value not in own for value, *own in zip(shown, asked, *self._ours, strict=True))
 
     def _asked(self) -> tuple[int, ...]:
-        """What the status is to show: targets too, of fingers that are commanded one by one, as all
-        are here, where they are to be obeyed."""
-        told = self._told
-        if told is None:
+        """rGTO and targets that the status should show; targets count only while rGTO is set."""
+        command = self._commanded
+        if command is None:
             return self._shown
-        if not told.go_to:
+        if not command.go_to:
             return 0, *self._shown[1:]
-        return 1, told.a.position, told.b.position, told.c.position
+        return 1, command.a.position, command.b.position, command.c.position
 
 
 def _difference(shown: tuple[int, ...], asked: tuple[int, ...]) -> str:

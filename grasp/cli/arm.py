@@ -1,4 +1,4 @@
-"""`grasp arm`: the arm alone, moved by one short slow step, or stopped. `grasp status`: what the
+"""`grasp arm`: move the arm by one short slow step, or stop it. `grasp status`: print what the
 gripper or the arm reports."""
 
 import argparse
@@ -25,14 +25,14 @@ def add_parser(verbs: Any) -> None:
             help="mm along that axis of the base" + ("; z is upwards" if axis == "z" else ""),
         )  # fmt: skip
     text = (
-        "end the program that moves the arm, whoever runs it, and look until the arm stands; needs "
-        "no --confirm-motion: what stops is never refused"
+        "end the program that moves the arm, whichever client started it, and wait until the arm "
+        "stands; needs no --confirm-motion, because a stop is never refused"
     )
     add_verb(actions, "stop", stop_arm, text)
 
 
 def add_status(verbs: Any) -> None:
-    text = "what a lab's gripper or arm reports, and what stands against a run; moves nothing"
+    text = "what a lab's gripper or arm reports, and what prevents a run; moves nothing"
     parser = add_verb(verbs, "status", status, text, moves=False)
     parser.option("device", "", choices=("gripper", "arm"))
 
@@ -42,7 +42,7 @@ def status(args: argparse.Namespace) -> int:
 
 
 def arm_status(args: argparse.Namespace) -> int:
-    """Modes, joints, tool, and what stands against a run."""
+    """Print modes, joints, tool position, and what prevents a run."""
     from drivers.ur.link.look import lines, look
     from scenarios.rigs.device_checks import arm_checks
     from scenarios.rigs.permission import arm_address
@@ -96,7 +96,7 @@ def stop_arm(args: argparse.Namespace) -> int:
 
     if args.dry_run:
         where = arm_address(lab_config(args))
-        return tell(args, {"would": f"end the program on the arm at {where}, whoever runs it"})
+        return tell(args, {"would": f"end any program that runs on the arm at {where}"})
     stands = _mm(stop(lab_config(args)))
     return tell(args, {"done": f"the arm stands at {stands}, no program runs on it"})
 

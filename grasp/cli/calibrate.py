@@ -27,7 +27,7 @@ from grasp.cli.parser import Parser, group
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
-HELP = "measure what counts and bytes are worth, on a scale; fit the simulated fingertip"
+HELP = "calibrate counts and force bytes on a scale; fit the simulated fingertip"
 SCALE = "One finger presses on a scale, harder than the limit of a run allows."
 OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
 MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
@@ -50,12 +50,12 @@ def add_parser(verbs: Any) -> None:
         "a scale, and you type what it says",
     )  # fmt: skip
     _add_scale(hand, required=True)
-    hand.option("--presses N", "of each byte; ten at least of one that turns out to press with "
-        "less than the manual says of it, 15 N of byte 0", whole(4, 100), default=10)  # fmt: skip
-    hand.option("--bytes BYTE", "force bytes that are pressed, 0 among them in any case (default: "
+    hand.option("--presses N", "presses per byte; a byte that presses with less than the manual "
+        "states (15 N for byte 0) gets at least ten", whole(4, 100), default=10)  # fmt: skip
+    hand.option("--bytes BYTE", "force bytes to press with; 0 is always included (default: "
         "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
     hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
-        "none, travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
+        "none; travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
     noise = _kind(
         kinds, "noise", calibrate_noise,
         "the rule on slip that your fingertips allow, without labels: the hand holds something "
@@ -63,23 +63,25 @@ def add_parser(verbs: Any) -> None:
     )  # fmt: skip
     noise.option("--detector NAME", "", default="tcn")
     noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
-    noise.option("--seconds N", "of hold", decimal(SHORTEST_S + 5, 3600), default=LONG_S)
+    noise.option(
+        "--seconds N", "duration of the hold", decimal(SHORTEST_S + 5, 3600), default=LONG_S
+    )
     fingertip.add_parser(kinds)
 
 
 def _kind(kinds: Any, name: str, handler: Any, text: str) -> Parser:
     parser = add_verb(kinds, name, handler, text)
-    parser.option("--out FILE", "what is written: a new .toml file, with date, spread and source",
+    parser.option("--out FILE", "new .toml file to write, with date, spread and source",
         file_to_write, required=True)  # fmt: skip
-    parser.option("--note TEXT", "what else the file shall say of its source", default="")
+    parser.option("--note TEXT", "text to add to the source in the file", default="")
     return parser
 
 
 def _add_scale(parser: Parser, required: bool) -> None:
     parser.option("--finger", "", choices=FINGERS, default="A")
     parser.option("--up-to N",
-        "newtons that may be pressed, more than the limit of a run if need be, at most the "
-        f"manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
+        "largest force, N; it may exceed the limit of a run, up to the manual's "
+        f"{MANUAL_MOST_N:g}; by the manual byte 0 may press with {MANUAL_LEAST_N:g}"
         + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
         decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
     parser.flag("--scale", OVER_A_SCALE)

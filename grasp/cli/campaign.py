@@ -30,16 +30,18 @@ def _add_run(actions: Any) -> None:
         "interrupted, with all finished rows kept.")  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     add_workers(run)
-    run.option("--out FILE", "SQLite file to make (default: runs/campaigns/<name>.sqlite)",
+    run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
         file_with_folders)  # fmt: skip
-    run.option("--detector NAME", "in place of the detectors of the campaign file")
-    run.option("--profile NAME", "in place of the profiles of the campaign file")
+    run.option("--detector NAME", "use this instead of the detectors of the campaign file")
+    run.option("--profile NAME", "use this instead of the profiles of the campaign file")
     run.option("--config FILE", "TOML over the packaged settings and the campaign's `config`, for "
         "every trial; several: later ones on top", Path, action="append")  # fmt: skip
     run.option("--set SECTION.KEY=VALUE", "one setting, for every trial; may be repeated; `grasp "
         "config` lists them", action="append", default=[])  # fmt: skip
-    run.option("--repetitions N", "in place of the campaign file's", whole(1, MOST_REPETITIONS))
-    run.flag("--resume", "go on with an existing file: run what is missing or errored")
+    run.option(
+        "--repetitions N", "use this instead of the campaign file's", whole(1, MOST_REPETITIONS)
+    )
+    run.flag("--resume", "continue an existing file: run the missing and errored trials")
     run.flag("--json", "the summary as one JSON object, nothing else")
 
 
@@ -72,7 +74,7 @@ def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
     for assignment in assignments:
         key = assignment.partition("=")[0].strip()
         if key in spec.sweep:
-            raise UsageError(f"--set: {key} is set by sweep of the campaign", "leave it out")
+            raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")
     detector = next(iter(spec.detectors), None)
     files = [Path(word) for word in spec.config]
     load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
@@ -95,10 +97,10 @@ def run_campaign(args: argparse.Namespace) -> int:
         try:
             ended = run(spec, out, workers(args), args.resume, show)
         except KeyboardInterrupt:
-            kept = "interrupted before anything ran"
+            kept = "interrupted before any trial ended"
             if last is not None:
                 kept = f"{last.done} of {last.total} trials are in {out}"
-            return exits.report("interrupted", kept, "go on with --resume", args.json)
+            return exits.report("interrupted", kept, "continue with --resume", args.json)
     print_summary(out, args.json)
     if not args.json:
         print(out)
@@ -106,7 +108,7 @@ def run_campaign(args: argparse.Namespace) -> int:
 
 
 def print_summary(path: Path, as_json: bool) -> None:
-    """Table IV of a campaign's file."""
+    """Print Table IV of a campaign file."""
     import msgspec
 
     from grasp.cli.campaign_view import print_summary as print_tables

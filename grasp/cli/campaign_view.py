@@ -1,4 +1,4 @@
-"""What a person sees of a campaign: Table IV."""
+"""Terminal view of a campaign: Table IV."""
 
 import math
 import sys

@@ -13,11 +13,11 @@ from grasp.cli.parser import verb
 
 
 def add_parser(actions: Any) -> None:
-    parser = verb(actions, "card", card, "what a network's weights say of themselves: data, seed, "
-        "commit, calibration")  # fmt: skip
-    parser.option("network NAME|FILE.onnx", "packaged name, or a file; without it: the detectors "
-        "there are, which is the default, and the rule of each", nargs="?")  # fmt: skip
-    parser.flag("--json", "one JSON object a detector")
+    parser = verb(actions, "card", card, "show the card of a network: data, seed, commit, "
+        "calibration")  # fmt: skip
+    parser.option("network NAME|FILE.onnx", "packaged name, or a file; without it: list all "
+        "detectors, the default and the rule of each", nargs="?")  # fmt: skip
+    parser.flag("--json", "one JSON object per detector")
 
 
 def card(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Words that a shell can offer: argcomplete asks for them.
+"""Shell completion, through argcomplete.
 
 In ~/.bashrc: `eval "$(register-python-argcomplete grasp)"`; of zsh and fish too.
 """

@@ -1,5 +1,5 @@
-"""`grasp config`: every setting with its value, allowed range and source; of files of one's own,
-whether they are what they should be."""
+"""`grasp config`: print every setting with its value, allowed range and source, or check the
+user's files."""
 
 import argparse
 import json
@@ -19,11 +19,11 @@ FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verb(verbs, "config", run, HELP, ". Every setting, its value, what is allowed and "
-        "whence it is; of each FILE (a .toml of your own: an object, surface, calibration, rig, "
-        "campaign, data set, or settings for --config) instead whether it is what it should be, "
-        "judged alone. Opens no device and runs no trial; the detectors of a campaign are loaded. "
-        "Exit code 2 if a file is wrong.")  # fmt: skip
+    parser = verb(verbs, "config", run, HELP, ". Prints every setting with its value, its allowed "
+        "range and its source. With FILE (your own .toml: an object, surface, calibration, rig, "
+        "campaign, data set, or settings for --config) it checks that file alone instead. Opens no "
+        "device and runs no trial, but loads the detectors of a campaign. Exit code 2 if a file is "
+        "wrong.")  # fmt: skip
     parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     add_trial_options(parser, rig="emulated")
     parser.flag("--json", "the resolved settings as one JSON object")
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     if not any(by_path(word) for word in args.section):
         return _show(args)
     if args.json:
-        raise UsageError("--json shows settings, and files are checked", "leave it out")
+        raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
     code = exits.SUCCESS
     for word in args.section:
         try:
@@ -174,8 +174,10 @@ def _check_section(word: str, sections: list[str], config: Any) -> None:
     if word in sections:
         return
     if word == "detector":
-        told = f"its settings are in [{config.detector_section}] and [rule]"
-        remedy = f"`grasp detector card` names all, {config.detector_name} is chosen: {told}"
+        remedy = (
+            f"see [{config.detector_section}] and [rule] for the chosen {config.detector_name}; "
+            "`grasp detector card` lists all detectors"
+        )
         raise UsageError("no section 'detector'", remedy)
     hint = meant(word, sections)
     raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")

@@ -22,15 +22,17 @@ def add_parser(verbs: Any) -> None:
 
 def _add_build(actions: Any) -> None:
     parser = verb(actions, "build", build, "make all recordings of a data set, on the simulated "
-        "rig", ". The same file gives the same recordings, on any number of processes. A build "
-        "that was ended goes on where it was.")  # fmt: skip
+        "rig", ". The same file gives the same recordings, on any number of processes. An "
+        "interrupted build continues where it stopped.")  # fmt: skip
     parser.option("config FILE", "its path, or the name of one of config/datasets: paper, "
         "confusers, grasped-slip, mallet, observer, turning")  # fmt: skip
     parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
     add_workers(parser)
-    parser.option("--share X", "build so much of it, at most 1, with the same distribution; of "
-        "each kind three recordings at least", decimal(1e-4, 1), default=1.0)  # fmt: skip
-    parser.option("--seed N", "draw other recordings of the same distribution (default: the file's "
+    parser.option("--share X", "share of the recordings to build, at most 1, with the same "
+        "distribution; at least three recordings of each "
+        "kind", decimal(1e-4, 1), default=1.0)  # fmt: skip
+    parser.option("--seed N", "random seed for other recordings of the same distribution "
+        "(default: the file's "
         "seed)", whole(1, 2**31 - 1))  # fmt: skip
     parser.flag("--json", "one JSON object on standard output, nothing else")
 

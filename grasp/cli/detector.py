@@ -32,9 +32,9 @@ def add_parser(verbs: Any) -> None:
 
 def _add_evaluate(actions: Any) -> None:
     parser = verb(actions, "evaluate", evaluate, "score detectors on labelled fingertip recordings",
-        ". Samples from the hundredth of a recording on are scored; a miss counts as a delay "
-        "without end.")  # fmt: skip
-    parser.option("detector NAME", "some of config/detectors", nargs="+")
+        ". Scores the samples from the hundredth of a recording on; a miss counts as an infinite "
+        "delay.")  # fmt: skip
+    parser.option("detector NAME", "one or more of config/detectors", nargs="+")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         "--recording", type=Path, metavar="RUN|FILE",
@@ -48,14 +48,14 @@ def _add_evaluate(actions: Any) -> None:
         metavar="DIR",
         help="folders of `grasp dataset build`, or `collect`",
     )
-    parser.option("--split", "with --data: what to score on; all is fair on a set built from a "
-        "seed of its own",
+    parser.option("--split", "with --data: the split to score; `all` is fair only on a set built "
+        "from another seed",
         choices=("train", "validation", "test", "all"), default="test")  # fmt: skip
     parser.option("--label", "slip: by the fingertip's speed, as in the paper; slip_true: the "
         "contact itself slides; moved: 1 mm from where it last rested",
         choices=("slip", "slip_true", "moved"), default="slip")  # fmt: skip
-    parser.option("--out FILE.json", "keep the scores, with what each rule of the sweep of `tune` "
-        "would make of them and the worst misses; `grasp report FILE.json` makes a page of it",
+    parser.option("--out FILE.json", "write the scores, those of each rule in the sweep of "
+        "`tune`, and the worst misses; `grasp report FILE.json` makes a page of it",
         file_to_write)  # fmt: skip
     add_settings(parser)
     parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
@@ -67,8 +67,8 @@ def _add_tune(actions: Any) -> None:
         "`validation`; with --unlabelled its threshold, on holds in which nothing "
         "slips.")  # fmt: skip
     parser.option("detector NAME", "one of config/detectors, or your own")
-    parser.option("--budget N", "false events a minute, three fingers together; less rest than one "
-        "of them needs is refused; 0: none in whatever rest there is", decimal(0, MOST_BUDGET),
+    parser.option("--budget N", "false events a minute of all three fingers; too little rest for "
+        "one event is refused; 0: none in the rest that the data have", decimal(0, MOST_BUDGET),
         default=1.0)  # fmt: skip
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(

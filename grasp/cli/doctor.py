@@ -1,5 +1,5 @@
-"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy; `grasp doctor
-HOST...`: which devices answer there."""
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. `grasp
+doctor HOST...`: list the devices that answer at these addresses."""
 
 import argparse
 from typing import Any
@@ -10,14 +10,14 @@ from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
 from grasp.cli.output import json_line
 from grasp.cli.parser import verb
 
-HELP = "check this machine and the devices, or who answers at addresses; moves nothing"
+HELP = "check this machine and the devices, or which devices answer at addresses; moves nothing"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def add_parser(verbs: Any) -> None:
     parser = verb(verbs, "doctor", doctor, HELP, ". Reads only.")
-    parser.option("hosts HOST", "ask these alone, on the ports known, and print what to write into "
-        "a file for --config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
+    parser.option("hosts HOST", "query only these, on the known ports, and print the settings for "
+        "a --config file. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
         "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
         nargs="*")  # fmt: skip
     parser.option("--timeout S", "each HOST answers a question within S seconds", decimal(0.05, 10),
@@ -83,7 +83,7 @@ def _code(failed: list[Any]) -> int:
 
 
 def _find(args: argparse.Namespace) -> int:
-    """Asks those that are named, and the USB bus, and nobody else."""
+    """Query the named addresses and the USB bus only."""
     import msgspec
 
     from scenarios.lab.find import ask, settings_of, usb_boards
@@ -92,8 +92,8 @@ def _find(args: argparse.Namespace) -> int:
     for each in (*ask(args.hosts, args.timeout), *usb_boards()):
         found.append(each)
         if not args.json:
-            heard = "yes " if each.answered else "no  "
-            print(one_line(f"{heard}  {each.device} at {each.where}: {each.said}"))
+            answer = "yes " if each.answered else "no  "
+            print(one_line(f"{answer}  {each.device} at {each.where}: {each.said}"))
     answered = any(each.answered for each in found)
     code = exits.SUCCESS if answered else exits.DEVICE
     if args.json:
@@ -101,5 +101,5 @@ def _find(args: argparse.Namespace) -> int:
     elif answered:
         print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
     else:
-        exits.report_line("nobody answers: check power, cables and addresses")
+        exits.report_line("no device answers: check power, cables and addresses")
     return code

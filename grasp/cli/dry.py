@@ -12,7 +12,7 @@ from grasp.cli.trials import is_asked, trials_of
 
 
 def add_dry_run(parser: Parser) -> None:
-    parser.flag("--dry-run", "on real devices: ask them, say what would move, and move nothing")
+    parser.flag("--dry-run", "on real devices: query them, print what would move, and move nothing")
 
 
 def run(config: Any, args: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transf
 def add_parser(verbs: Any) -> None:
     parser = verb(verbs, "emulate", emulate, HELP, ". Prints its endpoints as one JSON line when "
         "it is ready and ends on SIGINT or SIGTERM. An object appears between the fingers once the "
-        "hand is activated. What a person does in a laboratory is typed here, a line each: place "
+        "hand is activated. Standard input takes the actions of an operator, one per line: place "
         "(the object on the table), take (it away), scale (what each fingertip presses with), home "
         "(the arm, to where it began, its tool turned as it was), look, tap [top|side|closing], "
         "press FINGER TAXEL [NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), "
@@ -35,7 +35,7 @@ def add_parser(verbs: Any) -> None:
     parser.flag("--rtu", "put the gripper on a serial line too, a pseudo-terminal that is printed "
         "with the endpoints")  # fmt: skip
     parser.option("--object NAME", OBJECT_HELP, default="can")
-    parser.option("--seed N", "of everything random", seed, default=0)
+    parser.option("--seed N", "random seed", seed, default=0)
     add_settings(parser)
 
 

@@ -18,10 +18,10 @@ ENDINGS = {".csv": "csv", ".json": "layout", **dict.fromkeys(PICTURES, "svg")}
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verb(verbs, "export", export, HELP, ". csv: one row a control step, units in the "
-        "names of the columns; of a campaign one row a trial. svg: force, slip probability and "
-        "slip distance over time (needs the extra `charts`). layout: how Foxglove and Lichtblick "
-        "show a recording.mcap.")  # fmt: skip
+    parser = verb(verbs, "export", export, HELP, ". csv: one row per control step with units in "
+        "the column names; for a campaign one row per trial. svg: force, slip probability and "
+        "slip distance over time (needs the extra `charts`). layout: a Foxglove and Lichtblick "
+        "layout for recording.mcap.")  # fmt: skip
     parser.option("run RUN", "folder or recording.mcap of a lift or a tap, or the SQLite file of a "
         "campaign", Path)  # fmt: skip
     parser.option("--to", "(default: by the name of --out, else csv)",
@@ -37,13 +37,13 @@ def export(args: argparse.Namespace) -> int:
     meant = None if args.out is None else ENDINGS.get(args.out.suffix)
     if args.to is None and args.out is not None and meant is None:
         raise UsageError(
-            f"--out {args.out}: the name does not say the format",
-            f"a name that ends in {', '.join(ENDINGS)}, or --to",
+            f"--out {args.out}: no known file ending",
+            f"use a name that ends in {', '.join(ENDINGS)}, or give --to",
         )
     to = args.to or meant or "csv"
     if is_database(args.run):
         if to != "csv":
-            raise UsageError(f"{args.run} is a campaign, and no {to} is made of one", "--to csv")
+            raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
         print(_campaign(args.run, args.out))
     elif to == "svg":
         print(_picture(args.run, args.out))
@@ -76,8 +76,8 @@ def _picture(run: Path, out: Path | None) -> Path:
 
     out = out or find_recording(run).with_name("run.svg")
     if out.suffix not in PICTURES:
-        raise UsageError(f"--out {out}: not the name of a picture",
-                         f"a name that ends in {', '.join(PICTURES)}")  # fmt: skip
+        raise UsageError(f"--out {out}: not an image file name",
+                         f"use a name that ends in {', '.join(PICTURES)}")  # fmt: skip
     must_be_writable(out)
     draw_run(run, out)
     return out

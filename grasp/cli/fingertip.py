@@ -14,20 +14,21 @@ from grasp.files import write_whole
 
 def add_parser(kinds: Any) -> None:
     parser = verb(kinds, "fingertip", calibrate, "fit the simulated fingertip to a real recording, "
-        "and show both side by side", ". The recording should be strokes with pauses, labelled. "
-        "Fitted values are judged on simulated clips that the search has not seen. To use them, "
-        "pass the file written by --out as --config to `grasp run`; the built-in values are those "
-        "fitted to the clip of the paper's authors.")  # fmt: skip
+        "and show both side by side", ". The recording needs labelled strokes with pauses. "
+        "Simulated recordings that the search did not use judge the fitted values. To use them, "
+        "pass the --out file as --config to `grasp run`. The built-in values are fitted to the "
+        "recording of the paper's authors.")  # fmt: skip
     parser.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path,
         required=True)  # fmt: skip
-    parser.flag("--check", "judge the built-in values; search for no others")
-    parser.option("--rounds N", "of the closer half of the search (default: 8)", whole(1, 1000))
-    parser.option("--seed N", "another search; how far two differ is what the recording does not "
-        "tell", whole(0, 2**31 - 1), default=0)  # fmt: skip
-    parser.option("--clips N", "simulated clips that the result is judged on", whole(2, 100_000),
+    parser.flag("--check", "judge the built-in values without a search")
+    parser.option("--rounds N", "rounds of the local search (default: 8)", whole(1, 1000))
+    parser.option("--seed N", "random seed of the search; results of two seeds differ in what the "
+        "recording does not determine", whole(0, 2**31 - 1), default=0)  # fmt: skip
+    parser.option("--clips N", "number of simulated recordings that judge the "
+        "result", whole(2, 100_000),
         default=48)  # fmt: skip
     parser.option("--out FILE.toml", "write the fitted values", file_to_write)
-    parser.option("--figure FILE", "draw a simulated clip under the recording", picture)
+    parser.option("--figure FILE", "plot a simulated recording under the real one", picture)
     parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
@@ -41,11 +42,15 @@ def calibrate(args: argparse.Namespace) -> int:
     if args.figure:
         need("charts", "matplotlib")
     if args.check and args.out:
-        raise UsageError("--out writes fitted values, and --check fits none", "leave one out")
+        raise UsageError(
+            "--out writes fitted values, but --check fits none", "leave out --out or --check"
+        )
     recording = read(args.recording)
     if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
-        remedy = "give strokes with pauses between them, labelled"
-        raise BadFile(args.recording, "not one fingertip in slip and at rest", remedy)
+        remedy = "give one fingertip's labelled strokes with pauses between them"
+        raise BadFile(
+            args.recording, "needs one fingertip with samples of slip and of rest", remedy
+        )
     if args.out:
         own_or_new(args.out, fitting.WRITTEN)
     real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)

@@ -1,5 +1,5 @@
-"""`grasp gripper`: the hand alone, activated, and moved slowly in finite steps; `grasp
-release`: a hand that was left closed, opened so."""
+"""`grasp gripper`: activate the hand, and move it slowly in finite steps. `grasp release`: open a
+closed hand in the same way."""
 
 import argparse
 from collections.abc import Callable
@@ -59,10 +59,10 @@ def add_release(verbs: Any) -> None:
     parser = add_verb(verbs, "release", release, f"open all fingers of a hand {SLOW}")
     parser.description = (
         f"{parser.description}. Support the object first: it falls when the fingers open. Needs "
-        "the gripper alone: how arm and fingertips are is told, and does not matter."
+        "only the gripper. The state of arm and fingertips is printed and prevents nothing."
     )
-    parser.flag("--activate", "activate a hand that is not active, which opens and closes it "
-        "fully: it must be empty, or what it holds supported")  # fmt: skip
+    parser.flag("--activate", "activate an inactive hand, which opens and closes it fully; it must "
+        "be empty, or its object supported")  # fmt: skip
 
 
 def _add_finger(parser: Parser, default: str) -> None:
@@ -113,7 +113,7 @@ def activate(args: argparse.Namespace) -> int:
         from scenarios.lab.ready import check_activation
         from scenarios.rigs.rig import to_open
 
-        to_open(config)  # raises where nobody has said which hand this is
+        to_open(config)  # raises without a calibration
         seen = check_activation(config)
         does = IDLE if seen is None else SET_BASIC if seen.well else ALL
         return tell(args, {"would": does})
@@ -123,7 +123,7 @@ def activate(args: argparse.Namespace) -> int:
     with interruption.held():
         positions = activate_hand(config, permit, say)
     if positions is None:
-        return tell(args, {"done": "it was active already: nothing was moved"})
+        return tell(args, {"done": "already active: nothing moved"})
     return tell(args, {"done": f"active, fingers at {positions} counts"})
 
 
@@ -157,12 +157,12 @@ def release(args: argparse.Namespace) -> int:
 
 
 def _would_release(args: argparse.Namespace, config: Any) -> int:
-    """Raises what the release would: exits 0 only where the fingers would be opened."""
+    """Raises the errors of the release: exits 0 only if the fingers would open."""
     from scenarios.lab.ready import hand_seen
     from scenarios.rigs.release import not_active
     from scenarios.rigs.rig import to_open
 
-    to_open(config)  # raises where nobody has said which hand this is
+    to_open(config)  # raises without a calibration
     seen = hand_seen(config)
     if not seen.state.active:
         if not args.activate:
@@ -193,14 +193,14 @@ def step_fingers(args: argparse.Namespace) -> int:
 def _moved(
     args: argparse.Namespace, config: Any, plan: str, targets: Callable[[Any], Any], closing: str
 ) -> int:
-    """Fingers go to their ``targets`` from where they are. ``closing``: those that close."""
+    """Move fingers to their ``targets``. ``closing``: the fingers that close."""
     from scenarios.lab.hand import guard_of, open_hand
 
     if args.dry_run:
         return _would(args, config, targets, closing)
     order = ""
     if closing:
-        guard_of(config)  # what would be refused anyhow is told instead of what would move
+        guard_of(config)  # reports a refusal instead of a motion
         order = _order(config, closing)
     permit = leave_to_move(config, args, lambda: f"{plan} at {_how(config)}{order}")
     tell_mode(config)
@@ -257,7 +257,7 @@ def _order(config: Any, closing: str) -> str:
 
 
 def _how(config: Any) -> str:
-    """Speed and force. Raises ConfigError where nobody has said which hand this is."""
+    """Speed and force. Raises ConfigError without a calibration."""
     from scenarios.rigs.rig import calibration
 
     known = calibration(config)

@@ -19,26 +19,26 @@ FINGERS = ("A", "B", "C")
 def add_lab(parser: Parser, moves: bool) -> None:
     """`--rig`, settings and `--json`; of what ``moves`` something, `--confirm-motion` and
     `--dry-run` too."""
-    parser.option("--rig NAME", "hardware, or a .toml file of a rig that is like it",
+    parser.option("--rig NAME", "hardware, or a .toml file of a similar rig",
         default="hardware")  # fmt: skip
     add_settings(parser)
     parser.flag("--json", "one JSON object on standard output, nothing else")
     if moves:
         add_confirmation(parser)
-        parser.flag("--dry-run", "say what would move, and move nothing")
+        parser.flag("--dry-run", "print what would move, and move nothing")
 
 
 def add_verb(
     verbs: Any, name: str, handler: Callable[..., int], text: str, moves: bool = True
 ) -> Parser:
-    """A verb of a lab's devices, with what all of them take."""
+    """Add a command for a lab's devices, with their common options."""
     parser = verb(verbs, name, handler, text)
     add_lab(parser, moves)
     return parser
 
 
 def tell(args: argparse.Namespace, told: dict[str, Any], code: int = exits.SUCCESS) -> int:
-    """What was done, or would be."""
+    """Print what was done, or would be done; returns ``code``."""
     if args.json:
         print(json_line({**told, "exit_code": code}))
     else:

@@ -168,12 +168,12 @@ def physics_lines(result: Any) -> list[str]:
     text = f"  contact level {found.level}, step {found.step_s * 1e3:g} ms"
     if result.scenario == "tap":
         step = f"step {found.blow_step_s * 1e3:g} ms"
-        text += f"; {found.blow_level}, {step}, while a blow moves the object"
+        text += f"; {found.blow_level}, {step}, while a tap moves the object"
     return [text]
 
 
 def print_verdict(result: Any, verbose: bool = False) -> None:
-    """The short verdict of a trial and where its recording is; ``verbose``: its level too."""
+    """The short verdict of a trial and the path of its recording; ``verbose``: its level too."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     print(f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})")
     for text in facts(result):

@@ -140,8 +140,8 @@ def no_settings(parser: Parser) -> None:
 
 def add_confirmation(parser: Parser) -> None:
     """`--confirm-motion`, of the verbs that may move real devices."""
-    parser.flag("--confirm-motion", "needed on the hardware rig, every time: the cell is clear and "
-        "somebody watches")  # fmt: skip
+    parser.flag("--confirm-motion", "required for every motion of the hardware rig: confirms that "
+        "the cell is clear and a person watches")  # fmt: skip
 
 
 def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPermit | None":
@@ -166,9 +166,9 @@ def network_path(word: str) -> Path:
 
 def add_workers(parser: Parser) -> None:
     """`--jobs N`: worker processes on this machine; `--cluster ADDRESS`: a Dask cluster's."""
-    parser.option("--jobs N", "worker processes (default: one a core)", whole(1, MOST_JOBS),
+    parser.option("--jobs N", "worker processes (default: one per core)", whole(1, MOST_JOBS),
         default=len(os.sched_getaffinity(0)))  # fmt: skip
-    parser.option("--cluster ADDRESS", "work on the workers of this Dask scheduler instead, e.g. "
+    parser.option("--cluster ADDRESS", "use the workers of this Dask scheduler instead, e.g. "
         "tcp://10.0.0.1:8786 (needs the extra `cluster`)")  # fmt: skip
 
 

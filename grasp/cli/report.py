@@ -30,7 +30,9 @@ def add_parser(verbs: Any) -> None:
 
 def report(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix != ".html":
-        raise UsageError(f"--out {args.out}: not the name of a page", "a name that ends in .html")
+        raise UsageError(
+            f"--out {args.out}: not an HTML file name", "use a name that ends in .html"
+        )
     runs = _runs(args.run)
     if args.out is not None and len(runs) > 1:
         raise UsageError(f"{args.run} holds {len(runs)} runs", "leave --out out, or name one run")

@@ -35,8 +35,8 @@ def _add_lift(scenarios: Any) -> None:
     parser = verb(scenarios, "lift", run, "lift an object held too weakly")
     add_trial_options(parser, rig="emulated")
     parser.flag("--keep", "keep holding the object instead of setting it down")
-    parser.flag("--first", "a lab's first lift: closed in free air, then a soft object, at half "
-        "speed and the least force, with a question before each")  # fmt: skip
+    parser.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at "
+        "half speed and the least force, with a question before each")  # fmt: skip
     add_series_options(parser, "lift")
     dry.add_dry_run(parser)
     _add_common(parser)
@@ -45,8 +45,9 @@ def _add_lift(scenarios: Any) -> None:
 def _add_tap(scenarios: Any) -> None:
     parser = verb(scenarios, "tap", run, "strike an object held at the force cap")
     add_trial_options(parser, rig="emulated")
-    parser.option("--direction DIR", "of the blows: top, side (across the closing axis), alternate "
-        "(the two in turn), or closing (along that axis; default: alternate)")  # fmt: skip
+    parser.option("--direction DIR", "direction of the taps: top, side (across the closing axis), "
+        "alternate (the two in turn), or closing (along that axis; default: "
+        "alternate)")  # fmt: skip
     add_series_options(parser, "tap")
     parser.refuse("--taps", because="it is called --trials")
     dry.add_dry_run(parser)
@@ -73,12 +74,12 @@ def _add_acquire(scenarios: Any) -> None:
 
 def _add_common(parser: Parser) -> None:
     add_runs(parser, folder_to_fill)
-    parser.option("-v --verbose", "leave a log in --runs, with the wall clock's times; of a "
-        "simulated lift or taps say the contact level too", action="store_true")  # fmt: skip
-    parser.flag("--view", "follow it on a page in a browser, on this machine alone: opened where "
-        "there is a display, its address said on standard error")  # fmt: skip
-    parser.option("--pace", "on the simulated rig: virtual time at the wall's pace, or as fast as "
-        "it can (default: real in a terminal and with --view, max otherwise)",
+    parser.option("-v --verbose", "write a log with wall-clock times to --runs; for simulated "
+        "lifts and taps print the contact level too", action="store_true")  # fmt: skip
+    parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it if "
+        "there is a display, and prints its address on standard error")  # fmt: skip
+    parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
+        "possible (default: real in a terminal and with --view, max otherwise)",
         choices=("real", "max"))  # fmt: skip
     parser.flag("--json", "one JSON object on standard output, nothing else")
     add_confirmation(parser)
@@ -97,9 +98,9 @@ def add_trial_options(parser: Parser, rig: str) -> None:
 
 def _add_rig(parser: Parser, rig: str) -> None:
     parser.option("--rig NAME", "emulated (real protocols to a cell in another process), simulated "
-        "(virtual time), hardware, or a .toml file that says which it is like",
+        "(virtual time), hardware, or a .toml file based on one of these",
         default=rig)  # fmt: skip
-    parser.option("--seed N", "of everything random, 0 or more", seed, default=0)
+    parser.option("--seed N", "random seed, 0 or more (default: 0)", seed, default=0)
     add_settings(parser)
 
 

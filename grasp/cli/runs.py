@@ -1,4 +1,4 @@
-"""`grasp runs`: what has been recorded so far, or what came of a campaign."""
+"""`grasp runs`: list recorded runs, or summarise a campaign."""
 
 import argparse
 import json
@@ -12,7 +12,7 @@ from grasp.cli.options import add_runs, no_settings
 from grasp.cli.output import json_line
 from grasp.cli.parser import verb
 
-HELP = "list recorded runs with their verdicts; sum a campaign up as the paper's Table IV"
+HELP = "list recorded runs with their verdicts; summarise a campaign as the paper's Table IV"
 
 
 def add_parser(verbs: Any) -> None:

@@ -1,4 +1,4 @@
-"""`grasp tactile`: listen to the fingertips, and find out how their board is wired."""
+"""`grasp tactile`: print what the fingertips measure, and identify how their board is wired."""
 
 import argparse
 import sys
@@ -19,23 +19,24 @@ HELP = "fingertips: wiring, rest and noise"
 
 def add_parser(verbs: Any) -> None:
     actions = group(verbs, "tactile", HELP)
-    which = verb(actions, "identify", identify, "press a pad: which finger and taxel "
-        "answers")  # fmt: skip
+    which = verb(actions, "identify", identify, "press a pad and see which finger and "
+        "taxel responds")  # fmt: skip
     which.option("--url URL", "an emulated board, tcp://HOST:PORT (default: usb.url, else the "
         "board on the USB bus)")  # fmt: skip
     which.option("--serial", "the board with this number (default: usb.serial, else the first)")
     add_settings(which)
     which.option("--seconds N", "watch for N seconds", decimal(0.01, 86_400), default=10.0)
-    which.option("--least-fall COUNTS", "a code so far below its rest is a press (default: "
-        "%(default)d, about half a newton; an untouched taxel moves by one or two)", whole(2, 1023),
+    which.option("--least-fall COUNTS", "a code this far below its rest code is a press (default: "
+        "%(default)d, about half a newton; an untouched taxel varies by one or "
+        "two)", whole(2, 1023),
         default=20)  # fmt: skip
     which.flag("--json", "one JSON object on standard output, nothing else")
     text = "counts, noise and lost frames of each second, then of every taxel; begin unloaded"
     listen = add_verb(actions, "watch", watch, text, moves=False)
     listen.option("--seconds N", "listen for N seconds (default: 3600, with --rest 5)",
         decimal(1, 86_400))  # fmt: skip
-    listen.flag("--rest", "the rest codes of the unloaded hand, as tactile.rest_reference for a "
-        "file of your own")  # fmt: skip
+    listen.flag("--rest", "measure the rest codes of the unloaded hand and print them as "
+        "tactile.rest_reference for your file")  # fmt: skip
     listen.option("--out FILE", "with --rest: write that file (a new one)", file_to_write)
 
 
@@ -47,19 +48,19 @@ def watch(args: argparse.Namespace) -> int:
     if args.rest:
         return _take_rest(args)
     if args.out is not None:
-        raise UsageError("--out writes the rest", "give --rest with it")
-    heard, seconds, most = None, 0, args.seconds or 3600.0
-    with suppress(KeyboardInterrupt):  # what was heard until then is told
-        for heard in listen(lab_config(args), most):
+        raise UsageError("--out writes the rest codes", "give --rest with it")
+    report, seconds, most = None, 0, args.seconds or 3600.0
+    with suppress(KeyboardInterrupt):  # the seconds until then are reported
+        for report in listen(lab_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
-                print(heard.in_words(), flush=True)
-    if heard is None:
+                print(report.in_words(), flush=True)
+    if report is None:
         return exits.report("interrupted", "interrupted", "", args.json)
     if args.json:
-        print(json_line({**msgspec.to_builtins(heard), "exit_code": exits.SUCCESS}))
+        print(json_line({**msgspec.to_builtins(report), "exit_code": exits.SUCCESS}))
     else:
-        print(heard.table())
+        print(report.table())
     return exits.SUCCESS
 
 
@@ -68,15 +69,16 @@ def _take_rest(args: argparse.Namespace) -> int:
 
     if args.out is not None:
         new_file(args.out)
-    heard, text = rest_file(lab_config(args), args.seconds or 5.0)
+    report, text = rest_file(lab_config(args), args.seconds or 5.0)
     if args.out is not None:
         write_whole(args.out, text.encode())
     if args.json:
-        told = {"rest": heard.codes, "samples": heard.samples, "noise_counts": heard.noise_counts}
-        print(json_line({**told, "file": text, "exit_code": exits.SUCCESS}))
+        rest = {"rest": report.codes, "samples": report.samples}
+        noise = {"noise_counts": report.noise_counts, "file": text}
+        print(json_line({**rest, **noise, "exit_code": exits.SUCCESS}))
     else:
         print(text, end="")
-        print(heard.in_words(), file=sys.stderr)
+        print(report.in_words(), file=sys.stderr)
     return exits.SUCCESS
 
 

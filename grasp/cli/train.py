@@ -26,20 +26,20 @@ ASKED = (
 
 def add_parser(actions: Any) -> None:
     parser = verb(actions, "train", train, "train a network on data sets and write its weights "
-        "(extra `train`)", ". One thread. Learns from the split `train`, stops early on events of "
-        "the split `validation`, calibrates on it, never sees `test`.")  # fmt: skip
+        "(extra `train`)", ". One thread. Trains on the split `train`, stops early and calibrates "
+        "on the split `validation`, never uses `test`.")  # fmt: skip
     parser.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
     parser.option("--data DIR", "folders of `grasp dataset build`, or `collect`", Path, nargs="+",
         required=True)  # fmt: skip
     parser.option("--out FILE.onnx", "weights to write (default: NAME.onnx here); checkpoint and "
-        "log, begun anew but with --resume, lie beside it", file_with_folders)  # fmt: skip
-    parser.flag("--force", "write over --out, and over what a training that did not end left "
-        "beside it")  # fmt: skip
+        "log are beside it, and start again without --resume", file_with_folders)  # fmt: skip
+    parser.flag("--force", "overwrite --out, and the files of an unfinished training beside "
+        "it")  # fmt: skip
     parser.option("--seed N", "", seed, default=0)
     parser.option("--steps N", "optimiser steps", whole(1, 10**9))
-    parser.option("--validations N", "evenly over the steps: the log's learning curve (default: "
-        "the network's)", whole(1, 1000))  # fmt: skip
-    parser.option("--patience N", "validations in a row without a better one that end it (default: "
+    parser.option("--validations N", "validations, evenly over the steps (default: the "
+        "network's)", whole(1, 1000))  # fmt: skip
+    parser.option("--patience N", "stop after this many validations without improvement (default: "
         "8)", whole(1, 1000))  # fmt: skip
     parser.option("--minutes M", "processor minutes after which it ends with what it has (default: "
         "no limit)", decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES)  # fmt: skip
@@ -47,7 +47,7 @@ def add_parser(actions: Any) -> None:
         "paper's text), half turns at 75 %% and noise of half a count (its code as it ran), or "
         "ours: symmetries, gain, offset, noise, lost samples, dead, stuck and swapped taxels",
         choices=("none", "paper", "as-run", "ours"))  # fmt: skip
-    parser.option("--balance", "weigh the classes, or (windows only) draw as many of each an epoch",
+    parser.option("--balance", "weight the classes, or (windows only) draw equal numbers per epoch",
         choices=("weights", "undersample"))  # fmt: skip
     parser.flag("--windows", "tcn-paper: learn from the last sample of windows alone, at one rate, "
         "as its authors did")  # fmt: skip
@@ -56,7 +56,7 @@ def add_parser(actions: Any) -> None:
         choices=("slip", "slip_true", "moved"))  # fmt: skip
     parser.option("--moved-m M", "of the label moved: further than this, in metres (default: "
         "0.001)", decimal(1e-5, 0.1))  # fmt: skip
-    parser.flag("--resume", "go on from the checkpoint beside --out")
+    parser.flag("--resume", "continue from the checkpoint beside --out")
     parser.flag("--json", "the network's card as one JSON object")
 
 

@@ -22,13 +22,15 @@ TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
 def add_series_options(parser: Parser, scenario: str) -> None:
     """`--trials N`, `--out FILE`, `--resume`."""
-    parser.option("--trials N", "so many trials one after the other, with seeds from --seed on "
+    parser.option("--trials N", "number of trials in sequence, with seeds from --seed on "
         f"(default: {TRIALS[scenario]})", whole(1, 10_000))  # fmt: skip
-    parser.option("--out FILE", "keep a row a trial in this file, as a campaign does; `grasp runs "
-        "FILE` reads it (default on the hardware rig, for several trials: a new one in --runs)",
+    parser.option("--out FILE", "write one row per trial to this SQLite file; `grasp runs FILE` "
+        "reads it (default on the hardware rig, for several trials: a new file in --runs)",
         file_with_folders)  # fmt: skip
-    parser.flag("--resume", "go on with --out: run what is missing or a device ended")
-    parser.flag("--report", "leave a page beside each recording, as `grasp report` does")
+    parser.flag(
+        "--resume", "continue --out: run the trials that are missing or that a device ended"
+    )
+    parser.flag("--report", "write a page beside each recording, as `grasp report` does")
 
 
 def trials_of(args: argparse.Namespace) -> int:

@@ -24,8 +24,8 @@ Raw = NDArray[np.int16]
 
 
 class Touch:
-    """Fingertips that are pumped by whoever waits. ``rest``: codes of the open hand; None: not
-    known, and then nothing is said of force."""
+    """Fingertips that the waiting caller polls. ``rest``: codes of the open hand; None: unknown,
+    so no force is reported."""
 
     def __init__(self, tips: TakkTileDriver, rest: Raw | None, stale_ns: int) -> None:
         self.tips = tips
@@ -90,9 +90,9 @@ def taken_rest(tips: TakkTileDriver, clock: Clock) -> Raw:
     return tips.frame.rest
 
 
-def _until(tips: TakkTileDriver, clock: Clock, heard: Callable[[], bool]) -> None:
+def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None:
     end_ns = clock.now_ns + round(REST_S * 1e9)
-    while not heard():
+    while not done():
         if clock.now_ns > end_ns:
             raise DeviceFault("the tactile board sends too few frames", "unplug it, plug it in")
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)

@@ -47,7 +47,7 @@ AGAIN = "look at what was typed, then take the readings again"
 
 class Point(msgspec.Struct, frozen=True):
     """A reading of the scale and the counts measured with it. ``round``: that of the press it
-    belongs to, whose readings err alike; 0: it was loaded anew."""
+    belongs to, whose readings err alike; 0: it was loaded again."""
 
     force_n: float
     measured: float

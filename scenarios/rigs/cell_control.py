@@ -52,7 +52,7 @@ class _Handler(socketserver.StreamRequestHandler):
         except Exception as error:  # a client's mistake must not end the cell
             reply = {"error": f"{type(error).__name__}: {error}"[:_SHOWN]}
         self._say(reply)
-        self.server.heard(self.connection)
+        self.server.note_activity(self.connection)
         return whole
 
     def _request(self, line: bytes) -> dict[str, Any]:
@@ -94,7 +94,7 @@ class _Server(socketserver.ThreadingTCPServer):
         with self._crowd:
             self._places.leave(connection)
 
-    def heard(self, connection: socket.socket) -> None:
+    def note_activity(self, connection: socket.socket) -> None:
         with self._crowd:
             self._places.heard(connection, time.monotonic())
 

@@ -28,7 +28,7 @@ MODE = 0o666  # other users must be able to lock it after us
 
 @contextmanager
 def driving(*devices: str) -> Iterator[None]:
-    """Drive these devices, and let nobody else. Raises Refused with the name of whoever does."""
+    """Drive these devices exclusively. Raises Refused, naming the process that drives one."""
     with ExitStack() as locks:
         for device in devices:
             locks.enter_context(locked(lock_path(device), MODE, partial(_driven, device)))
@@ -66,7 +66,7 @@ def _resolved(host: str) -> str:
 
 
 def lock_path(device: str) -> Path:
-    """The file that is locked by whoever drives a device."""
+    """The file that the process that drives a device locks."""
     folder = next((f for f in FOLDERS if _shared(f)), FOLDERS[-1])
     name = "".join(c if c.isalnum() or c in ".-" else "_" for c in device)
     return folder / f"grasp-{name}.lock"

@@ -31,8 +31,8 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
 
 
 def _levels(config: GraspRigConfig) -> tuple[Level, Level]:
-    """As told. Where no scenario is known: that of a lift, and the fullest while a blow moves the
-    object."""
+    """Contact levels before a tap and while it moves the object. Without a scenario: the level of
+    a lift, and the fullest."""
     level, blow_level = config.world.level, config.world.blow_level
     if level == "auto":
         return Level.SLIDER, Level.BRUSH if blow_level == "auto" else level_named(blow_level)

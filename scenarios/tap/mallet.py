@@ -28,8 +28,8 @@ class Swing(msgspec.Struct, frozen=True):
 
 
 def swing(config: TapConfig, seed: int) -> Swing:
-    """The blow that a seed stands for; of a real rig only its wait counts, for a person strikes.
-    Raises ConfigError when no blow moves the object enough."""
+    """The tap of a seed. A real rig uses only its wait, because a person strikes.
+    Raises ConfigError when no tap moves the object enough."""
     tap = config.tap
     direction = direction_of(tap, seed)
     nominal_n_s = 0.0 if config.real else search(config, direction)

@@ -45,7 +45,7 @@ from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
 from scenarios.trial.run_folder import open_trial
 
-# Without the mode (in byte 0), whether the scissor obeys by itself (in byte 1), and its own bytes
+# Excludes the mode (in byte 0), individual scissor control (in byte 1), and the scissor's bytes
 _COMPARED = (0b11111001, 0b11110111, *[FULL_BYTE] * 10, 0, 0, 0, FULL_BYTE)
 _TARGETS, _SPEED = slice(3, 12, 3), 4  # in the 16 bytes
 _FIRST = motion_image(BASIC, (0, 0, 0), 0, (0, 0, 0)).to_bytes()[:2]  # the register of rACT
@@ -54,30 +54,32 @@ Bounds = tuple[bytes, bytes]  # least and greatest of each byte
 
 
 class WriteCheck:
-    """Takes the gripper's commands and states in their order, and tells which write is wrong."""
+    """Compares the gripper's commands with the bytes that it acknowledged, in their order."""
 
     def __init__(self, calibration: GripperCalibration) -> None:
         self.compared = 0
         self._calibration = calibration
         self._before: GripperState | None = None
-        self._sent: list[GripperCommand] = []  # the one that was written last, and those since
-        self._unseen = False  # the latest of them was not found written yet
-        self._troubled = False  # the driver may have stopped the hand by itself
+        self._sent: list[
+            GripperCommand
+        ] = []  # the last one confirmed as written, and all later ones
+        self._unconfirmed = False  # the latest command is not confirmed as written yet
+        self._troubled = False  # the driver may have stopped the hand itself
 
     def send(self, command: GripperCommand) -> None:
         self._sent.append(command)
-        self._unseen = True
+        self._unconfirmed = True
 
     def take(self, state: GripperState, troubled: bool) -> tuple[str, str] | None:
-        """The state that a step was told: the bytes recorded and expected, where they differ.
+        """Recorded and expected bytes where they differ, else None. ``state``: a step's input.
 
-        A write may be of any command since the last one, for a command replaces one that waits; a
-        fresh status speaks of the latest. ``troubled``: a device failed.
+        A new command replaces a waiting one, so a write may be of any command since the last write.
+        A fresh status belongs to the latest command. ``troubled``: a device failed.
         """
         before, self._before = self._before or state, state
         self._troubled = self._troubled or troubled or not state.active
         new = state.written_ns != before.written_ns
-        due = self._unseen and state.fresh and bool(state.written) and not self._troubled
+        due = self._unconfirmed and state.fresh and bool(state.written) and not self._troubled
         if not self._sent or not (new or due):
             return None
         self.compared += new
@@ -86,41 +88,43 @@ class WriteCheck:
         for i, command in enumerate(candidates, len(self._sent) - len(candidates)):
             bounds = self._bounds(command, before, state)
             if any(_within(written, each) for each in bounds):
-                self._unseen = i < len(self._sent) - 1
+                self._unconfirmed = i < len(self._sent) - 1
                 del self._sent[:i]
                 return None
         if self._troubled and self._stops(written, before, state):
             return None
-        self._unseen, expected = False, f"{_told(bounds[0])} ({describe(self._sent[-1])})"
+        self._unconfirmed, expected = False, f"{_as_hex(bounds[0])} ({describe(self._sent[-1])})"
         return written.hex(" "), expected
 
     def _stops(self, written: bytes, before: GripperState, state: GripperState) -> bool:
-        """Whether it resets the hand or holds it, as the driver does once it has lost it."""
+        """Whether the bytes reset or hold the hand, as the driver does after it lost the hand."""
         held = self._bounds(HoldFingers(), before, state)
         return not any(written) or any(_within(written, bounds) for bounds in held)
 
     def _bounds(
         self, command: GripperCommand, before: GripperState, state: GripperState
     ) -> list[Bounds]:
-        """What may be written for a command; the usual first."""
-        told, known = _bytes(before.written), [before.positions, state.positions]
+        """Allowed ranges of the bytes for a command; the usual one first."""
+        written, known = _bytes(before.written), [before.positions, state.positions]
         if before.written:
-            known.append(_counts(told[_TARGETS]))
+            known.append(_counts(written[_TARGETS]))
         least = _counts([min(each) - MISREAD_COUNTS for each in zip(*known, strict=True)])
         most = _counts([max(each) + MISREAD_COUNTS for each in zip(*known, strict=True)])
         if isinstance(command, HoldFingers):
             low, high = self._image(command, least, 0), self._image(command, most, 0)
             return [(bytes((low[0] & ~8, *low[1:])), high)]  # it may stop by clearing rGTO instead
         speeds = [self._calibration.speed_byte_at_most(command.speed_mps)]
-        if isinstance(command, CloseFast):  # where the status is in doubt: no faster than before
-            speeds.append(min(*speeds, told[_SPEED]))
+        if isinstance(
+            command, CloseFast
+        ):  # with an implausible status the driver keeps the speed or lowers it
+            speeds.append(min(*speeds, written[_SPEED]))
         return [
             (self._image(command, least, speed), self._image(command, most, speed))
             for speed in speeds
         ]
 
     def _image(self, command: GripperCommand, held: Counts3, speed: int) -> bytes:
-        """What is written for a command, where fingers that stay are told ``held``."""
+        """The bytes for a command; fingers that stay get the targets ``held``."""
         targets, forces = held, [0] * FINGERS
         if isinstance(command, OpenFingers):
             targets = (0, 0, 0)
@@ -140,8 +144,8 @@ def _counts(values: Sequence[int]) -> Counts3:
 
 
 def _bytes(text: str) -> bytes:
-    """All 16 of a write, which leaves the first register out where it holds what is wanted; what is
-    no write fits no command."""
+    """All 16 bytes of a write. A write may leave out an unchanged first register. Text that is no
+    write gives bytes that match no command."""
     try:
         data = bytes.fromhex(text)
     except ValueError:
@@ -157,7 +161,7 @@ def _within(written: bytes, bounds: Bounds) -> bool:
     )
 
 
-def _told(bounds: Bounds) -> str:
+def _as_hex(bounds: Bounds) -> str:
     pairs = zip(*bounds, strict=True)
     return " ".join(f"{low:02x}" if low == high else f"{low:02x}-{high:02x}" for low, high in pairs)
 
@@ -179,7 +183,7 @@ class Replay(msgspec.Struct, frozen=True):
     complete: bool
     events: list[tuple[float, str]]  # (t_s, what): phases, registered slip, commands sent
     differences: list[Difference]
-    writes: int = 0  # to the gripper, whose bytes were compared
+    writes: int = 0  # to the gripper, compared byte by byte
 
 
 def replay_run(path: Path, detector: str | None = None) -> Replay:
@@ -204,8 +208,8 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
 
 
 def _config(recording: RunRecording, detector: str | None) -> tuple[TrialConfig, str]:
-    """The settings of rig and control, for those of the scenario play no part in a replay; and the
-    hash of all."""
+    """The settings of rig and control, and the hash of all settings. A replay does not use those of
+    the scenario."""
     try:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         table["detector_name"] = _trusted(str(table["detector_name"]), detector)
@@ -260,7 +264,7 @@ class _Stepper:
         self.differences: list[Difference] = []
         self._step = make_step(config, make_controller(config, home))
         self.writes = WriteCheck(calibration(config))
-        self._own_gripper = bool(config.devices.gripper)  # of another package: no bytes of ours
+        self._own_gripper = bool(config.devices.gripper)  # driver of another package: other bytes
         self._delay_ns = round(config.loop.decision_delay_s * 1e9)
         self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
@@ -334,7 +338,7 @@ class _Stepper:
         self._waiting = self._waiting if recorded.pending else []
 
     def _check_writes(self, t_ns: int, recorded: ControlMessage) -> None:
-        """Do the bytes that the gripper acknowledged say what the replayed commands say?"""
+        """Compare the bytes that the gripper acknowledged with the replayed commands."""
         if self._gripper is None or self._own_gripper:
             return
         troubled = recorded.gripper_lost or bool(recorded.trouble)

@@ -167,7 +167,7 @@ class Contact:
         self._parameters[laws.P_LEVEL] = float(level)
 
     def strike(self, blow: Blow, start_s: float) -> None:
-        """A blow from start_s on. What an earlier one moved is forgotten."""
+        """Apply a tap from start_s on; displacement by an earlier one is forgotten."""
         self._go_on_at(self._blow_level)
         s = self.state
         s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[blow.direction], start_s

@@ -547,27 +547,27 @@ def _moved(
 
 @njit(cache=True)
 def step(
-    p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, blow: Floats,
+    p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, impact: Floats,
     n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
-    """One backward Euler step of h seconds. ``blow`` (4,): force along y, z and the closing axis,
+    """One backward Euler step of h seconds. ``impact`` (4,): force along y, z and the closing axis,
     onto the thumb, N (the last only while INERT); torque about the middle of the grip, N m."""
     gone = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
     width, slope = (-1.0, 0.0) if gone else width_and_slope(p, s[SLIP])
     if s[INERT] == 0.0:
         normal_forces(p, width, travel, s, n)
     else:
-        inert_forces(p, s, h, width, travel, blow[2], n)
+        inert_forces(p, s, h, width, travel, impact[2], n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
-    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - blow[1]
+    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - impact[1]
     for i in range(FINGERS):
         push -= n[i] * slope  # above the widest point (slope < 0) closing pushes the object down
-    if p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and blow[0] == 0.0:
+    if p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and impact[0] == 0.0:
         v = _along(p, s, e, h, v_hand, cos, push, n, small[0], small[1])
         _moved_along(s, e, h, v_hand, v, n)
     else:
-        torque = blow[3] - p[P_COM_Y] * blow[1] + p[P_COM_Z] * blow[0]
-        _planar(p, s, e, h, v_hand, cos, push, blow[0], torque, n, work, small)
+        torque = impact[3] - p[P_COM_Y] * impact[1] + p[P_COM_Z] * impact[0]
+        _planar(p, s, e, h, v_hand, cos, push, impact[0], torque, n, work, small)
         _settle(p, s, e, h, small[6], n, work, small[0])
         _moved(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
@@ -623,7 +623,7 @@ def advance(
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
     h = dt_s / steps
     mean = finger_rise_m / dt_s
-    travel, n, blow = np.empty(FINGERS), np.empty(FINGERS), np.zeros(4)
+    travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.zeros(4)
     work, small = np.empty((e.shape[0], 8)), np.empty((9, 3))
     for j in range(steps):
         middle = (j + 0.5) / steps
@@ -631,9 +631,9 @@ def advance(
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
         if struck or s[PULL_N] != 0.0:
-            _blow(s, t_s + j * h, h, blow)
+            _blow(s, t_s + j * h, h, impact)
         v_hand = mean + (v1 - v0) * (middle - 0.5)
-        step(p, s, e, h, v_hand, travel, blow, n, work, small)
+        step(p, s, e, h, v_hand, travel, impact, n, work, small)
         _note(p, s, t_s + (j + 1) * h)
     normal_stiffness(p, n, s[INERT] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 

@@ -29,7 +29,7 @@ def level_named(label: LevelName) -> Level:
 
 
 class ContactLevels(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Level and longest step, and those while a blow moves the object."""
+    """Level and longest step, and those while a tap moves the object."""
 
     level: LevelName
     step_s: Annotated[float, Meta(gt=0.0)]
@@ -42,7 +42,7 @@ class ContactLevels(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class ContactTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`config/contact_levels.toml`: levels of a lift, of a tap by the direction of its blow, and
+    """`config/contact_levels.toml`: levels of a lift, of a tap by its direction, and
     the least of any run whose object has its weight aside or is pulled."""
 
     lift: ContactLevels
@@ -63,7 +63,7 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     blow_level: Annotated[
         Literal["auto", "L1", "L3", "L4"],
         Meta(
-            description="while a blow moves the object, never less than level; auto: as level, and "
+            description="while a tap moves the object, never less than level; auto: as level, and "
             "where that is auto, by scenario; L4 where none is known"
         ),
     ] = "auto"

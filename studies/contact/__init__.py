@@ -1,1 +1,1 @@
-"""What the studies of contact models share: stated scenes, and other ways to solve them."""
+"""Shared by the contact studies: scenes, reference solutions and other friction laws."""

@@ -1,4 +1,4 @@
-"""Friction laws that no run uses, along z, for comparison.
+"""Other friction laws along z, for comparison; no run uses them.
 
 LuGre (Canudas de Wit 1995) with explicit Euler, RK4 and EXP2 (exact bristle update at the middle,
 linearly implicit speed), and Coulomb regularised over a speed, explicit and linearly implicit.

@@ -1,8 +1,8 @@
-"""A scene in MuJoCo, as an outside yardstick. MuJoCo is in the extra `dev`.
+"""A scene in MuJoCo, as an independent reference. MuJoCo is in the extra `dev`.
 
-Three spheres as pads, pressed by the scene's normal forces; a hand so heavy that it moves as told;
-an object that is free in the plane of the lift and along the closing axis. One friction coefficient
-(the kinetic one), elliptic cones, and spin friction of the pads' size where something turns.
+Three spheres are the pads, with the scene's normal forces. The hand is heavy enough to follow its
+commanded motion. The object moves in the plane of the lift and along the closing axis. Contacts
+have elliptic cones and one friction coefficient (the kinetic one), with spin friction if needed.
 """
 
 import math
@@ -14,9 +14,9 @@ from studies.contact.reference import grip_forces
 from studies.contact.scene import Scene, hand_height, hand_speed, mark_of, wrenches
 
 HAND_KG = 1e6
-PAD_RADIUS_M, PAD_KG = 0.01, 1.0  # lighter pads creep more: 0.05 kg three times as fast
+PAD_RADIUS_M, PAD_KG = 0.01, 1.0  # lighter pads creep more: at 0.05 kg three times as fast
 HEIGHT_M = 0.15  # half of the object's
-SETTLE_S = 0.2  # a held object first sinks into its grip; the scene begins after that
+SETTLE_S = 0.2  # a held object first settles in its grip; the scene starts after that
 
 
 def xml(scene: Scene, step_s: float, impratio: float) -> str:

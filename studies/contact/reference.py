@@ -1,10 +1,11 @@
-"""The law of the contact levels by explicit Runge-Kutta: a reference that shares nothing with
-backward Euler but the law itself, and the methods that it is compared with.
+"""Reference solution of the contact levels by explicit Runge-Kutta, and methods to compare.
 
-With its damper the pad is an ordinary differential equation: the force is the radial return of
-k s + c u, and what the spring does not take up slides, s' = (f - k s) / c. Adaptive: the embedded
-pair of Dormand and Prince (1980), 5(4). Every onset and end of sliding, and the lift-off, are
-stepped onto by halving. Centred straight bodies without relaxation only.
+It shares only the friction law with the backward Euler of a run.
+
+A pad with a damper is an ordinary differential equation. Its force f is the radial return of
+k s + c u, and the stretch follows s' = (f - k s) / c. The adaptive method is the embedded pair of
+Dormand and Prince (1980), 5(4). Halving places a step at each onset and end of sliding and at the
+lift-off. The body must be straight and centred, without relaxation.
 """
 
 import math
@@ -36,7 +37,7 @@ RK4 = (
     np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6]),
     np.array([0.0, 0.5, 0.5, 1.0]),
 )
-# Of the vector q: friction, pads, body, arm, vibration and blow; 1 where only z moves.
+# Indices of the vector q: friction, pads, body, arm, vibration, tap; Q_ALONG: 1 if only z moves.
 (Q_MASS, Q_INERTIA, Q_MU_S, Q_MU_K, Q_K, Q_C, Q_A, Q_V, Q_VIB, Q_W, Q_TAP, Q_TAP_S, Q_TAP_N_S,
  Q_ALONG) = range(14)  # fmt: skip
 
@@ -77,7 +78,7 @@ def _rates(
     places: Floats, n: Floats, out: Floats,
 ) -> bool:  # fmt: skip
     """Derivative of x: pose (3), speed (3), stretch (E x 3). flags (E + 1): sliding, resting last.
-    With ``judge`` the flags are brought up to date, and True means that one has changed."""
+    With ``judge`` the flags are updated; returns whether one has changed."""
     hand_z, hand_v, push = _imposed(q, t)
     count = finger.shape[0]
     force_y, torque = push * wrench[0], push * wrench[2]
@@ -145,7 +146,7 @@ def _integrate(
     table: Floats, weights: Floats, lower: Floats, nodes: Floats,
     q: Floats, wrench: Floats, finger: Floats, places: Floats,
 ) -> None:  # fmt: skip
-    """Integrate over all knots. fixed_s > 0: no control of the step."""
+    """Integrate over all knots. fixed_s > 0: constant step."""
     stages = weights.shape[0]
     k = np.empty((stages, x.shape[0]))
     trial, rate, n, saved = np.empty(x.shape[0]), np.empty(x.shape[0]), np.empty(3), flags.copy()
@@ -174,7 +175,7 @@ def _integrate(
             x[:] = trial
             t += h
             h *= min(4.0, 0.9 * max(error, 1e-8) ** -0.2)
-            if not abs(x[1]) < 1e3:  # diverged: spare the rest, and the overflow
+            if not abs(x[1]) < 1e3:  # diverged: stop before an overflow
                 x[:] = np.nan
                 return
 
@@ -196,7 +197,7 @@ def _run(
 ) -> Floats:  # fmt: skip
     body, pads, tap, end = scene.body, scene.contact, scene.tap, np.array([scene.duration_s])
     if body.centre_aside_m != 0.0 or body.centre_above_m != 0.0 or pads.relaxation_fraction != 0.0:
-        raise ValueError("the reference knows centred bodies without relaxation only")
+        raise ValueError("the reference solves only straight, centred bodies without relaxation")
     q = np.array([
         body.total_kg, body.inertia_kgm2, body.friction_static, body.friction_kinetic,
         pads.shear_stiffness_npm, pads.shear_damping_nspm, scene.arm_mps2, scene.arm_mps,

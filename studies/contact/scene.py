@@ -31,7 +31,7 @@ Three = tuple[float, float, float]
 
 PADS = ContactSettings(shear_stiffness_npm=7000.0, relaxation_fraction=0.0)
 BODY = GraspObject(
-    name="yardstick", grip_counts=(55, 55, 55), mass_kg=0.3, friction_static=0.5,
+    name="reference", grip_counts=(55, 55, 55), mass_kg=0.3, friction_static=0.5,
     friction_kinetic=0.4, wall_stiffness_npm=2e5, half_width_m=0.0356,
 )  # fmt: skip
 
@@ -45,7 +45,7 @@ class Closing(msgspec.Struct, frozen=True):
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):
-    """All that happens to one object between three fingers. None: there is no such term."""
+    """Loads and motions of one object between three fingers. None: the scene has no such term."""
 
     name: str
     duration_s: float
@@ -53,8 +53,8 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     contact: ContactSettings = PADS
     travel_m: Three  # of the fingers
     closing: Closing | None = None
-    on_table: bool = False  # else the hand holds the object from the first instant
-    arm_mps: float = 0.0  # speed that the arm rises with
+    on_table: bool = False  # False: the hand holds the object from the start
+    arm_mps: float = 0.0  # rising speed of the arm
     arm_mps2: float = 0.5
     tap: Blow | None = None  # from the top or the side, without a follow-through
     shake_mps2: float = 0.0  # peak acceleration of a hand that vibrates along z
@@ -92,9 +92,9 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 
 
 def tap() -> Scene:
-    """A blow of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
-    blow = Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
-    return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, PADS, 5.0, 5.0), tap=blow)
+    """A tap of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
+    impact = Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
+    return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, PADS, 5.0, 5.0), tap=impact)
 
 
 def vibration() -> Scene:
@@ -111,19 +111,19 @@ def hand_height(scene: Scene, t_s: Floats) -> Floats:
 
 
 def hand_speed(scene: Scene, t_s: Floats) -> Floats:
-    """Its speed, m/s."""
+    """Speed of the hand, m/s."""
     rise: Floats = np.minimum(scene.arm_mps2 * t_s, scene.arm_mps)
     return rise - scene.shake_mps2 / scene.shake_radps * np.cos(scene.shake_radps * t_s)
 
 
-def tap_wrench(blow: Blow) -> Floats:
-    """Force along y and z and torque about the middle of the grip (3,) of a blow of 1 N."""
-    force = [0.0, -1.0] if blow.direction == "top" else [1.0, 0.0]
-    return np.array([*force, -blow.offset_m])
+def tap_wrench(impact: Blow) -> Floats:
+    """Force along y and z and torque about the middle of the grip (3,), per newton of a tap."""
+    force = [0.0, -1.0] if impact.direction == "top" else [1.0, 0.0]
+    return np.array([*force, -impact.offset_m])
 
 
 def wrenches(scene: Scene, ends_s: Floats) -> Floats:
-    """Mean force of the blow between those times, (n - 1, 4), as the laws take it."""
+    """Mean load of the tap between those times, (n - 1, 4), in the form of `laws.step`."""
     load = np.zeros((len(ends_s) - 1, 4))
     if scene.tap is not None:
         phase = np.clip((ends_s - scene.tap.delay_s) / scene.tap.duration_s, 0.0, 1.0)
@@ -134,14 +134,14 @@ def wrenches(scene: Scene, ends_s: Floats) -> Floats:
 
 
 def mark_of(turn: float, y: float, z: float) -> Floats:
-    """Displacement of the tape mark (2,), m, of a centred object at that pose against the hand."""
+    """Displacement of the tape mark (2,), m, relative to the hand, of a centred object."""
     return np.array([y - math.sin(turn) * MARK_M, z + (math.cos(turn) - 1.0) * MARK_M])
 
 
 def simulate(scene: Scene, level: Level, step_s: float, points: int = BRUSH_POINTS) -> Floats:
     """Displacement of the tape mark (2,), m, at a contact level, by backward Euler.
 
-    Step means keep the hand's path and the blow's impulse exact at any step.
+    Step means keep the hand's path and the tap's impulse exact at any step.
     """
     steps = max(1, math.ceil(scene.duration_s / step_s - 1e-9))
     h = scene.duration_s / steps
@@ -159,7 +159,7 @@ def simulate(scene: Scene, level: Level, step_s: float, points: int = BRUSH_POIN
 
 
 def press(p: Floats, travel: Floats) -> Floats:
-    """Normal forces (3,), N, of fingers at ``travel`` (3,), m, before anything has slipped."""
+    """Normal forces (3,), N, of fingers at ``travel`` (3,), m, before any slip."""
     out = np.zeros(FINGERS)
     laws.normal_forces(p, p[laws.P_HALF_WIDTH], travel, initial_state(), out)
     return out

@@ -67,7 +67,7 @@ def blames_another(message: str, wrong: frozenset[str]) -> str:
 
 
 def _of_arm(said: str, known: Known) -> dict[str, bool]:
-    heard = not known.wrong & {"arm", "loop"}
+    reachable = not known.wrong & {"arm", "loop"}
     stopped = "its own safety system" in said
     safety = "arm" in known.wrong if known.safety_stop is None else known.safety_stop
     return {
@@ -75,15 +75,15 @@ def _of_arm(said: str, known: Known) -> dict[str, bool]:
         "the arm moves": said == "the arm stands" and known.arm_moves is True,
         "by its last line the arm is left moving": said.startswith("the arm is still moving")
         and known.arm_moves is not True,
-        "the arm was heard": "when last heard" in said and heard,
-        "the arm can be believed": said.startswith("the arm says") and heard,
+        "the arm was reachable": "when last heard" in said and reachable,
+        "the arm can be believed": said.startswith("the arm says") and reachable,
         "the arm moves, and no safety system stops it": stopped and known.arm_moves is True,
         "no safety system stopped the arm": stopped and not safety,
     }
 
 
 def _of_hand(said: str, known: Known) -> dict[str, bool]:
-    heard = not known.wrong & {"gripper", "loop"}
+    reachable = not known.wrong & {"gripper", "loop"}
     here = "when last heard" not in said and "says that it is" not in said
     pressed_n, felt = known.pressed_n, re.search(r"(\d+\.\d) N measured", said)
     felt_n = float(felt[1]) if felt else 0.0
@@ -104,9 +104,9 @@ def _of_hand(said: str, known: Known) -> dict[str, bool]:
         "it let go": alone and known.gripped and empty and not known.opening,
         "by its last line the hand is left moving": here and "still moving, " in said
         and known.fingers_move is not True,
-        "the hand was heard": "cannot be told anything" in said and heard,
-        "the hand refuses nothing": "refuses every motion" in said and heard,
-        "the hand can be believed": "is not believed" in said and heard,
-        "the hand is activated": "is not activated" in said and heard,
-        "the hand reports nothing": "the hand reports" in said and heard,
+        "the hand was reachable": "cannot be told anything" in said and reachable,
+        "the hand refuses nothing": "refuses every motion" in said and reachable,
+        "the hand can be believed": "is not believed" in said and reachable,
+        "the hand is activated": "is not activated" in said and reachable,
+        "the hand reports nothing": "the hand reports" in said and reachable,
     }  # fmt: skip

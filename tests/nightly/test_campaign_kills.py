@@ -81,8 +81,8 @@ def hit(process: subprocess.Popen[str], victim: str, number: int) -> bool:
 
 
 def begun_and_hit(folder: Path, wait_s: float, victim: str, number: int) -> subprocess.Popen[str]:
-    """A campaign that took the signal. One that had ended by then, for the machine is quicker now,
-    begins anew and is struck sooner; a worker cannot be struck before it is there."""
+    """A campaign that received the signal. One that ended before it starts again and gets the
+    signal sooner; a worker gets none before it runs."""
     while True:
         process = started(*words(folder))
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -1,4 +1,4 @@
-"""What the packaged default does on blows and lifts that nobody has seen."""
+"""The packaged default detector on taps and lifts that played no part in its training."""
 
 import msgspec
 import pytest
@@ -19,7 +19,7 @@ DEFAULT = load_config("can", "simulated")
 
 
 def recordings() -> list[Recording]:
-    """Blows on a firm grip and lifts of what is too heavy, on objects that nobody has seen."""
+    """Taps on a firm grip and lifts of objects that are too heavy, on new objects."""
     config = load_dataset_config(config_dir() / "datasets" / "grasped-slip.toml")
     rows = [row for row in config.causes if row.cause in KINDS]
     plans = (

@@ -37,8 +37,8 @@ def held(**fields: Any) -> Scene:
 
 SAME = changed(BODY, friction_kinetic=0.5)  # no jump of the force as it begins to slide
 TOP = changed(tap(), body=SAME)
-SIDE_BLOW = Blow(impulse_n_s=0.12, duration_s=8e-3, offset_m=0.04, direction="side")
-SIDE = changed(TOP, tap=SIDE_BLOW)
+SIDE_TAP = Blow(impulse_n_s=0.12, duration_s=8e-3, offset_m=0.04, direction="side")
+SIDE = changed(TOP, tap=SIDE_TAP)
 
 
 @pytest.mark.parametrize(
@@ -66,9 +66,9 @@ def test_backward_euler_extrapolated_meets_adaptive_runge_kutta(scene: Scene, le
 
 
 def test_patches_resist_turning_and_points_do_not() -> None:
-    blow = Blow(impulse_n_s=0.4, duration_s=8e-3, offset_m=0.02)
+    impact = Blow(impulse_n_s=0.4, duration_s=8e-3, offset_m=0.02)
     points, spin, brush = (
-        simulate(changed(tap(), tap=blow), level, 5e-4)[0] for level in list(Level)[1:]
+        simulate(changed(tap(), tap=impact), level, 5e-4)[0] for level in list(Level)[1:]
     )
     assert points > brush > 0.0  # the mark moves aside as the object turns
     assert abs(spin - brush) < abs(points - brush)

@@ -1,4 +1,4 @@
-"""The two-sample test: what is alike cannot be told apart, what differs can."""
+"""The two-sample test separates different distributions, and not equal ones."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("state", ["rest", "slip"])
-def test_what_is_alike_cannot_be_told_apart_and_what_differs_can(state: str) -> None:
+def test_equal_distributions_are_not_separated_and_different_ones_are(state: str) -> None:
     made = [(k, recording(k)) for k in range(16)]
     pieces = [(k, windows_of(r.counts[:, 0], r.slip, state)) for k, r in made]
     task = Task("", "", "", state, 0)

@@ -6,7 +6,17 @@ import pytest
 
 from detector.recordings import Recording
 from studies import ideal_observer as study
-from studies.ideal_observer import Cases, Row, Told, cases, features, held_out, lifts, taps, told
+from studies.ideal_observer import (
+    Cases,
+    Row,
+    Separation,
+    cases,
+    features,
+    held_out,
+    lifts,
+    separation,
+    taps,
+)
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy
 
@@ -29,7 +39,7 @@ def test_a_tap_has_the_class_of_its_lasting_displacement() -> None:
     assert [(i, kind) for i, _, _, kind in moments] == [(0, 0), (0, 1), (1, 2), (1, 3)]
 
 
-def test_lifts_that_hold_are_asked_about_as_long_after_the_grip_as_others_slip() -> None:
+def test_moments_of_held_lifts_have_the_delays_of_slipping_lifts() -> None:
     moments = lifts([lift(100, 160, 0.01), lift(150, 230, 0.1), lift(200, None, 0.0)])
     assert [(m[0], m[1], m[3]) for m in moments[:2]] == [(0, 160, 1), (1, 230, 3)]
     assert {(m[0], m[3]) for m in moments[2:]} == {(2, 0)}
@@ -49,16 +59,16 @@ def test_hits_are_counted_above_all_but_a_twentieth_of_rest_and_shown() -> None:
     score = np.concatenate([np.arange(100.0), np.array([94.5, 93.0, 200.0, 201.0, np.nan])])
     classes = np.where(np.arange(105) >= 100, 1, 0)
     its = Cases(np.zeros((105, 100, 3, 6)), np.full(105, 50), classes, np.arange(105) % 7, {})
-    found = told(its, score, 1, "energy", "0.5-1 mm")
+    found = separation(its, score, 1, "energy", "0.5-1 mm")
     assert (found.hits, found.n, found.rest) == (0.75, 4, 100)
     assert found.interval[0] <= 0.75 <= found.interval[1]
     table = study.STUDY.table([Row("tap", 0.1, [found])])
     assert "tap, 0.5-1 mm: 4, and 100 at rest" in table and "| 100 | energy |" in table
-    assert isinstance(found, Told)
+    assert isinstance(found, Separation)
 
 
 @pytest.mark.train
-def test_a_group_is_told_by_what_was_learnt_from_others_alone() -> None:
+def test_a_group_is_predicted_from_the_other_groups_only() -> None:
     """Labels agree with the features in all groups but one, where they are swapped."""
     pytest.importorskip("torch")
     rng = np.random.default_rng(0)

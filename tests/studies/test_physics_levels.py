@@ -17,10 +17,10 @@ def test_a_lucky_hit_at_one_step_is_no_accuracy() -> None:
     assert cheapest(rows[:2], "L", 0.1) is None
 
 
-def test_integrators_that_break_are_told_from_those_that_hold(tmp_path: Path) -> None:
+def test_unstable_integrators_are_marked_and_stable_ones_are_not(tmp_path: Path) -> None:
     found = physics_stability.trial(physics_stability.Task(1.5e5, (5e-3,)))
-    broken = {m for m in physics_stability.METHODS if physics_stability.broken([found], m)}
-    assert broken == {
+    failed = {m for m in physics_stability.METHODS if physics_stability.failed([found], m)}
+    assert failed == {
         "same law, explicit Euler", "same law, RK4", "LuGre, explicit Euler", "LuGre, RK4",
         "regularised Coulomb, explicit",
     }  # fmt: skip

@@ -21,8 +21,8 @@ _ERRORS_KEPT: Final = 8
 _MOST_BUGS: Final = 3  # in a row
 _AFTER_BUG_S: Final = 0.01
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
-# By then the program hangs: the arm has braked by its heartbeat (0.15 s), and a step so late would
-# end the run in a fault as well (doubt.standstill_s).
+# After this time the program is taken to hang. The heartbeat (0.15 s) has braked the arm, and a
+# step this late ends the run in a fault (doubt.standstill_s).
 _UNPOLLED_NS: Final = 1_000_000_000
 _NOT_YET = "the hand has not answered yet: told to it as soon as it has"
 
@@ -194,8 +194,9 @@ class ThreadedGripper:
             raise self._errors.pop(0)
 
     def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
-        """The command that this thread gives to the core by itself, and logs in ``words``, where
-        ``pump`` and the verbs are called no more: the program hangs. None: no command."""
+        """Set the command that this thread sends itself when the program hangs, that is, when it
+        calls neither ``pump`` nor a verb for a second. ``words`` go into the log. None: no command.
+        """
         self._fallback = None if command is None else (command, words)
         self._polled()
 
@@ -238,7 +239,7 @@ class ThreadedGripper:
 
     @property
     def _here(self) -> Counts3:
-        """Where the fingers were seen last."""
+        """Last known finger positions."""
         return (0, 0, 0) if self._state is None else self._state.positions
 
     def _command(self, verb: _Verb, asked: Applied) -> Applied:
@@ -316,7 +317,7 @@ class ThreadedGripper:
                 self._lost = False
             except LinkLost as error:
                 self._note(error, again=self._lost)
-                self._lost, self._fell_back = True, False  # what was sent may be lost as well
+                self._lost, self._fell_back = True, False  # the fallback command may be lost too
             except GraspError as error:
                 self._note(error, again=False)
                 self._lost = False
@@ -342,7 +343,7 @@ class ThreadedGripper:
                     self._put_off = None
 
     def _fall_back(self, now_ns: int) -> None:
-        """Once, where nobody has polled for too long; who calls this has the lock."""
+        """Send the fallback command, once, if the last poll is too long ago. Needs the lock."""
         fallback = self._fallback
         unpolled_ns = now_ns - self._polled_ns
         if fallback is None or self._fell_back or self._lost or unpolled_ns < _UNPOLLED_NS:
@@ -354,7 +355,7 @@ class ThreadedGripper:
         except GraspError as error:
             self._note(error, again=False)
             words = f"cannot {words}: {error.message}"
-        # a terminal that takes no more text must not stop the exchange with the hand
+        # a blocked terminal must not stop the exchange with the hand
         text = f"no control step for {_UNPOLLED_NS / _NS:g} s; the gripper acts by itself: {words}"
         threading.Thread(target=_LOG.warning, args=(f"grasp: {text}",), daemon=True).start()
 

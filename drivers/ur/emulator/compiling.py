@@ -10,8 +10,8 @@ _MOST_WAITING = 8
 
 
 class Compilation:
-    """Of the text given last, in a thread of its own, so that cycles go on meanwhile. One text at a
-    time: what was replaced is left to end before the next begins."""
+    """Compiles the latest text in its own thread, so that control cycles continue. One text at a
+    time: a replaced compilation ends before the next begins."""
 
     def __init__(self, builtins: dict[str, Builtin]) -> None:
         self._builtins = builtins
@@ -46,7 +46,7 @@ class Compilation:
     def _work(self, text: str) -> None:
         try:
             self._made = text, compile_program(text, self._builtins)
-        except BaseException as error:  # belongs to whoever takes the result
+        except BaseException as error:  # `take` passes it to its caller
             self._made = text, error
 
     def cancel(self) -> None:

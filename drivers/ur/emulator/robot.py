@@ -133,7 +133,7 @@ class UrEmulator:
         self._server.broadcast(self._news())
 
     def _news(self) -> Callable[[Talk], bytes]:
-        """What each client of RTDE hears of this cycle."""
+        """What each RTDE client receives in this cycle."""
         cycle = self.controller.cycles
         sampled = any(isinstance(talk, RtdeConnection) for talk in self._server.talks())
         told = Told(output_values(self.controller) if sampled else {}, self._profile)

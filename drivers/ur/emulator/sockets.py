@@ -19,7 +19,7 @@ _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
 _LEAST_S = 0.001  # of serving, however late a cycle is
-_LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
+_LOOK_S = 3e-4  # of sending samples, before pending requests are served
 
 
 class Talk(Protocol):
@@ -216,8 +216,7 @@ class Server:
         return [connection.talk for connection in self._connections]
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
-        """Send every client what it hears of this cycle. Who asks meanwhile need not wait for all
-        of them."""
+        """Send every client its sample of this cycle, and serve requests in between."""
         looked_s = time.monotonic()
         for connection in list(self._connections):
             if time.monotonic() - looked_s > _LOOK_S:

@@ -119,7 +119,7 @@ class LiveTrials:
 
 
 def _has_heads(config: TrialConfig, told: Told) -> bool:
-    """Whether the detector tells what kind of slip it hears: asked, for its file alone knows."""
+    """Whether the detector reports the kind of slip; only the detector's file states it."""
     detector = config.make_detector(FINGERS)
     detector.update(np.zeros((FINGERS, taxels_of(told)), np.int16))
     return motion_told_by(detector)() is not None

@@ -38,7 +38,7 @@ TURNED = {"rACT": "cleared", "rMOD": "set", "rGTO": "cleared", "rATR": "set", "r
           "rICS": "set"}  # fmt: skip
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 3 s": 3.0}
-DETECTOR = ("raises", "not a number", "late", "hears nothing", "hears slip")
+DETECTOR = ("raises", "not a number", "late", "detects nothing", "detects slip")
 NOT_STRUCK = frozenset({
     Phase.IDLE, Phase.HOME, Phase.SQUEEZE, Phase.DONE, Phase.KEPT, Phase.LOST, Phase.STOPPED,
     Phase.FAULT,

@@ -55,12 +55,12 @@ DECLARED = (
     ),
     Declared(
         "without detection the grasp stays too weak; the outcome says that the lift failed",
-        r"detector hears nothing", ANY, frozenset({"missed"}),
+        r"detector detects nothing", ANY, frozenset({"missed"}),
         r"^(dropped|undetected|cap_reached);",
     ),
     Declared(
         "the hand closes to the limit, which holds; the outcome says that the alarm was false",
-        r"detector hears slip", ANY, frozenset({"missed"}),
+        r"detector detects slip", ANY, frozenset({"missed"}),
         r"^(false_start|alarm_stayed|cap_reached);", lasting=False,
     ),
     Declared(

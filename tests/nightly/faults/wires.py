@@ -369,6 +369,6 @@ class FailingDetector(Wire):
             self._clock.sleep_until_ns(self._clock.now_ns + 120_000_000)
         wrong_answers = {
             "not a number": np.full_like(answer, np.nan),
-            "hears nothing": np.zeros_like(answer), "hears slip": np.ones_like(answer),
+            "detects nothing": np.zeros_like(answer), "detects slip": np.ones_like(answer),
         }  # fmt: skip
         return wrong_answers.get(kind, answer)

@@ -176,10 +176,10 @@ def test_a_finger_that_says_no_number_does_not_make_the_others_deaf() -> None:
         for fusion in ["any", "mean"]:
             for never in [np.nan, 0.5]:
                 made = make_rule(RuleSettings(kind=kind, fusion=fusion), 3)  # type: ignore[arg-type]
-                heard = [made.update(np.array([never, 0.99, 0.9])) for _ in range(10)]
+                verdicts = [made.update(np.array([never, 0.99, 0.9])) for _ in range(10)]
                 assert made.registered, (kind, fusion, never)
-                assert heard[-1].tolist()[1], (kind, fusion, never)
-                assert not heard[-1][0], (kind, fusion, never)
+                assert verdicts[-1].tolist()[1], (kind, fusion, never)
+                assert not verdicts[-1][0], (kind, fusion, never)
                 quiet = [made.update(np.array([never, 0.01, 0.01])) for _ in range(10)]
                 assert not quiet[-1].any(), (kind, fusion, never)
                 assert not made.registered, (kind, fusion, never)

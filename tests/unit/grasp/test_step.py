@@ -49,13 +49,13 @@ class Ears:
 
     def __init__(self, answer: Callable[[], Any] = lambda: SURE) -> None:
         self.answer = answer
-        self.heard: list[NDArray[np.int16] | str] = []
+        self.inputs: list[NDArray[np.int16] | str] = []
 
     def reset(self) -> None:
-        self.heard.append("reset")
+        self.inputs.append("reset")
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        self.heard.append(counts)
+        self.inputs.append(counts)
         return cast(NDArray[np.float64], self.answer())
 
 
@@ -126,7 +126,7 @@ class Bench:
 def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     b = Bench()
     seen = b.decide(frame(-1))
-    assert [np.unique(h).tolist() for h in b.ears.heard] == [[-1]]
+    assert [np.unique(h).tolist() for h in b.ears.inputs] == [[-1]]
     assert seen.probabilities.tolist() == SURE.tolist()
     assert seen is b.controller.seen[0]
     assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
@@ -139,7 +139,7 @@ def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
     b.controller.phase = Phase.FAULT  # before this run took its own
     seen = b.decide(frame(-9))
-    assert (seen.measured_n, seen.felt_n, b.ears.heard) == ((0.0,) * 3, (0.0,) * 3, [])
+    assert (seen.measured_n, seen.felt_n, b.ears.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
     assert not seen.overloaded
 
 
@@ -182,7 +182,7 @@ def test_a_detector_that_cannot_forget_is_a_doubt_and_not_asked_until_it_can() -
         seen = b.decide(of)
         assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, failed)
         assert seen.measured_n == (6.0, 6.0, 6.0)
-    assert b.ears.heard == []
+    assert b.ears.inputs == []
     assert b.decide(frame(-1, stale=True)).doubt == ""
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
 
@@ -207,10 +207,10 @@ def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
 ) -> None:
     b = Bench(Told(Phase.REST))
     b.decide(frame(-1))
-    b.ears.heard.clear()
+    b.ears.inputs.clear()
     b.controller.phase = phase
     observation = b.decide(frame(-2, stale=stale), t_ns=2 * TICK, **changes)
-    assert b.ears.heard == []
+    assert b.ears.inputs == []
     assert observation.probabilities.tolist() == [0.0] * 3
     assert observation.measured_n == (12.0,) * 3
 
@@ -248,7 +248,7 @@ def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() ->
 def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     b = Bench()
     seen = b.decide(frame(-1, stale=True))
-    assert b.ears.heard == ["reset"]
+    assert b.ears.inputs == ["reset"]
     assert seen.probabilities.tolist() == [0.0] * 3
     assert seen.tactile_stale
 
@@ -256,7 +256,7 @@ def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
 def test_before_the_first_frame_nothing_is_heard_felt_or_doubted() -> None:
     b = Bench(Told(Phase.IDLE))
     seen = b.decide(None)
-    assert b.ears.heard == []
+    assert b.ears.inputs == []
     assert seen.probabilities.tolist() == [0.0] * 3
     assert (seen.tactile_stale, seen.measured_n, seen.doubt) == (False, (0.0,) * 3, "")
     assert seen.felt_n == (0.0,) * 3
@@ -265,8 +265,8 @@ def test_before_the_first_frame_nothing_is_heard_felt_or_doubted() -> None:
 def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
     b = Bench(Told(reset_detector=True))
     b.decide(frame(-1))
-    assert len(b.ears.heard) == 2
-    assert b.ears.heard[1] == "reset"
+    assert len(b.ears.inputs) == 2
+    assert b.ears.inputs[1] == "reset"
     assert b.gate.anchors == []
 
 
@@ -275,7 +275,7 @@ def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so(
     b.decide(frame(-1))
     b.decide(frame(-2))
     assert b.gate.anchors == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
-    assert not any(isinstance(heard, str) for heard in b.ears.heard)
+    assert not any(isinstance(heard, str) for heard in b.ears.inputs)
 
 
 def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_to_be() -> None:
@@ -401,7 +401,7 @@ def test_detector_that_fails_with_the_hand_open_is_silent_and_no_doubt(
 ) -> None:
     b = Bench(Told(phase), Ears(answer))
     seen = b.decide(frame(-1))
-    assert len(b.ears.heard) == 1  # it was asked
+    assert len(b.ears.inputs) == 1  # it was asked
     assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, "")
 
 

@@ -63,7 +63,7 @@ def copied(parts: Parts) -> Parts:
 
 @contextmanager
 def parts_of(rig: GraspRig) -> Iterator[Callable[[], Parts]]:
-    """Gives the parts of the trial that is run meanwhile."""
+    """Within, the function returns the parts of the trial that runs."""
     made: dict[str, Any] = {}
 
     def noted(name: str) -> Callable[..., Any]:

@@ -251,7 +251,7 @@ def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
     weak = ready.grasp("gripper", "close", *CONFIRMED, "--set", "gripper.calibration=manual")
     assert weak.code == 2 and "cannot close with less than 15 N" in weak.err
     assert ready.grasp("gripper", "close", *CONFIRMED, *NOWHERE).code == 3
-    assert ready.grasp("release", *CONFIRMED, *NOWHERE).code == 0  # which hears nothing
+    assert ready.grasp("release", *CONFIRMED, *NOWHERE).code == 0  # which reads no fingertips
     ready.ask("fault", name="gripper_fault", code=5)
     refused = ready.grasp("gripper", "close", *CONFIRMED)
     assert refused.code == 3 and "the gripper reports a fault, action delayed" in refused.err

@@ -229,10 +229,10 @@ def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.
 
 
 def test_an_event_while_the_contact_creeps_towards_the_label_is_early_and_not_false() -> None:
-    for begins, heard in [(92, True), (91, False), (97, True)]:
+    for begins, hit in [(92, True), (91, False), (97, True)]:
         slip = flags(100, 30, 70)
         m = judge(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
-        assert (m.missed_events, m.false_events) == ((0, 0) if heard else (1, 1)), (begins, heard)
+        assert (m.missed_events, m.false_events) == ((0, 0) if hit else (1, 1)), (begins, hit)
 
 
 def test_a_late_answer_to_one_slip_is_no_early_one_to_the_next() -> None:

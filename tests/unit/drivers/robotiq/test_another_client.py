@@ -1,5 +1,5 @@
-"""Another client of the hand writes its registers, which cannot be forbidden: the driver writes its
-own again, whole, and whoever pumps it is told."""
+"""Another client writes the hand's registers, which no driver can prevent. The driver writes its
+own image again, whole, and reports the other client to its caller."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def told(made, another: CommandRegisters) -> str:
         (CLOSED, "targets (255, 0, 0), expected (255, 255, 255)"),
         (command(0, 255, 255), "targets (0, 255, 255), expected (255, 255, 255)"),
         (command(255, 255, 255, go_to=False), "rGTO 0, expected 1"),
-        (command(255, 255, 255, force=255), "a finger moves that was told nothing"),
+        (command(255, 255, 255, force=255), "a finger moves without a command"),
     ],
 )
 def test_what_another_client_writes_is_told_with_its_values_and_written_over_whole(

@@ -45,7 +45,7 @@ def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
     typed = ["arm", "stop", "--dry-run", "--set", "ur.host=127.0.0.1"]
     assert main([*typed, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told == {"would": "end the program on the arm at 127.0.0.1, whoever runs it",
+    assert told == {"would": "end any program that runs on the arm at 127.0.0.1",
                     "exit_code": 0}  # fmt: skip
     assert main(typed) == 0
     assert capsys.readouterr().out == f"would {told['would']}\n"

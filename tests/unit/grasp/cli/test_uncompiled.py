@@ -41,7 +41,7 @@ COMMANDS = [
 ]
 WITHOUT_COMPILER = """
 import json, sys
-sys.modules["numba"] = None  # whoever imports it raises
+sys.modules["numba"] = None  # its import raises
 from grasp.cli.main import main
 for command in json.loads(sys.argv[1]):
     print(">>>", flush=True, file=sys.stderr)

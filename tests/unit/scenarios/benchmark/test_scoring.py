@@ -38,13 +38,13 @@ def test_a_recording_too_short_to_be_scored_is_left_out_and_told(folder: Path) -
     assert "1 recordings of at most 100 samples" in line
 
 
-def test_a_rule_evidence_the_slips_that_it_was_judged_by_and_on_no_blow() -> None:
-    blows = [struck((3.0, 0.003), n=500)]
+def test_a_rule_evidence_the_slips_that_it_was_judged_by_and_on_no_tap() -> None:
+    taps = [struck((3.0, 0.003), n=500)]
     slips = toys("test", 2, 0)
     rule = contender("energy", slips, "test", assignments=[EAGER]).config.rule
     alone, both = (
         evidence(contender("energy", each, "test", assignments=[EAGER]).streams, rule)
-        for each in (slips, [*slips, *blows])
+        for each in (slips, [*slips, *taps])
     )
     assert both.slips == alone.slips > 0
     assert 0 < alone.caught <= alone.slips

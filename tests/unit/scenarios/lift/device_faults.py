@@ -230,19 +230,19 @@ def let_arm_leap(rig: Rig) -> None:
 
 
 def lose_stops(rig: Rig, times: int) -> list[int]:
-    """The arm's controller never hears so many stops; gives when it heard one."""
-    arm, left, heard = cell(rig).arm, [times], list[int]()
+    """The arm's controller loses so many stops; returns the times of those that it received."""
+    arm, left, received_ns = cell(rig).arm, [times], list[int]()
     whole = arm.stop_l
 
     def stop_l(deceleration_mps2: float, now_ns: int) -> None:
         if left[0] > 0:
             left[0] -= 1
             return
-        heard.append(now_ns)
+        received_ns.append(now_ns)
         whole(deceleration_mps2, now_ns)
 
     arm.stop_l = stop_l  # type: ignore[method-assign]
-    return heard
+    return received_ns
 
 
 # Loop

@@ -53,8 +53,8 @@ def run(
     detector: str | None = "energy",
 ) -> tuple[GraspController, list[Tick], bool]:  # fmt: skip
     """Controller at its end, its ticks, and whether the object was held all the time in the air.
-    From the start of the lift on, which no alarm is heard before.
-    ``detector``: whose rule hears the script; None: that of the default."""
+    From the start of the lift on: no alarm counts before it.
+    ``detector``: whose rule gets the script; None: that of the default."""
 
     def made(*told: str) -> LiftConfig:
         return load_config(object_name, "simulated", detector, None, (CALM, *told)).for_lift()

@@ -19,10 +19,10 @@ IN_THE_AIR = [Phase.LIFT, Phase.LOWER]
 @pytest.mark.parametrize("phase", IN_THE_AIR)
 def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase) -> None:
     for lost in (1, 4):
-        staged, heard = Staged(), list[list[int]]()
+        staged, received = Staged(), list[list[int]]()
 
-        def act(rig: Rig, lost: int = lost, heard: list[list[int]] = heard) -> None:
-            heard.append(fault.lose_stops(rig, lost))
+        def act(rig: Rig, lost: int = lost, received: list[list[int]] = received) -> None:
+            received.append(fault.lose_stops(rig, lost))
             fault.silence_fingertips(rig)
 
         trial = staged.run(in_phase(phase, 5), act)
@@ -32,7 +32,7 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase) ->
         assert not further or lost > 1  # it has gone on for longer than braking takes
         unknown = "the arm cannot be believed: whether it stands is unknown"
         assert trial.controller.unreached == ((unknown,) if further else ())
-        assert heard[0]
+        assert received[0]
         sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
         assert len(sent) > lost
         rig = staged.rig

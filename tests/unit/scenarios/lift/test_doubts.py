@@ -79,7 +79,7 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: 
         done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
         assert fault_at(staged) - done <= steps, case
         before = staged.ticks[fault_at(staged) - 1].decision.phase
-        lost = act.__name__ == "stand_still_3_s" and phase is P.LIFT  # meanwhile
+        lost = act.__name__ == "stand_still_3_s" and phase is P.LIFT  # during the pause
         if before in AIRBORNE_PHASES and not name.startswith("gripper") and not lost:
             assert thumb_n(staged) > 8.0, case  # closed to the limit, not left at 2.4 N
         if before in (P.GRASP, P.APPROACH):
@@ -216,7 +216,7 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         assert unknown == (name == "arm_position_nan")
         further = trial.controller.further
         assert failure.end.further == tuple(further)
-        if name.startswith("fingertips"):  # nobody hears them any more
+        if name.startswith("fingertips"):  # they are no longer checked
             assert not further
         else:
             assert further[0].startswith(f"{name}: ")

@@ -12,16 +12,16 @@ HOST = "127.0.0.9"
 
 
 @pytest.fixture
-def heard():
+def requests():
     return []
 
 
 @pytest.fixture
-def serve(heard):
+def serve(requests):
     opened = []
 
     def start(token=""):
-        opened.append(ControlServer(HOST, lambda request: heard.append(request) or {}, token))
+        opened.append(ControlServer(HOST, lambda request: requests.append(request) or {}, token))
         return opened[-1].__enter__()
 
     yield start
@@ -44,19 +44,19 @@ NO_REQUESTS = (
 )  # fmt: skip
 
 
-def test_what_is_no_request_is_answered_with_an_error(serve, heard) -> None:
+def test_what_is_no_request_is_answered_with_an_error(serve, requests) -> None:
     server = serve()
     for line in NO_REQUESTS:
         with case(line):
             assert "error" in ask(server, line)
-    assert not heard
+    assert not requests
     assert ask(server, '{"verb": "truth"}') == {}
 
 
-def test_without_its_token_a_cell_obeys_nobody(serve, heard) -> None:
+def test_without_its_token_a_cell_obeys_nobody(serve, requests) -> None:
     server = serve("secret")
     for wrong in ("{}", '{"token": "secre"}', '{"token": null}', '{"token": ["secret"]}'):
         assert "token" in ask(server, wrong)["error"]
-    assert not heard
+    assert not requests
     assert ask(server, '{"verb": "truth", "token": "secret"}') == {}
-    assert heard == [{"verb": "truth"}]
+    assert requests == [{"verb": "truth"}]
