@@ -81,6 +81,11 @@ DECLARED = (
         frozenset({"force", "misleading"}), r"^over_force;", lasting=False,
     ),
     Declared(
+        "a hand that reports no activation is not commanded, so another client's target stays",
+        r"gripper rPR[ABC] set by another client", ANY, frozenset({"force"}),
+        r"^over_force;.*not activated", lasting=False,
+    ),
+    Declared(
         "another client goes on: until the next refresh its commands act, and that adds up",
         r"gripper .* by another client", ANY,
         frozenset({"force", "unstopped", "hand", "dropped"}), r"another client",
