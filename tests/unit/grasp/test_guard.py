@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
-from grasp.guard import ForceGuard, GuardSettings
+from grasp.guard import ForceGuard, GuardSettings, limit_in_words
 from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import gripper
 
@@ -309,3 +309,8 @@ def test_end_of_the_thumb_is_its_own() -> None:
     g = guard(travel_bound=True)
     g.anchor((50, 60, 70), FIRST_N)
     assert g.thumb_end == 54
+
+
+def test_limit_of_each_motor_is_told_with_the_double_that_the_thumb_bears() -> None:
+    assert "20 N" in limit_in_words(10.0, "each_motor")
+    assert "20 N" not in limit_in_words(10.0, "every_finger")

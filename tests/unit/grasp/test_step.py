@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from detector.motion import Motion
+from drivers.errors import Refused
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import (
     CloseFast,
@@ -74,6 +75,11 @@ class Told:
     def in_safe_state(self) -> bool:
         return self.phase in SAFE_PHASES
 
+    finished = False
+
+    def aborted(self) -> tuple[Command, ...]:
+        return self.decision.commands
+
     def step(self, seen: Observation) -> Decision:
         self.seen.append(seen)
         return self.decision
@@ -131,6 +137,7 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert seen is b.controller.seen[0]
     assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
     assert seen.felt_n == seen.measured_n
+    assert (seen.reach_counts, seen.thumb_end) == ((58, 60, 6), 61)
 
 
 @pytest.mark.parametrize("phase", [Phase.IDLE, Phase.HOME, Phase.APPROACH])
@@ -318,6 +325,21 @@ def test_doubts_are_those_that_the_step_was_given() -> None:
         assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.doubt) is doubted
 
 
+def test_doubts_are_asked_of_the_phase_and_of_all_that_bears_on_them() -> None:
+    asked: list[tuple[object, ...]] = []
+
+    class Noting(Doubts):
+        def of(self, *given: Any) -> str:
+            asked.append(given)
+            return ""
+
+    controller = cast(GraspController, Told(Phase.GRASP))
+    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(DoubtSettings()))
+    s = told(frame(-1), pending=True, late_ns=3, took_ns=4)
+    step.decide(s)
+    assert asked == [(Phase.GRASP, s.frame, s.gripper, s.arm, True, 3, 4)]
+
+
 def test_doubts_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
     heard: list[object] = []
 
@@ -354,7 +376,13 @@ def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(b.gate, "admit", noted)
     given = told(frame(-1))
     b.step.decide(given)
-    assert states == [given.gripper]
+    later = gripper(positions=(60, 61, 62))
+    assert b.step.fallback(later) == LET
+    assert states == [given.gripper, later]
+
+
+def test_without_a_further_step_a_hand_of_which_nothing_is_asked_is_left_alone() -> None:
+    assert Bench().step.fallback(gripper()) is None
 
 
 @pytest.mark.parametrize("command", [RISE, StopArm(2.0)])
@@ -375,7 +403,12 @@ def broken() -> None:
     raise ZeroDivisionError("no samples")
 
 
+def refused() -> None:
+    raise Refused("no samples; no answer", "give it samples")
+
+
 FAILURES = [
+    pytest.param(refused, "detector_failed: no samples, no answer", id="one cause of two parts"),
     pytest.param(broken, "ZeroDivisionError: no samples", id="raises"),
     pytest.param(lambda: np.array([0.9, np.nan, 0.1]), "no probabilities", id="no number"),
     pytest.param(lambda: np.array([0.9, 1.5, 0.1]), "no probabilities", id="above one"),

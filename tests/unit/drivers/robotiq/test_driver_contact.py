@@ -137,6 +137,8 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     made.step()
     assert made.state.positions == (100, 101, 100)
     assert made.driver.hold().targets_counts == (100, 100, 100)
+    closing = made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    assert closing.targets_counts == (120, 100, 100)
 
 
 def test_hold_on_a_status_that_stands_still_stops_the_fingers_and_moves_none_back(rig) -> None:

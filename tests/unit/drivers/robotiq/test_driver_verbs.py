@@ -75,10 +75,28 @@ def test_activation_resets_waits_sets_ract_and_polls(rig) -> None:
 
 def test_an_active_hand_is_taken_over_without_a_byte(rig) -> None:
     made = rig(active=True)
+    made.step(20)
     applied = made.driver.activate()
     made.step(20)
     assert (applied.effective, made.frames) == (False, [])
     assert "already active" in applied.note
+    least = PAPER.speed_mps(0), PAPER.least_force_n
+    assert (applied.speed_mps, applied.force_n) == least
+    assert applied.targets_counts == made.state.positions
+    made.driver.move_to((50, 60, 70), FAST, 10.0)
+    made.settle()
+    assert made.driver.activate().targets_counts == (50, 60, 70)
+
+
+def test_activation_that_another_master_has_begun_is_waited_for_and_not_begun_anew(rig) -> None:
+    made = rig(hand=QUICK, active=False)
+    made.model.write(0, CommandRegisters(activate=True).to_registers(), made.now_ns)
+    made.step(3)
+    assert not made.state.active
+    made.driver.activate()
+    made.step(30)
+    assert made.frames == ["01" + "00" * 15]
+    assert made.state.active
 
 
 def test_motion_is_refused_until_active(rig) -> None:
@@ -196,6 +214,18 @@ def test_activation_is_refused_unless_the_hand_is_open_or_may_drop(rig, springs)
             with pytest.raises(Refused, match="drop"):
                 made.driver.activate()
         assert made.driver.activate(dropping=refused).effective, case
+
+
+def test_hand_that_has_lost_its_activation_keeps_what_a_finger_has_met(rig) -> None:
+    made = rig(active=False)
+    met, mask = 2, 3  # gDTA: contact while closing
+    made.model.misreport(lambda words: (words[0] & ~mask | met, *words[1:]))
+    made.step(3)
+    assert not made.state.active
+    with pytest.raises(Refused, match="drop"):
+        made.driver.activate()
+    made.step(3)
+    assert made.frames == []
 
 
 def test_targets_that_are_no_counts_and_speeds_that_are_none_are_refused(rig) -> None:
