@@ -248,7 +248,7 @@ class Exchange:
         """Write the same image again at each refresh while a finger moves: nothing else takes back
         speed and force that another client set. The hand takes no equal image for a new
         request."""
-        told, image = self._told, self._image
+        told, image = self._commanded, self._image
         if told is None or not told.go_to or image is None or image != self._written or self.lost:
             return
         if all(self._stood) or not status.active or image[0] != self._head or self._whole:
