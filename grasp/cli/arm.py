@@ -64,21 +64,20 @@ def arm_status(args: argparse.Namespace) -> int:
 
 
 def step_arm(args: argparse.Namespace) -> int:
-    from scenarios.lab.arm import check_inside, checked_step
+    from scenarios.lab.arm import check_step
     from scenarios.lab.arm import step_arm as step
     from scenarios.rigs.permission import arm_address
 
     config = lab_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
-    checked_step(by_m)
-    check_inside(config, by_m)
+    check_step(config, by_m)
     way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
 
     def plan() -> str:
         return f"move the arm at {arm_address(config)} by {way} at {PLAN}"
 
     if args.dry_run:
-        from scenarios.lab.ready import check_arm
+        from scenarios.lab.preflight import check_arm
 
         check_arm(config)
         return tell(args, {"would": plan()})

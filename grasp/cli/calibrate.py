@@ -39,23 +39,21 @@ def add_parser(verbs: Any) -> None:
     kinds = group(verbs, "calibrate", HELP, "WHAT")
     force = _kind(
         kinds, "force", calibrate_force,
-        "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "
-        "they say; with --press the finger presses by itself, a count at a time",
+        "counts of a fingertip to newtons: put weights on it or press a scale against it, and type "
+        "what they say; nothing is moved",
     )  # fmt: skip
     _add_scale(force, required=False)
-    force.flag("--press", "the finger presses on the scale")
     hand = _kind(
         kinds, "hand", calibrate_hand,
-        "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
-        "a scale, and you type what it says",
+        "force bytes to newtons (an upper bound): the finger presses on a scale, and you type what "
+        "it says",
     )  # fmt: skip
     _add_scale(hand, required=True)
+    hand.flag("--scale", OVER_A_SCALE)
     hand.option("--presses N", "presses per byte; a byte that presses with less than the manual "
         "states (15 N for byte 0) gets at least ten", whole(4, 100), default=10)  # fmt: skip
     hand.option("--bytes BYTE", "force bytes to press with; 0 is always included (default: "
         "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
-    hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
-        "none; travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
     noise = _kind(
         kinds, "noise", calibrate_noise,
         "the rule on slip that your fingertips allow, without labels: the hand holds something "
@@ -84,63 +82,39 @@ def _add_scale(parser: Parser, required: bool) -> None:
         f"{MANUAL_MOST_N:g}; by the manual byte 0 may press with {MANUAL_LEAST_N:g}"
         + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
         decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
-    parser.flag("--scale", OVER_A_SCALE)
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
-    from scenarios.lab.ready import check_hearing, check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_force as by_weights
-    from scenarios.lab.sessions import press_force
+    from scenarios.lab.calibrate import calibrate_force as by_weights
+    from scenarios.lab.preflight import check_rest
 
     config = lab_config(args)
     new_file(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
-    if args.press:
-        asked = "--up-to" if args.up_to is not None else "the limit of a run, without --up-to,"
-        check_force(up_to_n, called=asked)
-    pressing = f"finger {args.finger} by single counts, up to {up_to_n:g} N on the scale"
     if args.dry_run:
-        if args.press:
-            check_pressing(config, hearing=True)
-            tell_mode(config)
-        else:
-            check_hearing(config)
-        return tell(args, {"would": f"move {pressing if args.press else 'nothing'}"})
-    if not args.press:
-        operator = _operator()
-        with interruption.held():
-            text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
-        return _written(args, text)
-    permit = leave_to_move(config, args, lambda: f"move {pressing}")
-    tell_mode(config)
-    _over_a_scale(args)
+        check_rest(config)
+        return tell(args, {"would": "move nothing"})
     operator = _operator()
-    will(f"move {pressing}")
     with interruption.held():
-        text = press_force(config, permit, args.finger, up_to_n, operator, _tell, args.note)
+        text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
     return _written(args, text)
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
-    from scenarios.lab.fit import check_places
-    from scenarios.lab.ready import check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_hand as press
+    from scenarios.lab.calibrate import calibrate_hand as press
+    from scenarios.lab.calibrate import check_force
+    from scenarios.lab.preflight import check_pressing
 
     config = lab_config(args)
     new_file(args.out)
     check_force(args.up_to, {0, *args.bytes})
-    if args.places:
-        check_places(args.places)
     bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
-    way = f", then to {args.places} counts in free air" if args.places else ""
     pressing = (
         f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, onto "
-        f"the scale, with {args.up_to:g} N at most by the manual{way}"
+        f"the scale, with {args.up_to:g} N at most by the manual"
     )
     if args.dry_run:
-        check_pressing(config, hearing=False)
+        check_pressing(config)
         tell_mode(config)
         return tell(args, {"would": f"move {pressing}"})
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
@@ -150,8 +124,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     will(f"move {pressing}")
     with interruption.held():
         text = press(
-            config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
-            operator, _tell, args.note,
+            config, permit, args.finger, args.bytes, args.presses, args.up_to, operator, _tell,
+            args.note,
         )  # fmt: skip
     code = _written(args, text)
     _tell(_to_use(args, text, config.guard.force_limit_n))
@@ -175,9 +149,9 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.benchmark.label_free import rule_of
     from scenarios.campaign.config import load_config
+    from scenarios.lab.calibrate import held_still
     from scenarios.lab.hand import guard_of
-    from scenarios.lab.ready import active_hand, check_close
-    from scenarios.lab.sessions import held_still
+    from scenarios.lab.preflight import active_hand, check_close
 
     config = lab_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -201,7 +175,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
     from grasp.cli.detector import rule_lines
-    from scenarios.lab.scale import noted, now
+    from scenarios.lab.calibrate import noted, now
 
     low, high = found.interval
     why = (

@@ -1,27 +1,19 @@
-"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. `grasp
-doctor HOST...`: list the devices that answer at these addresses."""
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing."""
 
 import argparse
 from typing import Any
 
-from drivers.errors import one_line
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
+from grasp.cli.options import OBJECT_HELP, add_runs, add_settings
 from grasp.cli.output import json_line
 from grasp.cli.parser import verb
 
-HELP = "check this machine and the devices, or which devices answer at addresses; moves nothing"
+HELP = "check this machine and the devices of a rig; moves nothing"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def add_parser(verbs: Any) -> None:
     parser = verb(verbs, "doctor", doctor, HELP, ". Reads only.")
-    parser.option("hosts HOST", "query only these, on the known ports, and print the settings for "
-        "a --config file. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
-        "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
-        nargs="*")  # fmt: skip
-    parser.option("--timeout S", "each HOST answers a question within S seconds", decimal(0.05, 10),
-        default=1.0)  # fmt: skip
     parser.option("--rig NAME", "also ask the devices of this rig (one of config/rigs, or a .toml "
         "file)")  # fmt: skip
     parser.option("--object NAME",
@@ -35,8 +27,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def doctor(args: argparse.Namespace) -> int:
-    if args.hosts:
-        return _find(args)
     from scenarios.rigs.doctor import examine
 
     def load(rig: str, detector: str | None) -> Any:
@@ -80,26 +70,3 @@ def _code(failed: list[Any]) -> int:
     if any(check.name in ("configuration", "disk") for check in failed):
         return exits.USAGE
     return exits.DEVICE if failed else exits.SUCCESS
-
-
-def _find(args: argparse.Namespace) -> int:
-    """Query the named addresses and the USB bus only."""
-    import msgspec
-
-    from scenarios.lab.find import ask, settings_of, usb_boards
-
-    found = []
-    for each in (*ask(args.hosts, args.timeout), *usb_boards()):
-        found.append(each)
-        if not args.json:
-            answer = "yes " if each.answered else "no  "
-            print(one_line(f"{answer}  {each.device} at {each.where}: {each.said}"))
-    answered = any(each.answered for each in found)
-    code = exits.SUCCESS if answered else exits.DEVICE
-    if args.json:
-        print(json_line({"asked": msgspec.to_builtins(found), "exit_code": code}))
-    elif answered:
-        print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
-    else:
-        exits.report_line("no device answers: check power, cables and addresses")
-    return code

@@ -100,7 +100,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them."""
-    from scenarios.lab.ready import gently
+    from scenarios.lab.preflight import gently
     from scenarios.tap.tap import tap_config
 
     if args.scenario == "tap":

@@ -46,7 +46,6 @@ EXAMPLES = {
     "doctor": (
         "grasp doctor",
         "grasp doctor --rig hardware --config lab.toml",
-        "grasp doctor 192.168.1.11 192.168.1.10",
     ),
     "gripper step": (
         "grasp gripper step --finger B --mm 2 --config lab.toml --confirm-motion",
@@ -55,7 +54,6 @@ EXAMPLES = {
     "arm step": ("grasp arm step --z 3 --config lab.toml --confirm-motion",),
     "calibrate hand": (
         "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
-        "grasp calibrate hand --up-to 16 --places 10 30 50 70 90 --out hand3.toml --dry-run",
     ),
     "calibrate force": ("grasp calibrate force --finger B --out force-B.toml --config lab.toml",),
     "calibrate noise": (

@@ -14,7 +14,7 @@ POLL_S = 0.05
 
 def object_of(args: argparse.Namespace) -> str:
     """What is lifted: with `--first` something soft, unless another is named."""
-    from scenarios.lab.ready import SOFT
+    from scenarios.lab.preflight import SOFT
 
     return SOFT if args.first and args.object == "can" else str(args.object)
 
@@ -25,7 +25,7 @@ def begin(config: Any, permit: Any, args: argparse.Namespace) -> Any:
     Raises UsageError on a rig without real devices, and where a person has had enough.
     """
     from grasp.cli.operator import TerminalOperator
-    from scenarios.lab.ready import WHAT_TO_DO, close_in_free_air, gently
+    from scenarios.lab.preflight import WHAT_TO_DO, close_in_free_air, gently
 
     if permit is None or args.json or args.trials is not None or args.resume:
         told = "--first is one lift by a person on the rig hardware"

@@ -110,7 +110,7 @@ def activate(args: argparse.Namespace) -> int:
 
     config = lab_config(args)
     if args.dry_run:
-        from scenarios.lab.ready import check_activation
+        from scenarios.lab.preflight import check_activation
         from scenarios.rigs.rig import to_open
 
         to_open(config)  # raises without a calibration
@@ -129,19 +129,17 @@ def activate(args: argparse.Namespace) -> int:
 
 def release(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import open_hand
+    from scenarios.rigs.device_checks import other_devices
     from scenarios.rigs.permission import gripper_address
-    from scenarios.rigs.release import make_ready, other_devices
     from scenarios.rigs.rig import to_open
 
     config = _lab_config(args)
     if args.dry_run:
         return _would_release(args, config)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
-    with interruption.held():
-        make_ready(config, permit, args.activate)
-        with open_hand(config, permit, closing=False) as hand:
-            will(_move(to_open(config), hand.state.positions, OPEN) + _spreads(hand.mode))
-            moved = hand.open(say)
+    with interruption.held(), open_hand(config, permit, False, args.activate) as hand:
+        will(_move(to_open(config), hand.state.positions, OPEN) + _spreads(hand.mode))
+        moved = hand.open(say)
     which = f"gripper at {gripper_address(config)}"
     if not args.json:
         print(f"released on rig {args.rig}: {which}, {moved.in_words()}")
@@ -158,9 +156,8 @@ def release(args: argparse.Namespace) -> int:
 
 def _would_release(args: argparse.Namespace, config: Any) -> int:
     """Raises the errors of the release: exits 0 only if the fingers would open."""
-    from scenarios.lab.ready import hand_seen
-    from scenarios.rigs.release import not_active
-    from scenarios.rigs.rig import to_open
+    from scenarios.lab.preflight import hand_seen
+    from scenarios.rigs.rig import not_active, to_open
 
     to_open(config)  # raises without a calibration
     seen = hand_seen(config)
@@ -224,7 +221,7 @@ def _would(
 ) -> int:
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
     what the motion would."""
-    from scenarios.lab.ready import active_hand, check_close
+    from scenarios.lab.preflight import active_hand, check_close
     from scenarios.rigs.rig import to_open
 
     seen = active_hand(config)

@@ -1,16 +1,27 @@
-"""Opens the rig that a configuration names: with a hand around an object, or one finger alone."""
+"""Opens the rig that a configuration names, and single devices at their addresses."""
 
 import os
 import resource
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from drivers.errors import ConfigError, UsageError
+from drivers.errors import ConfigError, GraspError, UsageError
+from drivers.interfaces import Arm, Gripper, TactileSensor
+from drivers.robotiq.driver import RobotiqDriver
+from drivers.robotiq.link.modbus import ModbusTransport, TimedTransport
+from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.takktile.driver import TakkTileDriver
+from drivers.takktile.emulator.bus import backend
+from drivers.takktile.link.thread import ReadingThread
+from drivers.takktile.link.usb import UsbLink
+from drivers.ur.driver import ArmDriver
+from drivers.ur.link.client import UrLink
 from grasp import interruption
 from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
+from scenarios.rigs.own_devices import own_device
 from scenarios.rigs.permission import (
     HARDWARE,
     MotionPermit,
@@ -19,57 +30,27 @@ from scenarios.rigs.permission import (
     driving,
     require,
 )
-from scenarios.rigs.rig import GraspRig, PressRig, Rig, connect
-from scenarios.rigs.wired import acknowledgements, wired_devices
+from scenarios.rigs.rig import GraspRig, PressRig, Rig, calibration, connect
 
-NEEDED = 64  # 30 are enough for a lift on the emulated rig, 24 are not; twice that
-MORE = "let this program open more at once: ulimit -n 1024"
-HERE = Path("/dev/fd")
-
-
-def make_room() -> None:
-    """Raise this process's own limit as far as the system lets it, where it is too low. Raises
-    UsageError: without room a device's link would be told as lost, and the cell as not there."""
-    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    open_now = len(os.listdir(HERE)) if HERE.is_dir() else 0
-    wanted = open_now + NEEDED
-    if limit == resource.RLIM_INFINITY or limit >= wanted:
-        return
-    if most == resource.RLIM_INFINITY or most >= wanted:
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
-            return
-    raise UsageError(f"too few open files allowed: {limit}, and a rig needs {wanted}", MORE)
-
-
-@contextmanager
-def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[Any, Any]]:
-    """Nothing is known but what the devices say.
-
-    Raises UsageError without a permit, ConfigError where a device has no address, Refused where
-    another process drives one.
-    """
-    way_out = require(permit).let_go
-    check_devices(config)
-    clock = WallClock(WallClock().now_ns)
-    with (
-        driving(*devices_of(config)),
-        wired_devices(config, clock) as (arm, tactile, gripper),
-    ):
-        connect(arm, tactile, gripper, clock, real=True)
-        arm.set_payload(config.arm.payload_kg)
-        yield Rig(
-            arm, tactile, gripper, clock, True, None, None,
-            acknowledgements=acknowledgements(gripper), way_out=way_out,
-        )  # fmt: skip
+DeviceT = TypeVar("DeviceT")
+Now = Callable[[], int]
+NEEDED = 64  # open files; 30 are enough for a lift on the emulated rig, 24 are not; twice that
+OPEN_FILES = Path("/dev/fd")
+ANY_BOARD = "any"  # of `usb.serial`
+# of an emulated board, whose process may have to wait for its turn on a busy machine
+EMULATED_READ_MS, EMULATED_CONTROL_MS = 1_000, 10_000
 
 
 @contextmanager
 def open_rig(
     config: GraspRigConfig, seed: int, paced: bool, permit: MotionPermit | None = None
 ) -> Iterator[GraspRig]:
-    """The hand is active and open, an object in place. Raises the drivers' errors, and what
-    ``hardware`` raises without a permit; closes what it opened."""
+    """The hand is active and open, an object in place; closes what it opened.
+
+    Raises the drivers' errors. On the rig `hardware` nothing is known but what the devices say, and
+    it raises UsageError without a permit, ConfigError where a device has no address, Refused where
+    another process drives one.
+    """
     with _open(config, seed, paced, permit) as rig:
         yield rig
 
@@ -87,7 +68,7 @@ def open_press_rig(
 def _open(
     config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
 ) -> Iterator[Rig[Any, Any]]:
-    make_room()
+    allow_open_files()
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":
@@ -99,7 +80,138 @@ def _open(
 
                 rig = stack.enter_context(emulated(config, seed))
             elif config.rig == HARDWARE:
-                rig = stack.enter_context(hardware(config, permit))
+                rig = stack.enter_context(_hardware(config, permit))
             else:
                 raise ConfigError("rig", config.rig, "unknown", "simulated, emulated, hardware")
         yield rig
+
+
+def allow_open_files() -> None:
+    """Raise this process's own limit as far as the system lets it, where it is too low. Raises
+    UsageError: without room a device's link would be reported as lost."""
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = NEEDED + (len(os.listdir(OPEN_FILES)) if OPEN_FILES.is_dir() else 0)
+    if limit == resource.RLIM_INFINITY or limit >= wanted:
+        return
+    if most == resource.RLIM_INFINITY or most >= wanted:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
+            return
+    remedy = "let this program open more at once: ulimit -n 1024"
+    raise UsageError(f"too few open files allowed: {limit}, and a rig needs {wanted}", remedy)
+
+
+@contextmanager
+def _hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[Any, Any]]:
+    way_out = require(permit).let_go
+    check_devices(config)
+    clock = WallClock(WallClock().now_ns)
+    with (
+        driving(*devices_of(config)),
+        wired_devices(config, clock) as (arm, tactile, gripper),
+    ):
+        connect(arm, tactile, gripper, clock, real=True)
+        arm.set_payload(config.arm.payload_kg)
+        yield Rig(
+            arm, tactile, gripper, clock, True, None, None,
+            acknowledgements=acknowledgements(gripper), way_out=way_out,
+        )  # fmt: skip
+
+
+# Devices on real wires
+
+
+@contextmanager
+def wired_devices(
+    config: AnyRigConfig, clock: WallClock
+) -> Iterator[tuple[Arm, TactileSensor, Gripper | None]]:
+    """Drivers at the addresses of the configuration, ours or those of other packages. Raises what
+    opening raises."""
+    now: Now = lambda: clock.now_ns  # noqa: E731
+    with ExitStack() as stack:
+        gripper = None
+        if isinstance(config, GraspRigConfig):
+            gripper = stack.enter_context(_letting_go(open_gripper(config, now)))
+        tactile = stack.enter_context(_letting_go(_open_fingertips(config, now)))
+        arm = stack.enter_context(open_arm(config, now))
+        yield arm, tactile, gripper
+
+
+def open_gripper(config: GraspRigConfig, now: Now) -> AbstractContextManager[Gripper]:
+    """The gripper that the settings name, connected once it is entered."""
+    if config.devices.gripper:
+        return own_device(config.devices, "gripper", now)
+    return wired_gripper(config, now)
+
+
+def wired_gripper(config: GraspRigConfig, now: Now) -> ThreadedGripper:
+    """The Robotiq gripper on its wire; enter it to start the exchange."""
+    modbus = ModbusTransport(config.modbus, config.gripper.link)
+    timed = TimedTransport(modbus, now)
+    return ThreadedGripper(
+        RobotiqDriver(timed, config.gripper, calibration(config), clock=now),
+        1 / config.gripper.refresh_hz, timed=timed,
+        write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
+    )  # fmt: skip
+
+
+def _open_fingertips(config: AnyRigConfig, now: Now) -> AbstractContextManager[TactileSensor]:
+    if config.devices.fingertips:
+        return own_device(config.devices, "fingertips", now)
+    return open_board(config, now)
+
+
+def open_board(config: AnyRigConfig, now: Now) -> TakkTileDriver:
+    """The TakkTile board that the settings name, read by a thread once it is entered."""
+    return TakkTileDriver(
+        ReadingThread(board_finder(config, now), config.tactile, now), config.tactile
+    )
+
+
+def board_finder(config: AnyRigConfig, now: Now) -> Callable[[str | None], UsbLink]:
+    """Finds the fingertip board: that with the serial number asked for, else the one that the
+    settings name, else any."""
+    named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
+    if not config.usb.url:
+        return lambda serial: UsbLink.find(serial or named or None, clock=now)
+    bus = backend(config.usb.url)
+    return lambda serial: UsbLink.find(
+        serial or named or None, bus, now, EMULATED_READ_MS, EMULATED_CONTROL_MS
+    )
+
+
+@contextmanager
+def open_arm(config: AnyRigConfig, now: Now) -> Iterator[Arm]:
+    """The arm that the settings name, its program running."""
+    if config.devices.arm:
+        with own_device(config.devices, "arm", now) as arm:
+            yield arm
+        return
+    if config.arm.arrived_below_mps < config.ur.standing_below_mps:
+        raise UsageError(
+            f"arm.arrived_below_mps {config.arm.arrived_below_mps:g} is less than "
+            f"ur.standing_below_mps {config.ur.standing_below_mps:g}: no move would ever be over",
+            "raise arm.arrived_below_mps",
+        )
+    with UrLink(config.ur) as link:
+        yield ArmDriver(link, config.arm)
+
+
+@contextmanager
+def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
+    """A device that does not let go in time costs no result: whoever opens it next finds out."""
+    entered = device.__enter__()
+    try:
+        yield entered
+    finally:
+        with suppress(GraspError):
+            device.__exit__(None, None, None)
+
+
+def acknowledgements(gripper: Gripper | None) -> Callable[[], Sequence[tuple[int, int]]]:
+    """Pairs of times since now, ns: of a verb, and of the reply to its write; none of a gripper
+    that keeps none."""
+    if not isinstance(gripper, ThreadedGripper):
+        return tuple
+    before = len(gripper.acknowledgements_ns)
+    return lambda: gripper.acknowledgements_ns[before:]

@@ -1,12 +1,71 @@
-"""Makes the world of one trial: settings and seed in, a cell out."""
+"""The world of one trial, out of its settings and seed: what differs is drawn from stated
+distributions, all assumed.
 
+Drawn here: where the object is gripped, where each finger stops, friction, mass and where it lies,
+the force at which motors stop, and the gripper's timing. The fingertips draw their own rest counts,
+patch positions, textures and noise (``scenarios.world.fingertip``), a tap its strength and moment
+(``scenarios.tap.mallet``). "Normal" is cut at 2.5 deviations.
+"""
+
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.variation import draw
+from drivers.robotiq.model.hand import HandSettings
+from scenarios.rigs.config import (
+    CUT,
+    AnyRigConfig,
+    GraspRigConfig,
+    PressRigConfig,
+    VariationSettings,
+    wider,
+)
 from scenarios.world.cell import CellSettings, SimulatedCell
+from scenarios.world.objects import GraspObject
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
 from scenarios.world.world_settings import Level, level_named
+
+
+class Draw(msgspec.Struct, frozen=True):
+    """One draw."""
+
+    body: GraspObject
+    hand: HandSettings
+    finger_offset_m: NDArray[np.float64]  # (3,) added travel of each finger
+
+
+def draw(
+    settings: VariationSettings, body: GraspObject, hand: HandSettings, rng: np.random.Generator
+) -> Draw:
+    """Object and hand of one trial. Draws the same numbers whatever the spreads are.
+
+    Normal: friction, mass, start height, weight aside and each finger's stop; uniform: latency,
+    refresh phase and force stop.
+    """
+    friction, mass = np.clip(rng.standard_normal(2), -CUT, CUT).tolist()
+    scatter = np.clip(rng.standard_normal(3), -CUT, CUT)
+    latency, phase = rng.uniform(size=2).tolist()
+    height = float(np.clip(rng.standard_normal(), -CUT, CUT))
+    weak = float(rng.uniform())
+    aside = float(np.clip(rng.standard_normal(), -CUT, CUT))
+    rub = 1 + settings.friction_cv * friction
+    varied_body = msgspec.structs.replace(
+        wider(body, settings),
+        friction_static=body.friction_static * rub,
+        friction_kinetic=body.friction_kinetic * rub,
+        mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
+        added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
+        centre_aside_m=body.centre_aside_m + settings.aside_m * aside,
+        grip_height_m=body.grip_height_m + settings.start_height_m * height,
+        body_above_grip_m=body.body_above_grip_m - settings.start_height_m * height,
+    )
+    varied_hand = msgspec.structs.replace(
+        hand,
+        command_latency_s=hand.command_latency_s + settings.command_latency_s * latency,
+        tick_phase_s=phase / hand.refresh_hz,
+        least_force_n=hand.least_force_n * (1 - settings.force_stop_fraction * weak),
+    )
+    return Draw(varied_body, varied_hand, settings.finger_scatter_m * scatter)
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:

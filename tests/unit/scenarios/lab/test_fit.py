@@ -1,7 +1,6 @@
 """Calibrations recovered from scales whose law and noise are none of our model's, with the spread
 that they state; and data that support nothing refused."""
 
-import math
 import random
 import tomllib
 
@@ -10,18 +9,17 @@ import pytest
 
 from drivers.errors import UsageError
 from drivers.robotiq.calibration import GripperCalibration
+from scenarios.lab.calibrate import hand_file
 from scenarios.lab.fit import (
     LEAST_ODD_N,
     LEAST_POINTS,
     Point,
     fit_counts,
-    fit_travel,
     law_of,
     odd_one,
     odd_press,
     of_byte,
 )
-from scenarios.lab.scale import hand_file
 from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES, check_claim
 
 WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
@@ -132,7 +130,7 @@ def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
         known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
         far = {b: "a hand with weak springs" for b, n in forces_n.items()
                if n < MANUAL.force_n(b) / FAR}  # fmt: skip
-        text = hand_file("A", known, law_of(known), None, far)
+        text = hand_file("A", known, law_of(known), far)
         table = tomllib.loads(text)["calibration"]
         check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
@@ -147,51 +145,6 @@ def test_mistyped_press_is_named() -> None:
         of_byte(0, presses)
 
 
-# Counts to millimetres
-
-
-def ruler(counts: int, rng: random.Random, bend_mm: float = 0.6) -> float:
-    """A linkage: no straight line, read to half a millimetre, from some mark."""
-    travel_mm = 0.81 * counts + bend_mm * math.sin(counts / 25)
-    return round(2 * (140.0 - travel_mm + rng.gauss(0.0, 0.2))) / 2
-
-
-@pytest.mark.parametrize("bend_mm", [0.0, 0.6])
-def test_travel_of_a_count_is_recovered_within_its_interval(bend_mm: float) -> None:
-    counts = list(range(10, 130, 15))
-    held = refused = 0
-    series = 200
-    for seed in range(series):
-        rng = random.Random(seed)
-        try:
-            line = fit_travel(counts, [ruler(c, rng, bend_mm) for c in counts])
-        except UsageError:  # a place that the others contradict: there is no file
-            refused += 1
-            continue
-        low, high = line.interval
-        held += low <= 0.81 <= high
-        assert high - low < 0.1
-        assert line.worst < 1.3
-    assert held / (series - refused) >= 0.95
-    assert refused / series < 0.02
-
-
-def test_place_read_wrongly_and_way_too_short_are_refused() -> None:
-    rng = random.Random(3)
-    counts = list(range(10, 130, 15))
-    places = [ruler(c, rng) for c in counts]
-    for none in (math.nan, math.inf):
-        with pytest.raises(UsageError, match="no number"):
-            fit_travel(counts, [*places[:4], none, *places[5:]])
-    wrong = [*places[:4], places[4] + 10.0, *places[5:]]
-    with pytest.raises(UsageError, match="place 5"):
-        fit_travel(counts, wrong)
-    with pytest.raises(UsageError, match="too few"):
-        fit_travel(counts[:3], places[:3])
-    with pytest.raises(UsageError, match="too few"):
-        fit_travel(list(range(10, 20)), [ruler(c, rng) for c in range(10, 20)])
-
-
 def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
     """Of other presses of the same pad, within its range."""
     within = tried = 0
@@ -199,7 +152,7 @@ def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
         line = fit_counts(readings(seed))
         rng = random.Random(1000 + seed)
         for _ in range(5):
-            force_n = rng.uniform(line.least, line.most)
+            force_n = rng.uniform(line.least_n, line.most_n)
             tried += 1
-            within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst
+            within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst_n
     assert within / tried > 0.95

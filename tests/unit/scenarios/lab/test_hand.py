@@ -6,13 +6,13 @@ from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import Detection, FingerState, GripperState
 from grasp.commands import MoveFingers
 from scenarios.lab.arm import step_arm
+from scenarios.lab.calibrate import check_force
 from scenarios.lab.hand import (
     activate_hand,
     guard_of,
     open_hand,
     step_counts,
 )
-from scenarios.lab.scale import check_force
 from tests.unit.scenarios.conftest import config
 
 LAB = config("gripper.calibration=paper")

@@ -1,21 +1,19 @@
 """Calibrations with a person who mistypes, or a scale that says nothing; no devices."""
 
 import tomllib
-from collections.abc import Callable
 from typing import Any, cast
 
 import pytest
 
 from drivers.errors import UsageError
-from scenarios.lab import sessions
-from scenarios.lab.fit import law_of, of_byte
-from scenarios.lab.scale import (
+from scenarios.lab import calibrate
+from scenarios.lab.calibrate import (
     Presser,
     check_force,
     hand_file,
     newtons,
 )
-from scenarios.lab.sessions import Weighing
+from scenarios.lab.fit import law_of, of_byte
 
 COUNTS_PER_NEWTON = 200.0
 
@@ -34,35 +32,34 @@ class Person:
         return next(self._lines)
 
 
-@pytest.fixture
-def weigh(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Weighing, Person]]:
-    """A pad under those loads in newtons, and what is typed of them."""
-
-    def weighing(loads_n: list[float], *lines: str) -> tuple[Weighing, Person]:
-        person, felt = Person(*lines), iter(loads_n)
-        monkeypatch.setattr(
-            sessions, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(felt), False)
-        )
-        nothing = cast(Any, None)
-        return Weighing(nothing, nothing, "A", 15.0, person, lambda text: None), person
-
-    return weighing
-
-
-def taken(weighing: Weighing) -> list[float]:
-    while weighing.ask("what does it say?"):
-        pass
-    return [point.force_n for point in weighing.points]
+def weighed(
+    monkeypatch: pytest.MonkeyPatch, loads_n: list[float], *lines: str
+) -> tuple[list[float], list[str]]:
+    """Readings of a pad under those loads in newtons, of which that is typed, and what was said."""
+    person, felt = Person(*lines), iter(loads_n)
+    monkeypatch.setattr(calibrate, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(felt), False))
+    nothing = cast(Any, None)
+    points = calibrate.weigh(nothing, nothing, "A", 15.0, person, lambda text: None)
+    return [point.force_n for point in points], person.said
 
 
 def test_zero_of_a_scale_is_no_reading_and_costs_none_of_the_others(
-    weigh: Callable[..., tuple[Weighing, Person]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     forces = [0.5, 1.0, 2.0, 3.0, 4.0]
-    weighing, person = weigh(forces, "0 g", *(f"{n} N" for n in forces), "")
-    assert taken(weighing) == forces
-    assert "0 N is no load: Enter alone, if that is what the scale says" in person.said
-    assert weighing.fit().slope == pytest.approx(COUNTS_PER_NEWTON)
+    taken, said = weighed(monkeypatch, forces, "0 g", *(f"{n} N" for n in forces), "")
+    assert taken == forces
+    assert "0 N is no load: load the pad, then type what the scale says" in said
+
+
+def test_reading_that_the_others_contradict_is_left_out_and_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    forces = [0.5, 1.0, 2.0, 3.0, 4.0, 5.0]
+    typed = ("0.5 N", "1 N", "2 N", "9 N", "4 N", "5 N", "")
+    taken, said = weighed(monkeypatch, forces, *typed)
+    assert taken == [0.5, 1.0, 2.0, 4.0, 5.0]
+    assert "9.00 N contradicts the others: it is left out" in said
 
 
 class Finger:
@@ -88,13 +85,13 @@ def _nothing_said() -> None:
 
 def presses(*lines: str, count: int = 4) -> list[float]:
     person = Person(*lines)
-    forces = sessions.pressed(cast(Presser, Finger()), 0, count, 60.0, person, REASONS)
+    forces = calibrate.pressed(cast(Presser, Finger()), 0, count, 60.0, person, REASONS)
     SAID[:] = person.said
     return forces
 
 
-def test_press_that_was_mistyped_is_corrected() -> None:
-    assert presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N") == [10.5, 11.0, 11.5, 12.0]
+def test_press_that_was_mistyped_is_made_again() -> None:
+    assert presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N") == [10.5, 11.5, 12.0, 11.0]
 
 
 @pytest.mark.parametrize(
@@ -128,7 +125,7 @@ def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kep
     assert forces == [2.0, 2.1, 2.0, 2.0]
     assert REASONS == {0: "fingertips of soft foam"}
     known = [of_byte(0, [2.0] * 10)]
-    text = hand_file("A", known, law_of(known), None, REASONS)
+    text = hand_file("A", known, law_of(known), REASONS)
     assert "byte 0 is far from the manual's: fingertips of soft foam" in text
     assert tomllib.loads(text)["calibration"]["source"].endswith(": fingertips of soft foam")
 
