@@ -28,7 +28,7 @@ def card(args: argparse.Namespace) -> int:
     _check_no_formula(args.network)
     from detector.heads import read_heads
     from detector.network_file import read_network, weights_digest
-    from scenarios.report.run_decision import in_words
+    from scenarios.report.run_view import in_words
 
     weights = network_path(args.network)
     loaded = read_network(weights)
@@ -56,7 +56,7 @@ def _list(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.settings import named_layer, names
-    from scenarios.report.run_decision import in_words
+    from scenarios.report.run_view import in_words
     from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS
 
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]

@@ -153,7 +153,7 @@ def _contenders(args: argparse.Namespace) -> Any:
 
 def scores_text(s: Any, rule: Any) -> str:
     """The score sheet as a person reads it, with the rule that makes events of samples."""
-    from scenarios.report.run_decision import in_words
+    from scenarios.report.run_view import in_words
 
     lines = [
         f"{s.detector} on {s.data}: {s.n_samples} samples, label {s.label}",

@@ -14,7 +14,7 @@ def rule_of_weights(config: Any) -> str:
     """By which rule a detector of one's own is heard: there are three that it could be. Of a
     packaged one `grasp config rule` tells."""
     from detector.interface import DETECTORS
-    from scenarios.report.run_decision import in_words
+    from scenarios.report.run_view import in_words
 
     if config.detector_name in DETECTORS and not config.network.weights:
         return ""

@@ -30,9 +30,9 @@ def trial(run: RunRecord, verdict: str) -> str:
     """The verdict, and force and probability of slip over the run, with limit and threshold."""
     known = run.truth is not None
     force_n = run.felt_n if run.truth is None else run.truth.normal_n
-    rule = run.told.rule
+    rule = run.config.rule
     what = "true force" if known else "felt force"
-    limit_n = run.told.guard.force_limit_n
+    limit_n = run.config.guard.force_limit_n
     plots = (
         picture(f"{what}, N (limit {limit_n:g})", run.t_s, force_n, limit_n, 1.2 * limit_n),
         picture(f"slip probability (threshold {rule.threshold:g})", run.t_s, run.probabilities,

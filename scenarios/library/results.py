@@ -19,7 +19,7 @@ from scenarios.library import html
 from scenarios.lift.result import LiftResult
 from scenarios.report.run_page import run_page
 from scenarios.report.run_record import RunRecord, read_run
-from scenarios.report.run_words import sentence
+from scenarios.report.run_text import sentence
 from scenarios.tap.result import TapResult
 from scenarios.trial.replay import Replay
 from scenarios.trial.replay_tactile import SentCommand, TactileReplay

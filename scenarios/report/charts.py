@@ -8,7 +8,6 @@ import msgspec
 
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
-MOST_POINTS = 200  # of a line: one in two pixels
 ASIDE = 2.0 / (RIGHT - LEFT)  # of an axis, so that intervals do not hide one another
 
 
@@ -35,19 +34,12 @@ class Line(msgspec.Struct, frozen=True):
 
     name: str
     points: str
-    dots: list[Mark] = []
-    style: str = ""
-
-
-class Span(msgspec.Struct, frozen=True):
-    """A part of the x axis that is shaded, in the plot's units."""
-
-    x: float
-    width: float
+    dots: list[Mark]
+    style: str
 
 
 class Plot(msgspec.Struct, frozen=True):
-    """Everything that `plot()` of `page/plots.html` draws."""
+    """Everything that `plot()` of `page/table.html` draws. ``spans``: shaded, x and width."""
 
     title: str
     x_label: str
@@ -55,7 +47,7 @@ class Plot(msgspec.Struct, frozen=True):
     x_ticks: list[Tick]
     y_ticks: list[Tick]
     lines: list[Line]
-    spans: list[Span]
+    spans: list[tuple[float, float]]
 
 
 class Axis(msgspec.Struct, frozen=True):
@@ -117,24 +109,16 @@ class Rate(msgspec.Struct, frozen=True):
 def curves(
     title: str, x: Axis, y: Axis, drawn: Sequence[Curve],
     spans: Sequence[tuple[float, float]] = (), places: dict[float, str] | None = None,
-    percent: bool = False,
 ) -> Plot:  # fmt: skip
     """A plot. ``spans`` of x are shaded; ``places``: names of some x in place of numbers."""
     named = places if places is not None else {at: f"{at:g}" for at in x.ticks()}
-    heights = (0.0, 0.25, 0.5, 0.75, 1.0) if percent else y.ticks()
     return Plot(
-        title,
-        x.label,
-        y.label,
+        title, x.label, y.label,
         _apart([Tick(x.x(at), text) for at, text in sorted(named.items())]),
-        [Tick(y.y(at), f"{at:.0%}" if percent else f"{at:g}") for at in heights],
+        [Tick(y.y(at), f"{at:g}") for at in y.ticks()],
         [_line(curve, x, y) for curve in drawn],
-        [
-            Span(x.x(low), round(x.x(high) - x.x(low), 1))
-            for low, high in spans
-            if high >= x.low and low <= x.high
-        ],
-    )
+        [(x.x(a), round(x.x(b) - x.x(a), 1)) for a, b in spans if b >= x.low and a <= x.high],
+    )  # fmt: skip
 
 
 def _line(curve: Curve, x: Axis, y: Axis) -> Line:
@@ -156,29 +140,7 @@ def _apart(ticks: Sequence[Tick]) -> list[Tick]:
     return kept
 
 
-def shares(title: str, unit: str, named: Sequence[tuple[str, Sequence[float]]]) -> Plot | None:
-    """Share of trials, of each name, that had come to a value by x; what never came is infinite and
-    leaves its line below 100 %. None where nothing came."""
-    finite = [v for _, values in named for v in values if math.isfinite(v)]
-    if not finite:
-        return None
-    low, high = min(0.0, *finite), max(finite)
-    high = high if high > low else low + 1.0
-    drawn = []
-    for name, values in named:
-        came = sorted(v for v in values if math.isfinite(v))
-        if not came:
-            continue
-        steps = [(came[0], 0.0), *((v, (i + 1) / len(values)) for i, v in enumerate(came))]
-        steps.append((high, len(came) / len(values)))
-        every = max(1, len(steps) // MOST_POINTS)
-        kept = [step for i, step in enumerate(steps) if i % every == 0 or i == len(steps) - 1]
-        drawn.append(Curve(name, kept, stairs=True))
-    share = Axis("share of trials", 0.0, 1.0)
-    return curves(title, Axis(unit, low, high), share, drawn, percent=True)
-
-
-def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
+def rates(title: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
     """Success over what was varied: by number, or by place where it is no number."""
     known = {rate.x: rate.label for _, found in named for rate in found}
     low, high = min(known), max(known)
@@ -196,5 +158,5 @@ def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) ->
             if rate.trials
         ]  # fmt: skip
         drawn.append(Curve(name, [(mark.x, mark.y) for mark in marks], marks))
-    success = Axis("success, 95 %", 0.0, 1.0)
-    return curves(title, Axis(unit, low, high), success, drawn, places=known, percent=True)
+    success = Axis("share that succeeded, 95 %", 0.0, 1.0)
+    return curves(title, Axis("", low, high), success, drawn, places=known)

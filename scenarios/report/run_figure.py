@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.files import save_figure
-from scenarios.report.run_decision import decided
 from scenarios.report.run_record import RunRecord, read_run
+from scenarios.report.run_view import decided
 from scenarios.trial.result import spelt
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
@@ -54,7 +54,8 @@ def draw_run(path: Path, out: Path) -> None:
 
 def title(run: RunRecord) -> str:
     """What was run, and what came of it."""
-    told = f"{run.scenario} of {run.told.object.name}, seed {run.seed}, {run.told.detector_name}"
+    config = run.config
+    told = f"{run.scenario} of {config.object.name}, seed {run.seed}, {config.detector_name}"
     if run.verdict is None:
         return told
     return f"{told}: {spelt(run.verdict.outcome)}"
@@ -67,7 +68,7 @@ def _draw_force(axes: Any, run: RunRecord) -> None:
         axes.plot(run.t_s, run.felt_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6, label=felt)
         if run.truth is not None:
             axes.plot(run.t_s, run.truth.normal_n[:, i], color=COLOURS[name], lw=1.4, label=label)
-    limit_n = run.told.guard.force_limit_n
+    limit_n = run.config.guard.force_limit_n
     axes.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
     known = "(thin: felt, thick: true)" if run.truth is not None else "(felt)"
     axes.set_ylabel(f"grip force, N\n{known}")
@@ -75,7 +76,7 @@ def _draw_force(axes: Any, run: RunRecord) -> None:
 
 def _draw_decision(axes: Any, run: RunRecord) -> None:
     """Probabilities, and what the rule made of them beside what it had to pass."""
-    by_rule = decided(run.told.rule, run.probabilities, run.armed, run.masked)
+    by_rule = decided(run.config.rule, run.probabilities, run.armed, run.masked)
     for i, name in enumerate(FINGER_NAMES):
         axes.plot(run.t_s, run.probabilities[:, i], color=COLOURS[name], lw=0.8)
     axes.set(ylabel="slip probability", ylim=(0, 1.05))
