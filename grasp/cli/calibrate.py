@@ -45,15 +45,13 @@ def add_parser(verbs: Any) -> None:
     _add_scale(force, required=False)
     hand = _kind(
         kinds, "hand", calibrate_hand,
-        "force bytes to newtons (an upper bound): the finger presses on a scale, and you type what "
-        "it says",
+        "force byte 0 to newtons (an upper bound): the finger presses on a scale, and you type "
+        "what it says",
     )  # fmt: skip
     _add_scale(hand, required=True)
     hand.flag("--scale", OVER_A_SCALE)
-    hand.option("--presses N", "presses per byte; a byte that presses with less than the manual "
-        "states (15 N for byte 0) gets at least ten", whole(4, 100), default=10)  # fmt: skip
-    hand.option("--bytes BYTE", "force bytes to press with; 0 is always included (default: "
-        "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
+    hand.option("--presses N", "presses of force byte 0; a hand that presses with less than the "
+        "manual's 15 N gets at least ten", whole(4, 100), default=10)  # fmt: skip
     noise = _kind(
         kinds, "noise", calibrate_noise,
         "the rule on slip that your fingertips allow, without labels: the hand holds something "
@@ -107,11 +105,10 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     config = lab_config(args)
     new_file(args.out)
-    check_force(args.up_to, {0, *args.bytes})
-    bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
+    check_force(args.up_to)
     pressing = (
-        f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, onto "
-        f"the scale, with {args.up_to:g} N at most by the manual"
+        f"finger {args.finger}, {args.presses} times with force byte 0, onto the scale, with "
+        f"{args.up_to:g} N at most by the manual"
     )
     if args.dry_run:
         check_pressing(config)
@@ -124,9 +121,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     will(f"move {pressing}")
     with interruption.held():
         text = press(
-            config, permit, args.finger, args.bytes, args.presses, args.up_to, operator, _tell,
-            args.note,
-        )  # fmt: skip
+            config, permit, args.finger, args.presses, args.up_to, operator, _tell, args.note
+        )
     code = _written(args, text)
     _tell(_to_use(args, text, config.guard.force_limit_n))
     return code

@@ -8,7 +8,7 @@ more than the manual states, and with one fingertip over a scale, never with an 
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 
@@ -32,15 +32,13 @@ from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.lab.fit import (
     AGAIN,
     N_PER_G,
-    Byte,
-    Law,
     Line,
     Point,
+    Presses,
     fit_counts,
-    law_of,
     odd_one,
     odd_press,
-    of_byte,
+    of_presses,
 )
 from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, step_targets
 from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
@@ -54,6 +52,7 @@ READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
 UNIT = "with its unit (N, g, kg)"
 CLOSED = 255
 BACK_COUNTS = 20  # off the scale; some 15 mm
+MOST_N, STEEPEST = 80.0, 0.3  # force of byte 255, curve: as strong as a calibration may state
 SAMPLES = 100  # of the pad, a second, for one reading
 UNLOADED_S = 2.0  # recorded after a hold
 
@@ -91,40 +90,32 @@ def load_of(line: str, most_n: float) -> float:
 # The finger that presses
 
 
-def check_force(up_to_n: float, bytes_: Iterable[int] = (0,), called: str = "--up-to") -> None:
-    """Raises UsageError where the manual has the hand, or one of those bytes, press otherwise;
-    ``called``: what says how much is allowed."""
+def check_force(up_to_n: float) -> None:
+    """Raises UsageError where byte 0 may press harder by the manual, or the hand never does."""
     if up_to_n > MANUAL.most_force_n:
         raise UsageError(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
-    for byte in bytes_:
-        if (may_n := MANUAL.force_n(byte)) > up_to_n:
-            remedy = f"--up-to {math.ceil(may_n * 10) / 10:g}"
-            raise UsageError(
-                f"byte {byte} may press with {may_n:.1f} N by the manual, and {called} is "
-                f"{up_to_n:g} N", remedy if byte == 0 else f"{remedy}, or a lower byte",
-            )  # fmt: skip
+    if MANUAL.least_force_n > up_to_n:
+        raise UsageError(
+            f"byte 0 may press with {MANUAL.least_force_n:.1f} N by the manual, and --up-to is "
+            f"{up_to_n:g} N", f"--up-to {MANUAL.least_force_n:g}",
+        )  # fmt: skip
 
 
 class Presser:
     """One finger of an active hand, the others where they are."""
 
-    def __init__(self, hand: Hand, finger: str, up_to_n: float) -> None:
-        self._hand, self._finger, self._up_to_n = hand, finger, up_to_n
+    def __init__(self, hand: Hand, finger: str) -> None:
+        self._hand, self._finger = hand, finger
         self.idle = hand.idle
 
     @property
     def counts(self) -> int:
         return self._hand.state.positions[FINGER_NAMES.index(self._finger)]
 
-    def to(self, counts: int, byte: int = 0) -> bool:
-        """Slowly to there by short steps; whether it met something.
-
-        Raises UsageError for a byte that may press with more than was allowed.
-        """
-        check_force(self._up_to_n, (byte,))
+    def to(self, counts: int) -> bool:
+        """Slowly to there with byte 0, by short steps; whether it met something."""
         targets = step_targets(self._hand.state.positions, self._finger, counts - self.counts)
-        moved = self._hand.go(targets, force_n=MANUAL.force_n(byte))
-        return self._finger in moved.met
+        return self._finger in self._hand.go(targets).met
 
     def back_off(self, say: Say, release: str) -> None:
         """Off the scale by the way it came, and stand there: safe at any time, for a calibration
@@ -164,7 +155,7 @@ def open_presser(
     with open_active_gripper(measuring, clock, closing=True) as gripper:
         check_open(known_state(gripper).positions)
         hand = Hand(measuring, gripper, None, clock, allowed.release)
-        presser = Presser(hand, finger, up_to_n)
+        presser = Presser(hand, finger)
         try:
             yield presser
         except BaseException:
@@ -236,74 +227,71 @@ def calibrate_force(
         return force_file(finger, fit_counts(points), note)
 
 
-# Bytes of a hand
+# Force of a hand
 
 
 def calibrate_hand(
-    config: TrialConfig, permit: MotionPermit | None, finger: str, bytes_: Sequence[int],
-    presses: int, up_to_n: float, operator: Operator, say: Say, note: str = "",
+    config: TrialConfig, permit: MotionPermit | None, finger: str, presses: int, up_to_n: float,
+    operator: Operator, say: Say, note: str = "",
 ) -> str:  # fmt: skip
-    """The file of what bytes press with on a scale. Raises UsageError for data that do not support
-    it, and before anything moves for a byte that may press with more than ``up_to_n``."""
-    check_force(up_to_n, bytes_)
-    known: list[Byte] = []
-    reasons: dict[int, str] = {}
+    """The file of what force byte 0 presses with on a scale. Raises UsageError for data that do not
+    support it, and before anything moves where ``up_to_n`` is less than it may press with."""
     with open_presser(config, permit, finger, up_to_n, say) as presser:
-        for byte in sorted(set(bytes_) | {0}):
-            forces = pressed(presser, byte, presses, up_to_n, operator, reasons)
-            known.append(of_byte(byte, forces))
-            say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
+        forces, reason = pressed(presser, presses, up_to_n, operator)
+        known = of_presses(forces)
+        say(f"byte 0: {known.mean_n:.2f} N, 95 % below {known.bound_n:.2f} N")
         presser.to(0)
-    return hand_file(finger, known, law_of(known), reasons, note)
+    return hand_file(finger, known, reason, note)
 
 
 def pressed(
-    presser: Presser, byte: int, presses: int, up_to_n: float, operator: Operator,
-    reasons: dict[int, str],
-) -> list[float]:  # fmt: skip
-    """What a person read of so many presses of a byte, N; one that the others contradict is made
-    again. ``reasons``: why a byte is far from the manual's, which is asked of the first such press.
-    Raises Refused without a scale."""
+    presser: Presser, presses: int, up_to_n: float, operator: Operator
+) -> tuple[list[float], str]:
+    """What a person read of so many presses, N, and why they are far from the manual's, which is
+    asked of the first such press. A press that the others contradict is made again. Raises Refused
+    without a scale."""
     forces: list[float] = []
+    reason = ""
     while len(forces) < presses:
-        if not presser.to(CLOSED, byte):
+        if not presser.to(CLOSED):
             presser.to(0)
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
-        question = f"Byte {byte}, press {len(forces) + 1} of {presses}: what does the scale say"
-        forces.append(_press(presser, byte, f"{question}, {UNIT}?", up_to_n, operator, reasons))
+        question = f"Press {len(forces) + 1} of {presses}: what does the scale say, {UNIT}?"
+        force_n, reason = _press(presser, question, up_to_n, operator, reason)
+        forces.append(force_n)
         if (odd := odd_press(forces)) is not None:
             operator.say(f"{forces.pop(odd):.2f} N contradicts the others: it is pressed again")
         presser.to(max(0, presser.counts - BACK_COUNTS))
-    return forces
+    return forces, reason
 
 
 def _press(
-    presser: Presser, byte: int, question: str, up_to_n: float, operator: Operator,
-    reasons: dict[int, str],
-) -> float:  # fmt: skip
-    """One reading; asked again for what is none, or far from the manual's for no reason."""
+    presser: Presser, question: str, up_to_n: float, operator: Operator, reason: str
+) -> tuple[float, str]:
+    """One reading, and the reason so far; asked again for what is none, or far from the manual's
+    for no reason."""
     force_n: float | None = None
-    while force_n is None or (byte not in reasons and _far(byte, force_n)):
-        far = "" if force_n is None else _far(byte, force_n)
+    while force_n is None or (not reason and _far(force_n)):
+        far = "" if force_n is None else _far(force_n)
         again = f"{far}: type it again {UNIT}; or, if it is so, type why" if far else question
         line = ask(operator, again, presser.idle)
         try:
             force_n = load_of(line, up_to_n)
         except UsageError as error:
             if far and len(line.split()) >= LEAST_REASON and not line[0].isdecimal():
-                reasons[byte] = line
+                reason = line
             else:
                 operator.say(f"{error.message}: {error.remedy}")
-    return force_n
+    return force_n, reason
 
 
-def _far(byte: int, force_n: float) -> str:
+def _far(force_n: float) -> str:
     """Why a reading may have the wrong unit, as all of them may: none would contradict another."""
-    manual_n = MANUAL.force_n(byte)
+    manual_n = MANUAL.least_force_n
     if manual_n / FAR <= force_n <= manual_n * FAR:
         return ""
     return (
-        f"{force_n:.3g} N is far from the {manual_n:.3g} N that the manual says of byte {byte} "
+        f"{force_n:.3g} N is far from the {manual_n:.3g} N that the manual says of byte 0 "
         f"({manual_n / FAR:.3g} to {manual_n * FAR:.3g} would be believed)"
     )
 
@@ -351,43 +339,29 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
     return _usable(text, "guard", GuardSettings)
 
 
-def hand_file(
-    finger: str, known: list[Byte], law: Law, reasons: dict[int, str], note: str = ""
-) -> str:
+def hand_file(finger: str, known: Presses, reason: str, note: str = "") -> str:
     """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
-    ``reasons``: why a byte is far from what the manual says of it."""
-    told = "; ".join(
-        f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {_spread(b)}, 95 % "
-        f"below {b.bound_n:.2f}"
-        for b in known
-    )
-    source = f"scale under finger {finger}, {now()}: {known[0].presses} presses of byte 0"
-    reason = "; ".join(
-        f"byte {byte} is far from the manual's: {why}" for byte, why in reasons.items()
-    )
+    ``reason``: why the hand is far from the manual's."""
+    spread = f"{known.measured_spread_n:.2f}"
+    if known.measured_spread_n < known.spread_n:
+        spread += f", taken as {known.spread_n:.2f}"
+    source = f"scale under finger {finger}, {now()}: {known.count} presses of byte 0"
+    source += f"; far from the manual's: {reason}" if reason else ""
     lines = [
-        f"# What finger {finger} presses with on a scale, {now()}. Each force is an upper bound: "
-        "95 % of presses stay below, by a rule that is right of 95 % of such files.",
-        f"# {told}",
-        "# A byte that was not pressed counts as strong as its neighbours allow.",
+        f"# What finger {finger} presses with on a scale, {now()}: an upper bound. 95 % of presses "
+        "stay below, by a rule that is right of 95 % of such files.",
+        f"# {known.count} presses of byte 0: {known.mean_n:.2f} N, spread {spread}, 95 % below "
+        f"{known.bound_n:.2f} N. Other bytes count as strong as can be.",
         "[calibration]",
-        f"source = {noted(f'{source}; {reason}' if reason else source, note)}",
-        f"least_force_n = {law.least_force_n:g}",
-        f"most_force_n = {law.most_force_n:g}",
-        f"force_exponent = {law.force_exponent:g}",
-        f"pressed_bytes = {[b.byte for b in known]}",
-        f"presses = {min(b.presses for b in known)}",
+        f"source = {noted(source, note)}",
+        f"least_force_n = {math.ceil(known.bound_n * 100) / 100:g}",
+        f"most_force_n = {MOST_N:g}",
+        f"force_exponent = {STEEPEST:g}",
+        "pressed_bytes = [0]",
+        f"presses = {known.count}",
         *([f"reason = {noted(reason, '')}"] if reason else []),
     ]
     return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
-
-
-def _spread(b: Byte) -> str:
-    """As measured, and as used where that is too good to be believed."""
-    measured = f"{b.measured_spread_n:.2f}"
-    return (
-        measured if b.measured_spread_n >= b.spread_n else f"{measured}, taken as {b.spread_n:.2f}"
-    )
 
 
 def _usable(text: str, section: str, settings: type, **more: str) -> str:

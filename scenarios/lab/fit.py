@@ -5,13 +5,12 @@ A reading that the others contradict is named, and data that do not support a fi
 
 import math
 from collections.abc import Sequence
-from itertools import accumulate, pairwise
 from statistics import NormalDist, fmean, median, stdev
 
 import msgspec
 
 from drivers.errors import UsageError
-from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES
+from scenarios.rigs.calibration import MANUAL, WEAK_PRESSES
 
 ODD = 0.25  # a reading is odd that differs from what the others say by this share (assumed) ...
 ODD_SIGMAS = 5.0  # ... by so many times their own spread ...
@@ -32,9 +31,7 @@ TOLERANCE = {
     100: 2.73,
 }  # fmt: skip
 LEAST_SPREAD = 0.01  # no press repeats better than this; assumed
-LEAST_PRESSES = 4  # of a byte
-MOST_N = 80.0  # the most that a calibration may say
-WORST_EXPONENT, MOST_EXPONENT = 0.3, 3.0  # of the curves that a calibration may state
+LEAST_PRESSES = 4
 
 AGAIN = "look at what was typed, then take the readings again"
 
@@ -59,28 +56,15 @@ class Line(msgspec.Struct, frozen=True):
     offset_n: float
 
 
-class Byte(msgspec.Struct, frozen=True):
-    """Presses of one force byte: mean, spread as measured and as used, and what 95 % of presses
-    stay below with 95 % confidence."""
+class Presses(msgspec.Struct, frozen=True):
+    """Presses of force byte 0: how many, mean, spread as measured and as used, and what 95 % of
+    presses stay below with 95 % confidence."""
 
-    byte: int
-    presses: int
+    count: int
     mean_n: float
     measured_spread_n: float
     spread_n: float
     bound_n: float
-
-
-class Law(msgspec.Struct, frozen=True):
-    """Force of each byte, N: nowhere below what the hand may press with."""
-
-    least_force_n: float
-    most_force_n: float
-    force_exponent: float
-
-    def force_n(self, byte: int) -> float:
-        span = self.most_force_n - self.least_force_n
-        return float(self.least_force_n + span * (byte / 255) ** self.force_exponent)
 
 
 def quantile_t(share: float, freedom: int) -> float:
@@ -180,11 +164,11 @@ def _weighed(points: Sequence[Point]) -> tuple[float, float]:
     return _line(forces, [p.measured for p in points], [force**WEIGHT for force in forces])
 
 
-# Bytes to newtons
+# Force byte 0 to newtons
 
 
 def odd_press(forces_n: Sequence[float]) -> int | None:
-    """Which press of one byte the others contradict; None: none."""
+    """Which press the others contradict; None: none."""
     if len(forces_n) < LEAST_PRESSES:
         return None
     middle = median(forces_n)
@@ -194,70 +178,25 @@ def odd_press(forces_n: Sequence[float]) -> int | None:
     return worst if away_n > max(ODD * middle, ODD_SIGMAS * spread, LEAST_ODD_N) else None
 
 
-def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
-    """Of its presses. Raises UsageError for too few, for one that does not fit, and for too few of
-    a byte that would be weaker than the manual's."""
+def of_presses(forces_n: Sequence[float]) -> Presses:
+    """Raises UsageError for too few, for one that does not fit, and for too few of a hand that
+    would be weaker than the manual's."""
     count = len(forces_n)
     if count < LEAST_PRESSES:
-        raise UsageError(
-            f"byte {byte}: {count} presses are too few", f"press {LEAST_PRESSES} times or more"
-        )
+        raise UsageError(f"{count} presses are too few", f"press {LEAST_PRESSES} times or more")
     if (odd := odd_press(forces_n)) is not None:
-        told = f"byte {byte}, press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
+        told = f"press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
         raise UsageError(told, AGAIN)
     mean, measured = fmean(forces_n), stdev(forces_n)
     spread = max(measured, LEAST_SPREAD * mean)
     sigmas = TOLERANCE[max(size for size in TOLERANCE if size <= count)]
-    bound, manual_n = mean + sigmas * spread, MANUAL.force_n(byte)
+    bound, manual_n = mean + sigmas * spread, MANUAL.least_force_n
     if bound < manual_n and count < WEAK_PRESSES:
         raise UsageError(
-            f"byte {byte} would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by "
-            f"{count} presses alone", f"press {WEAK_PRESSES} times or more",
+            f"byte 0 would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by {count} "
+            "presses alone", f"press {WEAK_PRESSES} times or more",
         )  # fmt: skip
-    return Byte(byte, count, mean, measured, spread, bound)
-
-
-def law_of(measured: Sequence[Byte]) -> Law:
-    """The least law that a calibration may state above what the hand may press with each byte.
-
-    Raises UsageError without byte 0, and for a stronger byte that presses less.
-    """
-    known = sorted(measured, key=lambda each: each.byte)
-    if not known or known[0].byte != 0:
-        raise UsageError("byte 0 was not pressed", "press it: no limit can be kept without")
-    for low, high in pairwise(known):
-        if high.mean_n < low.mean_n:
-            told = f"byte {high.byte} pressed with {high.mean_n:.1f} N, less than byte {low.byte}"
-            raise UsageError(told, AGAIN)
-    rising_n = accumulate((each.bound_n for each in known), max)
-    bounds_n = dict(zip((each.byte for each in known), rising_n, strict=True))
-    least_n, most_n = math.ceil(bounds_n[0] * 100) / 100, MOST_N
-    if 255 in bounds_n:
-        most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL.force_n(0)))
-    if not least_n < most_n <= MOST_N:
-        told = f"{max(bounds_n.values()):.0f} N is more than any such hand"
-        raise UsageError(told, "press each byte more often, and look at what was typed")
-    may_n = [_may_press(byte, bounds_n, most_n) for byte in range(256)]
-    for hundredths in range(300, round(100 * WORST_EXPONENT), -1):
-        law = Law(least_n, most_n, hundredths / 100)
-        if all(law.force_n(byte) >= may_n[byte] for byte in range(256)):
-            return law
-    return Law(least_n, most_n, WORST_EXPONENT)
-
-
-def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
-    """What a hand may press with a byte, N, if force rises with the byte by a curve that a
-    calibration may state; of a byte beyond those that were pressed, no less than a third of what
-    the manual says."""
-    least_n, top = bounds_n[0], max(bounds_n)
-    steepest_n: float = least_n + (most_n - least_n) * (byte / 255) ** WORST_EXPONENT
-    if byte <= top:
-        return min(steepest_n, bounds_n[min(b for b in bounds_n if b >= byte)])
-    if top == 0:
-        return steepest_n
-    rise_n = max(bounds_n[top] - least_n, 0.1)
-    cubic_n: float = least_n + rise_n * (byte / top) ** MOST_EXPONENT
-    return max(min(steepest_n, cubic_n), MANUAL.force_n(byte) / FAR)
+    return Presses(count, mean, measured, spread, bound)
 
 
 def _line(

@@ -179,15 +179,15 @@ class Hand:
                 self.stand(say)
             raise
 
-    def go(self, targets: Counts3, lightly: bool = False, force_n: float | None = None) -> Moved:
-        """As ``move``, at that force; whoever calls it makes the fingers stand where it raises."""
+    def go(self, targets: Counts3, lightly: bool = False) -> Moved:
+        """As ``move``; whoever calls it makes the fingers stand where it raises."""
         early, touched = "", ""
         steps = Steps(self.state.positions, targets, self._lead)
 
         def step() -> bool:
             if (ahead := steps.next(self.state)) is None:
                 return False
-            self._send(ahead, self._force_n if force_n is None else force_n)
+            self._send(ahead)
             return True
 
         def look() -> bool:
@@ -291,8 +291,8 @@ class Hand:
         """As `finger_steps.retry`."""
         return retry(action, self._clock)
 
-    def _send(self, targets: Counts3, force_n: float) -> None:
-        command = MoveFingers(targets, self._speed_mps, force_n)
+    def _send(self, targets: Counts3) -> None:
+        command = MoveFingers(targets, self._speed_mps, self._force_n)
         if self._guard is not None:
             admitted = self._guard.admit(command, self.state, self._felt())
             if isinstance(admitted, HoldFingers):

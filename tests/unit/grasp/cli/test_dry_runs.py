@@ -61,7 +61,7 @@ HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),
-        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with each of the force"),
+        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with force byte 0"),
     ],
 )
 def test_refusal_without_confirmation_says_what_would_move(

@@ -13,7 +13,7 @@ from scenarios.lab.calibrate import (
     hand_file,
     newtons,
 )
-from scenarios.lab.fit import law_of, of_byte
+from scenarios.lab.fit import of_presses
 
 COUNTS_PER_NEWTON = 200.0
 
@@ -69,29 +69,20 @@ class Finger:
 
     def idle(self) -> None: ...
 
-    def to(self, counts: int, byte: int = 0) -> bool:
+    def to(self, counts: int) -> bool:
         return True
 
 
-REASONS: dict[int, str] = {}  # of the presses below, and what was asked
-SAID: list[str] = []
-
-
-@pytest.fixture(autouse=True)
-def _nothing_said() -> None:
-    REASONS.clear()
-    SAID.clear()
-
-
-def presses(*lines: str, count: int = 4) -> list[float]:
+def presses(*lines: str, count: int = 4) -> tuple[list[float], str, list[str]]:
+    """Readings, the reason for their being far from the manual's, and what was asked."""
     person = Person(*lines)
-    forces = calibrate.pressed(cast(Presser, Finger()), 0, count, 60.0, person, REASONS)
-    SAID[:] = person.said
-    return forces
+    forces, reason = calibrate.pressed(cast(Presser, Finger()), count, 60.0, person)
+    return forces, reason, person.said
 
 
 def test_press_that_was_mistyped_is_made_again() -> None:
-    assert presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N") == [10.5, 11.5, 12.0, 11.0]
+    forces, _, _ = presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N")
+    assert forces == [10.5, 11.5, 12.0, 11.0]
 
 
 @pytest.mark.parametrize(
@@ -102,39 +93,24 @@ def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
     wrong: str, right: str
 ) -> None:
     """Ten of them contradict one another nowhere: the manual's force is what tells."""
-    forces = presses(*([wrong, right] * 4))
+    forces, reason, said = presses(*([wrong, right] * 4))
     assert forces == [pytest.approx(newtons(right))] * 4
-    assert sum("is far from the 15 N that the manual says of byte 0" in said for said in SAID) == 4
-    assert not REASONS
+    assert sum("is far from the 15 N that the manual says of byte 0" in line for line in said) == 4
+    assert not reason
 
 
 def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kept() -> None:
-    lines = [
-        "2 N",
-        "yes",
-        "",
-        "2 N",
-        "0 N",
-        "99 N",
-        "fingertips of soft foam",
-        "2.1 N",
-        "2 N",
-        "2 N",
-    ]
-    forces = presses(*lines)
+    lines = ["2 N", "yes", "", "2 N", "0 N", "99 N", "fingertips of soft foam", "2.1 N", "2 N",
+             "2 N"]  # fmt: skip
+    forces, reason, _ = presses(*lines)
     assert forces == [2.0, 2.1, 2.0, 2.0]
-    assert REASONS == {0: "fingertips of soft foam"}
-    known = [of_byte(0, [2.0] * 10)]
-    text = hand_file("A", known, law_of(known), REASONS)
-    assert "byte 0 is far from the manual's: fingertips of soft foam" in text
-    assert tomllib.loads(text)["calibration"]["source"].endswith(": fingertips of soft foam")
+    assert reason == "fingertips of soft foam"
+    source = tomllib.loads(hand_file("A", of_presses([2.0] * 10), reason))["calibration"]["source"]
+    assert source.endswith("far from the manual's: fingertips of soft foam")
 
 
-def test_byte_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
+def test_hand_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
     with pytest.raises(UsageError) as byte_0:
         check_force(14.0)
-    assert byte_0.value.remedy == "--up-to 15"  # there is no lower byte
-    with pytest.raises(UsageError) as stronger:
-        check_force(20.0, (0, 40))
-    assert stronger.value.remedy == "--up-to 22.1, or a lower byte"
-    check_force(22.1, (0, 40))
+    assert byte_0.value.remedy == "--up-to 15"
+    check_force(15.0)

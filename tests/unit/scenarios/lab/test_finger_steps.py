@@ -43,8 +43,9 @@ class Bench:
         self.speeds: list[float] = []
         self.heard: list[str] = []
         self.rig.driver.pump(0)
-        self.hand = Hand(LAB, self.rig.driver, None, self.clock, "grasp release")
-        self.presser = Presser(self.hand, "A", 16.0)
+        known = LAB if calibration is PAPER else config("gripper.calibration=manual")
+        self.hand = Hand(known, self.rig.driver, None, self.clock, "grasp release")
+        self.presser = Presser(self.hand, "A")
 
     def _advance(self, t_ns: int) -> None:
         while self.rig.now_ns < t_ns:

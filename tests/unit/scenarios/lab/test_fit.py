@@ -15,10 +15,9 @@ from scenarios.lab.fit import (
     LEAST_POINTS,
     Point,
     fit_counts,
-    law_of,
     odd_one,
     odd_press,
-    of_byte,
+    of_presses,
 )
 from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES, check_claim
 
@@ -36,10 +35,9 @@ def scale(force_n: float, rng: random.Random) -> float:
     return round(force_n * (1 + rng.uniform(-0.005, 0.005)) / 0.049) * 0.049
 
 
-def hand(byte: int, rng: random.Random, bend: float = 0.6) -> float:
-    """A motor with friction: a law of its own, and now and then a harder press."""
-    law = 11.0 + 52.0 * (byte / 255) ** bend
-    return law * (1 + rng.gammavariate(2.0, 0.015))
+def hand(rng: random.Random) -> float:
+    """A motor with friction: now and then a harder press."""
+    return 11.0 * (1 + rng.gammavariate(2.0, 0.015))
 
 
 # Counts to newtons
@@ -92,57 +90,41 @@ def test_readings_rightly_typed_are_not_doubted() -> None:
         assert [s for s in range(200) if odd_one(readings(s, exponent)) is not None] == []
 
 
-# Bytes to newtons
+# Force byte 0 to newtons
 
 
-@pytest.mark.parametrize("bend", [0.5, 1.0, 1.6])
-@pytest.mark.parametrize("bytes_", [(0,), (0, 64, 128, 255)])
-def test_law_is_above_the_mean_press_of_every_byte_pressed_or_not(
-    bend: float, bytes_: tuple[int, ...]
-) -> None:
+def test_bound_is_above_the_mean_press() -> None:
     for seed in range(20):
         rng = random.Random(seed)
-        law = law_of([of_byte(b, [hand(b, rng, bend) for _ in range(10)]) for b in bytes_])
-        for byte in range(256):
-            mean_n = (11.0 + 52.0 * (byte / 255) ** bend) * 1.03
-            if 255 not in bytes_ or byte in bytes_ or bend == 1.0:
-                assert law.force_n(byte) >= mean_n, (seed, byte)
+        assert of_presses([hand(rng) for _ in range(10)]).bound_n >= 11.0 * 1.03
 
 
-def test_byte_weaker_than_the_manual_s_needs_ten_presses() -> None:
+def test_hand_weaker_than_the_manual_s_needs_ten_presses() -> None:
     rng = random.Random(0)
-    presses = [hand(0, rng) for _ in range(WEAK_PRESSES)]
+    presses = [hand(rng) for _ in range(WEAK_PRESSES)]
     with pytest.raises(UsageError, match="less than the manual's 15"):
-        of_byte(0, presses[:9])
-    assert of_byte(0, presses).bound_n < 15.0
-    strong = of_byte(0, [16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
+        of_presses(presses[:9])
+    assert of_presses(presses).bound_n < 15.0
+    strong = of_presses([16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
     assert strong.bound_n > 16.3
 
 
-@pytest.mark.parametrize("bend", [0.5, 2.5])
-@pytest.mark.parametrize("bytes_", [(0,), (0, 100), (0, 255)])
-def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
-    bend: float, bytes_: tuple[int, ...]
-) -> None:
-    """Beyond the bytes that were pressed no less is believed than what needs no presses."""
-    for least_n, most_n in ((1.2, 15.0), (3.0, 16.0), (4.9, 30.0), (12.0, 58.0)):
-        forces_n = {b: least_n + (most_n - least_n) * (b / 255) ** bend for b in bytes_}
-        known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
-        far = {b: "a hand with weak springs" for b, n in forces_n.items()
-               if n < MANUAL.force_n(b) / FAR}  # fmt: skip
-        text = hand_file("A", known, law_of(known), far)
-        table = tomllib.loads(text)["calibration"]
-        check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
+@pytest.mark.parametrize("least_n", [1.2, 3.0, 4.9, 12.0])
+def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(least_n: float) -> None:
+    known = of_presses([least_n * (1 + 0.001 * i) for i in range(10)])
+    reason = "a hand with weak springs" if least_n < MANUAL.least_force_n / FAR else ""
+    table = tomllib.loads(hand_file("A", known, reason))["calibration"]
+    check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
 
 def test_mistyped_press_is_named() -> None:
     rng = random.Random(1)
-    presses = [hand(0, rng) for _ in range(6)]
+    presses = [hand(rng) for _ in range(6)]
     assert odd_press(presses) is None
     presses[3] /= 9.81
     assert odd_press(presses) == 3
     with pytest.raises(UsageError, match="press 4"):
-        of_byte(0, presses)
+        of_presses(presses)
 
 
 def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
