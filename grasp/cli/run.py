@@ -38,6 +38,7 @@ def _add_lift(scenarios: Any) -> None:
     parser.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at "
         "half speed and the least force, with a question before each")  # fmt: skip
     add_series_options(parser, "lift")
+    _add_view(parser)
     dry.add_dry_run(parser)
     _add_common(parser)
 
@@ -49,6 +50,7 @@ def _add_tap(scenarios: Any) -> None:
         "alternate (the two in turn), or closing (along that axis; default: "
         "alternate)")  # fmt: skip
     add_series_options(parser, "tap")
+    _add_view(parser)
     parser.refuse("--taps", because="it is called --trials")
     dry.add_dry_run(parser)
     _add_common(parser)
@@ -70,14 +72,18 @@ def _add_acquire(scenarios: Any) -> None:
     _add_rig(parser, rig="emulated")
     dry.add_dry_run(parser)
     _add_common(parser)
+    parser.set_defaults(view=False)
+
+
+def _add_view(parser: Parser) -> None:
+    parser.flag("--view", "show the run on a page for a browser, on this machine only; its address "
+        "is printed on standard error")  # fmt: skip
 
 
 def _add_common(parser: Parser) -> None:
     add_runs(parser, folder_to_fill)
     parser.option("-v --verbose", "write a log with wall-clock times to --runs; for simulated "
         "lifts and taps print the contact level too", action="store_true")  # fmt: skip
-    parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it if "
-        "there is a display, and prints its address on standard error")  # fmt: skip
     parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
         "possible (default: real in a terminal and with --view, max otherwise)",
         choices=("real", "max"))  # fmt: skip
@@ -162,11 +168,10 @@ def _sources(config: Any) -> list[str]:
 
 
 def _acquire(args: argparse.Namespace) -> int:
-    from grasp.cli.live import Display, viewed
+    from grasp.cli.live import Display
     from scenarios.acquire import acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
-    from scenarios.report.live.feed import LiveAcquisition
 
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
@@ -177,11 +182,9 @@ def _acquire(args: argparse.Namespace) -> int:
         for line in dry.press_plan(config, course, args.seconds):
             will(line)
         tell_slow(config)
-    title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (
         logged(args, config.surface.name, config.rig) as log,
         Display(config.rig, quiet=args.json) as display,
-        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as live,
     ):
         display.setting_up(hand=False)
 
@@ -189,14 +192,10 @@ def _acquire(args: argparse.Namespace) -> int:
             display.sample(sample)
             if log is not None:
                 log.sample(sample)
-            if live is not None:
-                live.watch(sample)
 
         finished = acquire.run(
             config, course, args.seed, args.seconds, args.runs, paced(args), show, permit
         )
-        if live is not None:
-            live.feed.say(finished.in_short())
         if log is not None:
             log_end(log, f"seed {finished.seed}: {finished.in_short()}", finished.failure)
     failure = finished.failure

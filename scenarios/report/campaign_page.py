@@ -13,9 +13,8 @@ from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import Cell as Counted
 from scenarios.campaign.summary import Variant, paper_rate, summarize
 from scenarios.campaign.worker import Row
-from scenarios.report.charts import Plot, Rate, rates
 from scenarios.report.run_settings import command_of, shell
-from scenarios.report.tables import Cell, Part, Section, Table, cells, table_page
+from scenarios.report.tables import Cell, Part, Plot, Rate, Section, Table, cells, rates, table_page
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 

@@ -15,12 +15,19 @@ from scenarios.benchmark.evaluation_file import (
     no_evaluation,
     read_evaluation,
 )
-from scenarios.report.charts import Axis, Curve, Mark, Plot, curves
 from scenarios.report.run_view import in_words
-from scenarios.report.tables import Cell, Section, Table, cells, table_page
+from scenarios.report.tables import (
+    Axis,
+    Cell,
+    Curve,
+    Plot,
+    Section,
+    Table,
+    cells,
+    curves,
+    table_page,
+)
 
-LEAST_SCALE_MS, STEP_MS = 100.0, 50.0  # of delays: what is later, or never came, is at its top
-RATES = (0.1, 1000.0)  # false events a minute that have a place; fewer are drawn at the left
 HEADINGS = (
     "detector", "AUC", "accuracy", "calibration error", "slips caught",
     "false events a minute of three fingers", "delay, ms", "slid by then, mm", "one update, µs",
@@ -74,11 +81,6 @@ def evaluation_page(file: Path) -> str:
         "delays of its rule. Delay, distance and cost: 50, 90 and 99 %; –: that many never came. "
         "Small: 95 % intervals.",
     )  # fmt: skip
-    overview = Section(
-        "Scores", [scores], _speed(every),
-        "The line is the best median that any rule of the sweep gives the detector (at the top: "
-        "never); the dot is the rule that it has.",
-    )  # fmt: skip
     worst = [
         Section(f"The worst misses of {each.detector}: {_missed(trace)}", (),
                 _plots(trace, each.rule))
@@ -90,7 +92,7 @@ def evaluation_page(file: Path) -> str:
     versions = ", ".join(f"{name} {text}" for name, text in sorted(told.versions.items()))
     return table_page(
         f"evaluation on {told.data}", f"label {told.label} · {every[0][1].n_samples} samples",
-        _sentence(every), [overview, *worst, again], origins=[versions],
+        _sentence(every), [Section("Scores", [scores]), *worst, again], origins=[versions],
     )  # fmt: skip
 
 
@@ -128,32 +130,6 @@ def _sentence(every: Sequence[Scored]) -> str:
     each, sheet = min(every, key=lambda pair: pair[1].missed_events)
     caught = sheet.true_events - sheet.missed_events
     return f"{told}{each.detector} caught most slips, {caught} of {sheet.true_events}."
-
-
-def _speed(every: Sequence[Scored]) -> list[Plot]:
-    """What each rule of the sweep would make of a detector, and the rule that it has."""
-    known = [c.delay_ms for each, _ in every for c in each.choices]
-    known += [sheet.delay_ms.p50 for _, sheet in every]
-    finite = [ms for ms in known if ms is not None and math.isfinite(ms)]
-    top = STEP_MS * (1 + math.ceil(max([LEAST_SCALE_MS - STEP_MS / 2, *finite]) / STEP_MS))
-    least = STEP_MS * math.floor(min([0.0, *finite]) / STEP_MS)
-
-    def on(delay_ms: float | None) -> float:
-        return top if delay_ms is None else min(delay_ms, top)
-
-    drawn = []
-    for each, sheet in every:
-        points = [(c.false_per_min, on(c.delay_ms)) for c in each.choices]
-        rate, marks = sheet.false_events_per_min_hand, []
-        if rate is not None:
-            y = on(sheet.delay_ms.p50)
-            words = f"{each.detector} by its rule: {rate:.2f} a minute, {y:.0f} ms"
-            marks.append(Mark(rate, y, y, y, words))
-        if points or marks:
-            drawn.append(Curve(each.detector, points, marks, stairs=bool(points)))
-    rates = Axis("false events a minute of three fingers", *RATES, log=True)
-    delay = Axis(f"median delay, ms; {top:g}: never", least, top)
-    return [curves("False events against delay", rates, delay, drawn)] if drawn else []
 
 
 def _missed(trace: SlipTrace) -> str:

@@ -2,7 +2,7 @@
 
 import base64
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,24 +50,10 @@ def _differences(values: NDArray[np.float64], step: float) -> NDArray[np.int32]:
     return np.diff(counts, axis=1, prepend=0).astype(np.uint32).astype("<u4").view("<i4")
 
 
-def thinned(n: int, most: int, peaks: Sequence[NDArray[np.float64]]) -> NDArray[np.intp]:
-    """Which of n samples to show, at most about ``most``: all, or of each stretch the first one and
-    the largest of each of ``peaks`` (n,), so that no peak is lost."""
-    if n <= most:
-        return np.arange(n)
-    stretches = np.array_split(np.arange(n), max(1, most // (1 + len(peaks))))
-    kept = {int(stretch[0]) for stretch in stretches} | {n - 1}
-    for values in peaks:
-        known = np.nan_to_num(values, nan=-np.inf)
-        kept |= {int(stretch[known[stretch].argmax()]) for stretch in stretches}
-    return np.array(sorted(kept))
-
-
 PAGE = "report.html"
 SCRIPTS = (
     "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js", "whole.js",
 )  # fmt: skip
-MOST_ROWS = 6_000  # a minute at 100 Hz; a longer run is thinned, its peaks kept
 LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers have closed
 
 # steps to which columns are kept: well below what is drawn, felt or told in digits
@@ -94,7 +80,7 @@ def run_page(path: Path) -> str:
         title=f"{run.scenario} · {config.object.name} · seed {run.metadata.get('seed', '?')}",
         badge=badge(run.verdict), sentence=sentence(run), remarks=remarks(run), run=run,
         fingers=FINGER_NAMES,
-        view=View(True, *known, limit_n, by_rule, evidence=not by_rule.probable),
+        view=View(*known, limit_n, by_rule, evidence=not by_rule.probable),
         phases=_phase_rows(run), commands=[_command_row(sent) for sent in run.commands],
         own_settings=[setting for setting in settings if setting.own],
         compared=any(setting.usual is not None for setting in settings),
@@ -106,14 +92,9 @@ def run_page(path: Path) -> str:
 
 def _data(run: RunRecord, by_rule: Decided) -> dict[str, Any]:
     """What the scripts of the page are given."""
-    kept = _kept(run)
     marks = _marks(run)
-    columns = {
-        name: Column(column.values[kept], column.step)
-        for name, column in _columns(run, by_rule).items()
-    }
     return {
-        "series": pack(columns),
+        "series": pack(_columns(run, by_rule)),
         "fingers": FINGER_NAMES,
         "taxels": taxel_places(run.config.fingertip.taxels_mm, run.counts.shape[2]),
         "limit_n": run.config.guard.force_limit_n,
@@ -156,14 +137,6 @@ def _columns(run: RunRecord, by_rule: Decided) -> dict[str, Column]:
             "turn": Column(run.truth.turn_rad, ANGLE_RAD),
         }
     return columns
-
-
-def _kept(run: RunRecord) -> np.ndarray[Any, np.dtype[np.intp]]:
-    """Of a long run the steps that are shown."""
-    peaks = [run.felt_n.max(axis=1), run.probabilities.max(axis=1)]
-    if run.truth is not None:
-        peaks += [run.truth.normal_n.max(axis=1), np.abs(run.truth.slip_mps)]
-    return thinned(len(run.t_s), MOST_ROWS, peaks)
 
 
 def _marks(run: RunRecord) -> list[dict[str, Any]]:

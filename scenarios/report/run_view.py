@@ -28,13 +28,12 @@ class Decided(Bound, frozen=True, kw_only=True):
 
 
 class View(msgspec.Struct, frozen=True):
-    """What there is to be shown. ``hand``: a grasp, not an acquisition."""
+    """What there is to be shown."""
 
-    hand: bool
     truth: bool
     motion: bool
-    limit_n: float | None
-    rule: Bound | None
+    limit_n: float
+    rule: Bound
     evidence: bool = False  # sums of a rule, for a run that is over
 
 

@@ -1,12 +1,157 @@
-"""Tables and plots of a page that shows many trials: what `page/table.html` draws."""
+"""Tables and small plots of a page that shows many trials: what `page/table.html` draws. Plots are
+numbers that the template draws in SVG: no script, sharp on paper."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
-from scenarios.report.charts import Plot
 from scenarios.report.page import render
+
+LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
+TICKS = 5
+ASIDE = 2.0 / (RIGHT - LEFT)  # of an axis, so that intervals do not hide one another
+
+
+class Tick(msgspec.Struct, frozen=True):
+    """Where, in the plot's units, and what is written there."""
+
+    at: float
+    text: str
+
+
+class Mark(msgspec.Struct, frozen=True):
+    """A dot with an interval of y, and its words."""
+
+    x: float
+    y: float
+    low: float
+    high: float
+    words: str
+
+
+class Line(msgspec.Struct, frozen=True):
+    """One of a plot: its name, `x,y x,y ...` of SVG, and dots on it. ``style``: a class of
+    `page.css`; empty: the next of its colours."""
+
+    name: str
+    points: str
+    dots: list[Mark]
+    style: str
+
+
+class Plot(msgspec.Struct, frozen=True):
+    """Everything that `plot()` of `page/table.html` draws. ``spans``: shaded, x and width."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x_ticks: list[Tick]
+    y_ticks: list[Tick]
+    lines: list[Line]
+    spans: list[tuple[float, float]]
+
+
+class Axis(msgspec.Struct, frozen=True):
+    """From ``low`` to ``high``, what lies beyond drawn at the edge."""
+
+    label: str
+    low: float
+    high: float
+
+    def share(self, value: float) -> float:
+        """Where a value stands, from 0 at ``low`` to 1 at ``high``."""
+        return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
+
+    def x(self, value: float) -> float:
+        return round(LEFT + self.share(value) * (RIGHT - LEFT), 1)
+
+    def y(self, value: float) -> float:
+        return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
+
+    def ticks(self) -> list[float]:
+        """About five round numbers."""
+        rough = (self.high - self.low) / TICKS
+        magnitude = 10.0 ** math.floor(math.log10(rough))
+        step = next(m * magnitude for m in (1.0, 2.0, 5.0, 10.0) if m * magnitude >= rough * 0.999)
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        return [i * step for i in range(first, last + 1)]
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """What `curves` draws as a line, with marks on it."""
+
+    name: str
+    points: Sequence[tuple[float, float]]
+    marks: Sequence[Mark] = ()
+    style: str = ""
+
+
+class Rate(msgspec.Struct, frozen=True):
+    """Successes at one place of what was varied; ``interval`` is Wilson's, 95 %."""
+
+    x: float
+    label: str
+    successes: int
+    trials: int
+    interval: tuple[float, float]
+
+
+def curves(
+    title: str, x: Axis, y: Axis, drawn: Sequence[Curve],
+    spans: Sequence[tuple[float, float]] = (), places: dict[float, str] | None = None,
+) -> Plot:  # fmt: skip
+    """A plot. ``spans`` of x are shaded; ``places``: names of some x in place of numbers."""
+    named = places if places is not None else {at: f"{at:g}" for at in x.ticks()}
+    return Plot(
+        title, x.label, y.label,
+        _apart([Tick(x.x(at), text) for at, text in sorted(named.items())]),
+        [Tick(y.y(at), f"{at:g}") for at in y.ticks()],
+        [_line(curve, x, y) for curve in drawn],
+        [(x.x(a), round(x.x(b) - x.x(a), 1)) for a, b in spans if b >= x.low and a <= x.high],
+    )  # fmt: skip
+
+
+def _line(curve: Curve, x: Axis, y: Axis) -> Line:
+    points = [(x.x(at), y.y(value)) for at, value in curve.points]
+    dots = [Mark(x.x(m.x), y.y(m.y), y.y(m.low), y.y(m.high), m.words) for m in curve.marks]
+    return Line(curve.name, " ".join(f"{a},{b}" for a, b in points), dots, curve.style)
+
+
+def _apart(ticks: Sequence[Tick]) -> list[Tick]:
+    """Those that do not run into the one before."""
+    kept: list[Tick] = []
+    for tick in ticks:
+        room = 3.2 * (len(tick.text) + len(kept[-1].text)) + 4.0 if kept else 0.0
+        if not kept or tick.at - kept[-1].at >= room:
+            kept.append(tick)
+    return kept
+
+
+def rates(title: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
+    """Success over what was varied: by number, or by place where it is no number."""
+    known = {rate.x: rate.label for _, found in named for rate in found}
+    low, high = min(known), max(known)
+    margin = 0.04 * (high - low) or 0.5
+    low, high = low - margin, high + margin
+    drawn = []
+    for i, (name, found) in enumerate(named):
+        aside = ASIDE * (high - low) * (i - (len(named) - 1) / 2)
+        marks = [
+            Mark(
+                rate.x + aside, rate.successes / rate.trials, *rate.interval,
+                f"{name}, {rate.label}: {rate.successes} of {rate.trials}",
+            )
+            for rate in sorted(found, key=lambda rate: rate.x)
+            if rate.trials
+        ]  # fmt: skip
+        drawn.append(Curve(name, [(mark.x, mark.y) for mark in marks], marks))
+    success = Axis("share that succeeded, 95 %", 0.0, 1.0)
+    return curves(title, Axis("", low, high), success, drawn, places=known)
+
+
+# Tables
 
 
 class Part(msgspec.Struct, frozen=True):

@@ -1,10 +1,7 @@
 """Opens the rig that a configuration names, and single devices at their addresses."""
 
-import os
-import resource
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.errors import ConfigError, GraspError, UsageError
@@ -34,8 +31,6 @@ from scenarios.rigs.rig import GraspRig, PressRig, Rig, calibration, connect
 
 DeviceT = TypeVar("DeviceT")
 Now = Callable[[], int]
-NEEDED = 64  # open files; 30 are enough for a lift on the emulated rig, 24 are not; twice that
-OPEN_FILES = Path("/dev/fd")
 ANY_BOARD = "any"  # of `usb.serial`
 # of an emulated board, whose process may have to wait for its turn on a busy machine
 EMULATED_READ_MS, EMULATED_CONTROL_MS = 1_000, 10_000
@@ -68,7 +63,6 @@ def open_press_rig(
 def _open(
     config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
 ) -> Iterator[Rig[Any, Any]]:
-    allow_open_files()
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":
@@ -84,21 +78,6 @@ def _open(
             else:
                 raise ConfigError("rig", config.rig, "unknown", "simulated, emulated, hardware")
         yield rig
-
-
-def allow_open_files() -> None:
-    """Raise this process's own limit as far as the system lets it, where it is too low. Raises
-    UsageError: without room a device's link would be reported as lost."""
-    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = NEEDED + (len(os.listdir(OPEN_FILES)) if OPEN_FILES.is_dir() else 0)
-    if limit == resource.RLIM_INFINITY or limit >= wanted:
-        return
-    if most == resource.RLIM_INFINITY or most >= wanted:
-        with suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
-            return
-    remedy = "let this program open more at once: ulimit -n 1024"
-    raise UsageError(f"too few open files allowed: {limit}, and a rig needs {wanted}", remedy)
 
 
 @contextmanager

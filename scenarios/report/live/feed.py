@@ -3,8 +3,6 @@
 `grasp.watch.Onlooker` hands it to a process of its own; what that cannot take in time is lost.
 """
 
-import math
-import os
 import secrets
 import socket
 from typing import Any, Self
@@ -19,9 +17,6 @@ from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.watch import Onlooker
-from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.press import PressPhase
-from scenarios.acquire.session import Sample
 from scenarios.report.live import server
 from scenarios.report.live.server import Begin, Row, Said, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of
@@ -48,7 +43,7 @@ class LiveTrials:
         self._truth = config.rig != "hardware"
         self._motion = _reports_motion(config)
         self._fused = bound.probable and config.rule.fusion == "mean"
-        view = View(True, self._truth, self._motion, config.guard.force_limit_n, bound)
+        view = View(self._truth, self._motion, config.guard.force_limit_n, bound)
         self.feed = Feed(title, FINGER_NAMES, view, of)
         self._controller: GraspController | None = None
         self._phase = ""
@@ -126,40 +121,10 @@ def _empty(columns: Columns) -> Values:
     return [None] * sum(width for _, width in columns)
 
 
-class LiveAcquisition:
-    """``watch`` is what each sample is handed to."""
-
-    def __init__(self, config: AcquireConfig, title: str, seconds: float) -> None:
-        """Raises OSError where nobody may listen."""
-        self.feed = Feed(title, FINGERTIP, View(False, False, True, None, None), of=1)
-        self._finger = config.finger
-        self._left_s = seconds
-        self._period_s = config.sampling.period_s
-        self._phase: PressPhase | None = None
-
-    def watch(self, sample: Sample) -> None:
-        """Show one sample, if it is time or a phase began."""
-        counts = sample.frame.counts[self._finger]
-        if self._phase is None:
-            columns = [("t", 1), ("felt", 1), ("counts", len(counts)), ("told_speed", 1)]
-            places = taxel_places([], len(counts))
-            self.feed.begin({"fingers": FINGERTIP, "taxels": places, "columns": columns})
-        news = sample.phase is not self._phase
-        self._phase = sample.phase
-        if sample.phase is not PressPhase.APPROACH:
-            self._left_s = max(0.0, self._left_s - self._period_s)
-        if self.feed.due(news):
-            speed_mps = math.hypot(*sample.arm.velocity_mps[:2])
-            values = [sample.t_ns * 1e-9, sample.force_n, *counts.tolist(), speed_mps]
-            self.feed.show(sample.phase.value, values, self._left_s)
-
-
-FINGERTIP = ("fingertip",)  # in place of fingers
 LOOPBACK = "127.0.0.1"
 STDERR = 2
 EVERY = 4  # ticks between two rows: 25 a second
 TOKEN_BYTES = 16
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 class Feed:
@@ -172,8 +137,7 @@ class Feed:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
             self._onlooker = Onlooker(server, STDERR, (listening.fileno(),))
-            shown = any(os.environ.get(name) for name in DISPLAYS)
-            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, view, shown))
+            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._begun = 0  # trials, also those that were not shown
@@ -218,10 +182,10 @@ class Feed:
         self._ticks += 1
         return news or self._ticks % EVERY == 1
 
-    def show(self, phase: str, values: list[float | None], left_s: float | None = None) -> None:
+    def show(self, phase: str, values: list[float | None]) -> None:
         """One instant. A trial whose begin was lost is begun first."""
         if self._begin is not None:
             if not self._onlooker.show(self._begin):
                 return
             self._begin = None
-        self._onlooker.show(Row(phase, values, left_s))
+        self._onlooker.show(Row(phase, values))

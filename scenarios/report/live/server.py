@@ -11,8 +11,6 @@ import logging
 import os
 import socket
 import sys
-import threading
-import webbrowser
 from collections import deque
 from http import HTTPStatus
 from typing import Any, BinaryIO
@@ -38,7 +36,6 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
     title: str
     fingers: tuple[str, ...]
     view: View
-    open: bool  # in a browser
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
@@ -56,7 +53,6 @@ class Row(msgspec.Struct, frozen=True, tag=True):
 
     phase: str
     values: list[float | None]
-    left_s: float | None = None  # of an acquisition
 
 
 class Said(msgspec.Struct, frozen=True, tag=True):
@@ -204,9 +200,6 @@ async def _serve(told: Serve, source: BinaryIO) -> None:
             origins=[Origin(f"http://{told.address}")], compression=None, server_header=None,
             close_timeout=END_S,
         ) as made:  # fmt: skip
-            if told.open:  # in a thread, for that may wait for the browser
-                url = f"http://{told.address}/{told.token}/"
-                threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
             await read_lines(story, source)
             story.end()
             told_all = [asyncio.create_task(c.wait_closed()) for c in made.connections]

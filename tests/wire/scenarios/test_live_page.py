@@ -14,9 +14,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from scenarios.report.live.feed import Feed
-from scenarios.report.run_view import View
+from scenarios.report.run_view import Bound, View
 
-VIEW = View(False, False, False, None, None)
+VIEW = View(False, False, 10.0, Bound(0.5, True, "", ""))
 DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": [], "columns": [["t", 1], ["felt", 1]]}
 LONG_S = 20.0
 
