@@ -24,19 +24,19 @@ class Closing:
         self._cap_n = force_cap_n
         self._since_ns: int | None = None
 
-    def command(self, seen: Observation, lost: bool = False) -> CloseFast:
+    def command(self, obs: Observation, lost: bool = False) -> CloseFast:
         """What to ask for now; the same again while a first stage is under way.
 
         ``lost``: nothing is felt, so nothing says where contact will be.
         """
-        s, reach = self._settings, seen.reach_counts
+        s, reach = self._settings, obs.reach_counts
         if s.closing == "constant" or lost or reach is None:
             return self._to_cap(s.closing_speed_mps)
-        if not self._is_first(seen, reach[0]):
+        if not self._is_first(obs, reach[0]):
             self._since_ns = None
             return self.slowly()
         if self._since_ns is None:
-            self._since_ns = seen.t_ns
+            self._since_ns = obs.t_ns
         return CloseFast(self._cap_n, ALL_FINGERS, reach, s.closing_speed_mps, more=True)
 
     def slowly(self) -> CloseFast:
@@ -47,12 +47,12 @@ class Closing:
     def _to_cap(self, speed_mps: float) -> CloseFast:
         return CloseFast(self._cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
-    def _is_first(self, seen: Observation, reach_counts: int) -> bool:
+    def _is_first(self, obs: Observation, reach_counts: int) -> bool:
         """Of the thumb, which opposes both others."""
-        thumb = seen.gripper.fingers[0]
-        overdue = self._since_ns is not None and seen.t_ns - self._since_ns > STAGE_NS
+        thumb = obs.gripper.fingers[0]
+        overdue = self._since_ns is not None and obs.t_ns - self._since_ns > STAGE_NS
         if overdue or thumb.detection is Detection.CONTACT_CLOSING:
             return False
-        if not seen.hand_rests:
-            return seen.first_stage
-        return not seen.first_stage and thumb.requested_counts < reach_counts
+        if not obs.hand_rests:
+            return obs.first_stage
+        return not obs.first_stage and thumb.requested_counts < reach_counts

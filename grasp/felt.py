@@ -24,20 +24,20 @@ class Felt:
         self.level_n = 0.0
         self.gap_ns = 0
 
-    def take(self, seen: Observation, airborne: bool) -> None:
+    def take(self, obs: Observation, airborne: bool) -> None:
         """One sample; ``airborne``: the object may be in the air."""
-        force_n = seen.measured_n[0]
-        if force_n >= self._contact_n and sum(seen.felt_n) >= self._contact_n:
-            self._touched_ns = seen.t_ns
+        force_n = obs.measured_n[0]
+        if force_n >= self._contact_n and sum(obs.felt_n) >= self._contact_n:
+            self._touched_ns = obs.t_ns
         elif airborne:
-            self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)
-        if max(seen.felt_n) >= self._contact_n:
-            self._felt_ns = seen.t_ns
-        weight = min(1.0, (seen.t_ns - self._seen_ns) / LEVEL_NS)
-        self.level_n += weight * (grip_n(seen) - self.level_n)
-        self._seen_ns = seen.t_ns
-        if not seen.overloaded:
-            self._within_ns = seen.t_ns
+            self.gap_ns = max(self.gap_ns, obs.t_ns - self._touched_ns)
+        if max(obs.felt_n) >= self._contact_n:
+            self._felt_ns = obs.t_ns
+        weight = min(1.0, (obs.t_ns - self._seen_ns) / LEVEL_NS)
+        self.level_n += weight * (grip_n(obs) - self.level_n)
+        self._seen_ns = obs.t_ns
+        if not obs.overloaded:
+            self._within_ns = obs.t_ns
 
     def contact_lost(self, now_ns: int) -> bool:
         """Whether the thumb has touched nothing for too long."""
@@ -53,6 +53,6 @@ class Felt:
         return now_ns - self._within_ns
 
 
-def grip_n(seen: Observation) -> float:
+def grip_n(obs: Observation) -> float:
     """What the thumb bears, by all fingers: those whose taxels are at a rail feel no rise."""
-    return sum(seen.measured_n) / 2
+    return sum(obs.measured_n) / 2

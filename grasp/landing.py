@@ -41,16 +41,16 @@ class Still:
         self._sum_n = 0.0
         self._samples = 0
 
-    def take(self, seen: Observation) -> float | None:
+    def take(self, obs: Observation) -> float | None:
         """One sample; the mean once the arm has stood for long enough."""
-        if seen.pending or seen.arm.moving:
+        if obs.pending or obs.arm.moving:
             self.restart()
             return None
         if self._since_ns is None:
-            self._since_ns = seen.t_ns
-        stood_ns = seen.t_ns - self._since_ns
+            self._since_ns = obs.t_ns
+        stood_ns = obs.t_ns - self._since_ns
         if stood_ns >= self._for_ns / 2:
-            self._sum_n += grip_n(seen)
+            self._sum_n += grip_n(obs)
             self._samples += 1
         return self._sum_n / self._samples if stood_ns >= self._for_ns else None
 
@@ -82,9 +82,9 @@ class Landing:
         """Height of the arm clear of what was set down."""
         return self._let_go_m + self._settings.retreat_m
 
-    def slipping(self, seen: Observation) -> None:
+    def slipping(self, obs: Observation) -> None:
         """On the way up: slip is in progress now."""
-        self._slipped_m = self._line.height_m(seen)
+        self._slipped_m = self._line.height_m(obs)
 
     def begin(self, trigger: Trigger, cause: str) -> Way:
         """Down to where the lift began, unless the object may be elsewhere in the hand: it fell and
@@ -94,23 +94,23 @@ class Landing:
             return Way(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
         return self._quickly(trigger, cause)
 
-    def step(self, phase: Phase, seen: Observation) -> Way | None:
+    def step(self, phase: Phase, obs: Observation) -> Way | None:
         """Out of that phase; None while it goes on."""
-        if self._felt.nothing_felt(seen.t_ns):
+        if self._felt.nothing_felt(obs.t_ns):
             return Way(Trigger.LOSE, "contact lost on the way down")
         if phase in (Phase.LOWER, Phase.LAND):
-            return self._go_down(phase, seen)
-        level_n = self._still.take(seen)
+            return self._go_down(phase, obs)
+        level_n = self._still.take(obs)
         if level_n is None:
             return None
         self._still.restart()
-        return self._touch(seen, level_n) if phase is Phase.TOUCH else self._probe(seen, level_n)
+        return self._touch(obs, level_n) if phase is Phase.TOUCH else self._probe(obs, level_n)
 
-    def again(self, phase: Phase, seen: Observation) -> tuple[Command, ...]:
+    def again(self, phase: Phase, obs: Observation) -> tuple[Command, ...]:
         """What was asked for in that phase and is not seen: a stop may be lost on its way."""
-        due = seen.t_ns - self._stopped_ns >= self._settings.repeat_s * 1e9
-        on_its_way = phase is Phase.TOUCH and seen.arm.moving and not seen.pending
-        return self._stop(seen) if due and on_its_way else ()
+        due = obs.t_ns - self._stopped_ns >= self._settings.repeat_s * 1e9
+        on_its_way = phase is Phase.TOUCH and obs.arm.moving and not obs.pending
+        return self._stop(obs) if due and on_its_way else ()
 
     @property
     def _near_m(self) -> float:
@@ -126,39 +126,39 @@ class Landing:
         self._grip_n = self._felt.level_n
         self._least_n = min(self._least_n, self._grip_n)
 
-    def _go_down(self, phase: Phase, seen: Observation) -> Way | None:
+    def _go_down(self, phase: Phase, obs: Observation) -> Way | None:
         """The grip tightens where closed fingers slide down over a flank that widens."""
         rise_n = self._felt.level_n - self._grip_n
-        if phase is Phase.LOWER and self._line.stands_at(seen, self._near_m):
-            return self._slowly(seen, Trigger.NEAR, "from here on the object may stand")
-        if phase is Phase.LAND and self._line.stands_at(seen, 0.0):
-            return self._let_go(seen, "arm where the lift began")
+        if phase is Phase.LOWER and self._line.stands_at(obs, self._near_m):
+            return self._slowly(obs, Trigger.NEAR, "from here on the object may stand")
+        if phase is Phase.LAND and self._line.stands_at(obs, 0.0):
+            return self._let_go(obs, "arm where the lift began")
         if rise_n < self._settings.landing_rise_n:
             return None
         self._touches += 1
-        self._tight_m = self._line.height_m(seen)
+        self._tight_m = self._line.height_m(obs)
         self._still.restart()
         cause = f"the grip is {rise_n:.1f} N tighter on the way down"
-        return Way(Trigger.TIGHTENED, cause, self._stop(seen))
+        return Way(Trigger.TIGHTENED, cause, self._stop(obs))
 
-    def _stop(self, seen: Observation) -> tuple[Command, ...]:
-        self._stopped_ns = seen.t_ns
+    def _stop(self, obs: Observation) -> tuple[Command, ...]:
+        self._stopped_ns = obs.t_ns
         return (StopArm(self._settings.stop_deceleration_mps2),)
 
     def _quickly(self, trigger: Trigger, cause: str) -> Way:
         self._take_grip()
         return Way(trigger, cause, (self._line.down(self._near_m, self._settings.lower_speed_mps),))
 
-    def _slowly(self, seen: Observation, trigger: Trigger, cause: str) -> Way:
+    def _slowly(self, obs: Observation, trigger: Trigger, cause: str) -> Way:
         self._take_grip()
-        if self._line.stands_at(seen, 0.0):
+        if self._line.stands_at(obs, 0.0):
             return Way(trigger, cause)
-        in_time_mps = self._line.height_m(seen) / (LANDING_SHARE * self._settings.phase_timeout_s)
+        in_time_mps = self._line.height_m(obs) / (LANDING_SHARE * self._settings.phase_timeout_s)
         speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
         return Way(trigger, cause, (self._line.down(0.0, speed_mps),))
 
-    def _touch(self, seen: Observation, level_n: float) -> Way:
-        height_m = self._line.height_m(seen)
+    def _touch(self, obs: Observation, level_n: float) -> Way:
+        height_m = self._line.height_m(obs)
         step_m = self._step_m(self._tight_m - height_m, level_n - self._grip_n)
         self._grip_n = level_n
         step = self._line.down(height_m - step_m, self._settings.landing_speed_mps)
@@ -172,7 +172,7 @@ class Landing:
         telling_m = CERTAIN * s.landing_check_n * braking_m / (rise_n - s.landing_rise_n)
         return min(max(telling_m, SHORTEST_M), s.landing_step_m)
 
-    def _probe(self, seen: Observation, level_n: float) -> Way:
+    def _probe(self, obs: Observation, level_n: float) -> Way:
         """A grip in the air takes no notice of a step down; where it does, the object stands: a
         flank tightens it, a textured face may loosen it, and it stays tight; but not where none can
         stand: codes that drift tighten a grip, too. One that has tightened much, though no step
@@ -180,10 +180,10 @@ class Landing:
         s = self._settings
         rise_n = level_n - self._grip_n
         tight = level_n - self._least_n >= s.landing_rise_n
-        high = self._line.height_m(seen) > self._near_m + s.at_height_m
+        high = self._line.height_m(obs) > self._near_m + s.at_height_m
         stands = rise_n >= s.landing_check_n or (tight and -rise_n >= s.landing_check_n)
         if stands and not high:
-            return self._let_go(seen, f"a step down changed the grip by {rise_n:+.1f} N: it stands")
+            return self._let_go(obs, f"a step down changed the grip by {rise_n:+.1f} N: it stands")
         tightest_n = (1 + s.landing_most_share) * self._least_n
         if self._touches >= s.landing_tries or level_n >= tightest_n:
             unsure = "the grip tightens, and it is not certain that the object stands"
@@ -191,8 +191,8 @@ class Landing:
         loose = "a step down did not tighten the grip"
         if high:
             return self._quickly(Trigger.HIGH, "no object can stand yet" if stands else loose)
-        return self._slowly(seen, Trigger.LOOSE, loose)
+        return self._slowly(obs, Trigger.LOOSE, loose)
 
-    def _let_go(self, seen: Observation, cause: str) -> Way:
-        self._let_go_m = self._line.height_m(seen)
+    def _let_go(self, obs: Observation, cause: str) -> Way:
+        self._let_go_m = self._line.height_m(obs)
         return Way(Trigger.LANDED, cause, (OpenFingers(self._settings.approach_speed_mps),))

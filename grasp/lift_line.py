@@ -13,14 +13,14 @@ class LiftLine:
         self._settings = settings
         self.home = home
 
-    def height_m(self, seen: Observation) -> float:
+    def height_m(self, obs: Observation) -> float:
         """Of the arm."""
-        return seen.arm.position_m[2] - self.home[2]
+        return obs.arm.position_m[2] - self.home[2]
 
-    def stands_at(self, seen: Observation, height_m: float) -> bool:
+    def stands_at(self, obs: Observation, height_m: float) -> bool:
         """Whether the arm stands there, and nothing that was told is on its way."""
-        away_m = abs(self.height_m(seen) - height_m)
-        return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
+        away_m = abs(self.height_m(obs) - height_m)
+        return not obs.pending and not obs.arm.moving and away_m < self._settings.at_height_m
 
     def move(
         self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None

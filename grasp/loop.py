@@ -307,11 +307,11 @@ class ControlLoop:
         if self._last is None:
             return None
         last = self._last.observation
-        observation = msgspec.structs.replace(
-            last, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
+        inputs = msgspec.structs.replace(
+            last.inputs, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
             arm=self._arm_now() or last.arm, gripper_lost=self._gripper_lost, pending=False,
-            last_close=self._step.last_close,
         )  # fmt: skip
+        observation = msgspec.structs.replace(last, inputs=inputs, last_close=self._step.last_close)
         return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _await_period(self) -> int:

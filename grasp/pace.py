@@ -26,12 +26,12 @@ class PhaseClock:
         self._lasted_ns = 0.0
         self.excused_ns = 0.0  # of the run: what the arm was slow by
 
-    def take(self, seen: Observation, phase: Phase) -> None:
+    def take(self, obs: Observation, phase: Phase) -> None:
         """One step in that phase."""
-        before_ns = seen.t_ns if self._before_ns is None else self._before_ns
-        passed_ns, self._before_ns = seen.t_ns - before_ns, seen.t_ns
+        before_ns = obs.t_ns if self._before_ns is None else self._before_ns
+        passed_ns, self._before_ns = obs.t_ns - before_ns, obs.t_ns
         slowed = phase in SLOWED_PHASES
-        fraction = seen.arm.speed_fraction
+        fraction = obs.arm.speed_fraction
         pace = min(1.0, max(LEAST_PACE, fraction)) if slowed else 1.0
         self._lasted_ns += pace * passed_ns
         self.excused_ns += (1.0 - pace) * passed_ns
@@ -45,10 +45,10 @@ class PhaseClock:
         """Whether the phase has lasted this long."""
         return self._lasted_ns >= timeout_s * 1e9
 
-    def trouble(self, seen: Observation, phase: Phase) -> str:
+    def trouble(self, obs: Observation, phase: Phase) -> str:
         """What the slider makes impossible; empty if nothing."""
-        percent = 100.0 * seen.arm.speed_fraction
+        percent = 100.0 * obs.arm.speed_fraction
         said = f"the arm's speed slider is at {percent:.3g} %"
-        if phase in RISING_PHASES and seen.arm.speed_fraction < LEAST_SPEED_FRACTION:
+        if phase in RISING_PHASES and obs.arm.speed_fraction < LEAST_SPEED_FRACTION:
             return f"{said}, and no lift goes on below {100.0 * LEAST_SPEED_FRACTION:g} %"
         return f"{said}: it comes to no end" if self._slow_ns >= STANDS_NS else ""

@@ -28,33 +28,33 @@ class Pause:
         """Whether the arm has stood for long enough in all while nothing could be done."""
         return self.useless_s >= self._settings.useless_pause_s
 
-    def begin(self, seen: Observation) -> tuple[Command, ...]:
+    def begin(self, obs: Observation) -> tuple[Command, ...]:
         """Stop the arm, if that is the answer and it is on its way."""
         if self._settings.answer == "jump":
             return ()
-        self._lasts, self._useless = True, seen.closed_out
-        self._stands = not seen.arm.moving
-        self._seen_ns = self._alarm_ns = seen.t_ns
-        return self._ask(seen)
+        self._lasts, self._useless = True, obs.closed_out
+        self._stands = not obs.arm.moving
+        self._seen_ns = self._alarm_ns = obs.t_ns
+        return self._ask(obs)
 
-    def take(self, seen: Observation, alarm: bool) -> tuple[Command, ...]:
+    def take(self, obs: Observation, alarm: bool) -> tuple[Command, ...]:
         """One sample of it; ``alarm``: slip is not known to be over. A stop may be lost on its
         way."""
         if not self._lasts:
             return ()
-        lasted_s = (seen.t_ns - self._seen_ns) * 1e-9
+        lasted_s = (obs.t_ns - self._seen_ns) * 1e-9
         self.useless_s += lasted_s * self._useless
         self.stood_s += lasted_s * self._stands
-        self._stands, self._seen_ns = not seen.arm.moving, seen.t_ns
+        self._stands, self._seen_ns = not obs.arm.moving, obs.t_ns
         if alarm:
-            self._alarm_ns = seen.t_ns
-        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
-        return self._ask(seen) if due and seen.arm.moving and not seen.pending else ()
+            self._alarm_ns = obs.t_ns
+        due = obs.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        return self._ask(obs) if due and obs.arm.moving and not obs.pending else ()
 
-    def over(self, seen: Observation) -> bool:
+    def over(self, obs: Observation) -> bool:
         """Whether the arm stands and slip has been over for long enough."""
-        quiet = seen.t_ns - self._alarm_ns >= self._settings.resume_quiet_s * 1e9
-        return not self._lasts or (quiet and not seen.pending and not seen.arm.moving)
+        quiet = obs.t_ns - self._alarm_ns >= self._settings.resume_quiet_s * 1e9
+        return not self._lasts or (quiet and not obs.pending and not obs.arm.moving)
 
     def end(self) -> tuple[Command, ...]:
         """The arm goes on, no faster than that a grip which only just holds goes on holding, and
@@ -66,6 +66,6 @@ class Pause:
         gently_mps2 = min(s.lift_acceleration_mps2, s.resume_mps2, s.answer_stop_mps2)
         return (self._line.move(s.lift_height_m, s.lift_speed_mps, gently_mps2),)
 
-    def _ask(self, seen: Observation) -> tuple[Command, ...]:
-        self._asked_ns = seen.t_ns
+    def _ask(self, obs: Observation) -> tuple[Command, ...]:
+        self._asked_ns = obs.t_ns
         return (StopArm(self._settings.answer_stop_mps2),)

@@ -87,7 +87,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def missing_of_hand(self, seen: Observation) -> tuple[str, ...]:
         """What is not seen of a hand that is as it shall be."""
-        if seen.gripper_lost:
+        if seen.inputs.gripper_lost:
             return ("the hand is not heard: it holds as it stands",)
         if self.hand_is_safe(seen):
             return ()
@@ -135,7 +135,7 @@ class Pursuit:
         safe = self.safe
         stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
-        tell_hand = not seen.gripper_lost and not safe.hand_is_safe(seen)
+        tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
         return (*arm, *safe.of_hand(self._closing.command(seen))) if tell_hand else arm
 
     def _doubt_further(self, doubt: str) -> None:

@@ -29,40 +29,40 @@ class Steps:
         self.lasts = False
         self.securing = False
 
-    def may(self, seen: Observation) -> bool:
+    def may(self, obs: Observation) -> bool:
         """Whether a step is an answer here: what slips still stands on the table, and the arm's
         stop, which ends slip, fits in the time of a step; the thumb, not latched by the force cap,
         may go a whole step further, and not too many were too small."""
         s = self._settings
-        stops_s = math.hypot(*seen.arm.velocity_mps) / s.answer_stop_mps2
-        low = self._line.height_m(seen) < s.step_below_m and stops_s <= s.step_patience_s
-        some = self._taken < s.step_tries and not seen.gripper.thumb_latched
-        return s.answer == "stop_and_step" and low and some and self._room(seen) >= self._counts
+        stops_s = math.hypot(*obs.arm.velocity_mps) / s.answer_stop_mps2
+        low = self._line.height_m(obs) < s.step_below_m and stops_s <= s.step_patience_s
+        some = self._taken < s.step_tries and not obs.gripper.thumb_latched
+        return s.answer == "stop_and_step" and low and some and self._room(obs) >= self._counts
 
-    def step(self, seen: Observation) -> MoveFingers:
+    def step(self, obs: Observation) -> MoveFingers:
         """The thumb one step further, and a margin to follow."""
         self._taken += 1
-        self.lasts, self._found_m = True, self._line.height_m(seen)
-        return self._further(seen, 1)
+        self.lasts, self._found_m = True, self._line.height_m(obs)
+        return self._further(obs, 1)
 
     def end(self) -> None:
         """A jump follows, or the arm goes on."""
         self.lasts = self.securing = False
 
-    def margin_due(self, seen: Observation, at_top: bool) -> bool:
+    def margin_due(self, obs: Observation, at_top: bool) -> bool:
         """Whether the force that was found has carried the object for long enough."""
         if self._found_m is None or self._settings.margin_steps == 0:
             return False
-        if self._room(seen) == 0:
+        if self._room(obs) == 0:
             return False
-        risen_m = self._line.height_m(seen) - self._found_m
+        risen_m = self._line.height_m(obs) - self._found_m
         return at_top or risen_m >= self._settings.margin_after_m
 
-    def margin(self, seen: Observation) -> MoveFingers:
+    def margin(self, obs: Observation) -> MoveFingers:
         """The thumb all steps of the margin further."""
         self.securing = self.lasts = True
         self._found_m = None
-        return self._further(seen, self._settings.margin_steps)
+        return self._further(obs, self._settings.margin_steps)
 
     def forget(self) -> None:
         """There is no force to give a margin to: the hand closes to its cap."""
@@ -74,14 +74,14 @@ class Steps:
         """Of a step."""
         return max(1, self._plan.stiffness.counts_within(self._settings.step_n))
 
-    def _room(self, seen: Observation) -> int:
+    def _room(self, obs: Observation) -> int:
         """Counts that the guard lets the thumb go further."""
-        end = OPEN_ENDED if seen.thumb_end is None else seen.thumb_end
-        return max(0, end - seen.gripper.requested[0])
+        end = OPEN_ENDED if obs.thumb_end is None else obs.thumb_end
+        return max(0, end - obs.gripper.requested[0])
 
-    def _further(self, seen: Observation, steps: int) -> MoveFingers:
+    def _further(self, obs: Observation, steps: int) -> MoveFingers:
         """As far as it may."""
-        a, b, c = seen.gripper.requested
-        counts = min(steps * self._counts, self._room(seen))
+        a, b, c = obs.gripper.requested
+        counts = min(steps * self._counts, self._room(obs))
         cap_n = self._plan.force_cap_n
         return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, cap_n)
