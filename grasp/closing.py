@@ -17,12 +17,12 @@ STAGE_NS = 500_000_000  # a first stage that is not seen to rest by then is not 
 
 
 class Closing:
-    """Which closing is due. Remembers since when a first stage has been asked for."""
+    """Which closing is due. ``since_ns``: since when a first stage has been asked for."""
 
     def __init__(self, settings: ControllerSettings, force_cap_n: float) -> None:
         self._settings = settings
         self._cap_n = force_cap_n
-        self._since_ns: int | None = None
+        self.since_ns: int | None = None
 
     def command(self, obs: Observation, lost: bool = False) -> CloseFast:
         """What to ask for now; the same again while a first stage is under way.
@@ -33,10 +33,10 @@ class Closing:
         if s.closing == "constant" or lost or reach is None:
             return self._to_cap(s.closing_speed_mps)
         if not self._is_first(obs, reach[0]):
-            self._since_ns = None
+            self.since_ns = None
             return self.slowly()
-        if self._since_ns is None:
-            self._since_ns = obs.t_ns
+        if self.since_ns is None:
+            self.since_ns = obs.t_ns
         return CloseFast(self._cap_n, ALL_FINGERS, reach, s.closing_speed_mps, more=True)
 
     def slowly(self) -> CloseFast:
@@ -50,7 +50,7 @@ class Closing:
     def _is_first(self, obs: Observation, reach_counts: int) -> bool:
         """Of the thumb, which opposes both others."""
         thumb = obs.gripper.fingers[0]
-        overdue = self._since_ns is not None and obs.t_ns - self._since_ns > STAGE_NS
+        overdue = self.since_ns is not None and obs.t_ns - self.since_ns > STAGE_NS
         if overdue or thumb.detection is Detection.CONTACT_CLOSING:
             return False
         if not obs.hand_rests:

@@ -20,12 +20,10 @@ from grasp.commands import (
     MoveFingers,
     StopArm,
 )
+from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.felt import Felt
-from grasp.landing import Landing, Way
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
-from grasp.pace import PhaseClock
 from grasp.pause import Pause
 from grasp.phases import (
     AIRBORNE_PHASES,
@@ -37,7 +35,9 @@ from grasp.phases import (
     Trigger,
 )
 from grasp.safe_state import Missing, Pursuit, SafeState
+from grasp.set_down import SetDown, Way
 from grasp.slip import SlipMonitor, SlipStatus
+from grasp.state_clock import StateClock
 from grasp.steps import Steps
 
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
@@ -75,16 +75,15 @@ class GraspController:
         self.fault_cause = ""
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
-        self._felt = Felt(settings)
+        self._contact = ContactEstimator(settings.contact_n, settings.contact_lost_s)
+        self._clock = StateClock()
         self._closing = Closing(settings, plan.force_cap_n)
-        self._landing = Landing(settings, self._line, self._felt)
+        self._way_down = SetDown(settings, self._line, self._contact, self._clock)
         self.pause = Pause(settings, self._line)
         self._steps = Steps(settings, plan, self._line)
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
-        self._entered_ns = 0
-        self._clock = PhaseClock()
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
             Phase.HOME: self._return,
@@ -140,13 +139,13 @@ class GraspController:
     def step(self, obs: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
         self._out = []
-        self._clock.take(obs, self.phase)
+        self._clock.update(obs, self.phase)
         self._reset_detector = self._anchor = False
         self.monitor.update(obs.t_ns, obs.probabilities)
-        self._felt.take(obs, self.phase in AIRBORNE_PHASES)
+        self._contact.update(obs, self.phase in AIRBORNE_PHASES)
         answering = self.phase is Phase.COMPENSATE and not self._steps.securing
         if answering or self.monitor.status.registered:
-            self._landing.slipping(obs)
+            self._way_down.slipping(obs)
         if self._pursuit:
             self._out += self._pursuit.step(obs)
         elif trouble := self._trouble(obs):
@@ -178,7 +177,7 @@ class GraspController:
 
     @property
     def _aborted(self) -> SafeState:
-        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
+        fault = SafeState(Phase.FAULT, self.phase, self._clock.entered_ns, "")
         return self._pursuit.safe if self._pursuit else fault
 
     def _trouble(self, obs: Observation) -> str:
@@ -196,7 +195,7 @@ class GraspController:
 
     def _force_trouble(self, obs: Observation) -> str:
         moving = self.phase in AIRBORNE_PHASES and obs.arm.moving
-        if moving and self._felt.overload_ns(obs.t_ns) > self._settings.overload_s * 1e9:
+        if moving and self._contact.overload_ns > self._settings.overload_s * 1e9:
             return "measured force stays above the limit while the arm moves"
         return ""
 
@@ -219,18 +218,23 @@ class GraspController:
 
     def _fire(self, trigger: Trigger, obs: Observation, cause: str) -> None:
         self.machine.fire(trigger, obs.t_ns, cause)
-        self._entered_ns = obs.t_ns
-        self._clock.restart()
+        self._clock.restart(obs.t_ns)
 
     def _lasted(self, obs: Observation, duration_s: float) -> bool:
         """Whether the present phase has lasted this long."""
-        return obs.t_ns - self._entered_ns >= duration_s * 1e9
+        return obs.t_ns - self._clock.entered_ns >= duration_s * 1e9
+
+    def _stop_again(self, obs: Observation, stops: bool, brake_mps2: float) -> tuple[Command, ...]:
+        """The stop that this phase began with, where the arm goes on: it may have been lost."""
+        on_its_way = stops and obs.arm.moving and not obs.pending
+        again = on_its_way and self._clock.ask_again(obs.t_ns, self._settings.repeat_s)
+        return (StopArm(brake_mps2),) if again else ()
 
     def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
         self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
 
     def _to_cap(self, obs: Observation) -> CloseFast:
-        return self._closing.command(obs, self._felt.contact_lost(obs.t_ns))
+        return self._closing.command(obs, self._contact.thumb_lost)
 
     def _idle(self, obs: Observation) -> None:
         if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
@@ -305,7 +309,7 @@ class GraspController:
         s = self._settings
         if not self._stands(obs):
             return
-        if self._felt.contact_lost(obs.t_ns):
+        if self._contact.thumb_lost:
             nothing = "the thumb feels nothing at its position: no object, or a narrower one"
             self._fail(obs, nothing)
         elif self._lasted(obs, s.listen_s):
@@ -352,7 +356,7 @@ class GraspController:
 
     def _answers(self, obs: Observation) -> bool:
         """Answer slip and lost contact by the fastest closure, where one can still do something."""
-        slip, lost = self.monitor.status, self._felt.contact_lost(obs.t_ns)
+        slip, lost = self.monitor.status, self._contact.thumb_lost
         if lost and obs.at_cap:
             self._lose(obs, "contact lost, and the thumb can close no further")
             return True
@@ -380,13 +384,15 @@ class GraspController:
 
     def _compensate(self, obs: Observation) -> None:
         slip = self.monitor.status
-        self._out += self.pause.take(obs, slip.registered or slip.masked or not obs.hand_rests)
+        alarm = slip.registered or slip.masked or not obs.hand_rests
+        self.pause.take(obs, alarm, self._clock.passed_ns)
+        self._out += self._stop_again(obs, self.pause.lasts, self._settings.answer_stop_mps2)
         if not obs.hand_rests:
             self.monitor.closing(obs.t_ns)
         elif obs.unfinished:  # the same answer goes on
             self.monitor.closing(obs.t_ns)
             self._out.append(self._to_cap(obs))
-        elif self._felt.contact_lost(obs.t_ns):
+        elif self._contact.thumb_lost:
             self._lose(obs, "the hand closed and met nothing")
         elif slip.masked:
             return
@@ -416,7 +422,7 @@ class GraspController:
             self._out += on
 
     def _patience_ended(self, obs: Observation, patience_s: float) -> bool:
-        since_ns = max(self._entered_ns, self.monitor.masked_until_ns)
+        since_ns = max(self._clock.entered_ns, self.monitor.masked_until_ns)
         return obs.t_ns - since_ns >= patience_s * 1e9
 
     def _hold(self, obs: Observation) -> None:
@@ -441,13 +447,14 @@ class GraspController:
 
     def _set_down(self, trigger: Trigger, obs: Observation, cause: str) -> None:
         self.monitor.disarm()
-        self._take(self._landing.begin(trigger, cause), obs)
+        self._take(self._way_down.begin(trigger, cause), obs)
 
     def _go_down(self, obs: Observation) -> None:
-        if way := self._landing.step(self.phase, obs):
+        if way := self._way_down.step(self.phase, obs):
             self._take(way, obs)
         else:
-            self._out += self._landing.again(self.phase, obs)
+            stops, brake_mps2 = self.phase is Phase.TOUCH, self._settings.stop_deceleration_mps2
+            self._out += self._stop_again(obs, stops, brake_mps2)
 
     def _take(self, way: Way, obs: Observation) -> None:
         if way.trigger is Trigger.LOSE:
@@ -461,10 +468,12 @@ class GraspController:
             self._fail(obs, f"the fingers stopped at {obs.gripper.positions} counts: not open")
         elif obs.hand_rests:
             self._fire(Trigger.OPENED, obs, "fingers open")
-            self._out.append(self._line.move(self._landing.clear_m, self._settings.lower_speed_mps))
+            self._out.append(
+                self._line.move(self._way_down.clear_m, self._settings.lower_speed_mps)
+            )
 
     def _retreat(self, obs: Observation) -> None:
-        if obs.hand_rests and self._line.stands_at(obs, self._landing.clear_m):
+        if obs.hand_rests and self._line.stands_at(obs, self._way_down.clear_m):
             self._fire(Trigger.RETREATED, obs, "arm clear")
 
     def _rest_at_end(self, obs: Observation) -> None:

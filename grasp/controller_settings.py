@@ -6,7 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import Counts3, Vector3
-from grasp.stiffness import Stiffness
+from grasp.contact_estimator import Stiffness
 
 # Settings that only one answer reads, those that only arms which pause do, and only two stages
 OF_STEPS = frozenset(

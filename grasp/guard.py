@@ -20,7 +20,7 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
-from grasp.stiffness import Stiffness
+from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
 

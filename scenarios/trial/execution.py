@@ -14,6 +14,7 @@ from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import interruption
+from grasp.contact_estimator import Stiffness
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
 from grasp.doubt import Doubts
@@ -23,7 +24,6 @@ from grasp.phases import Phase
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
-from grasp.stiffness import Stiffness
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still

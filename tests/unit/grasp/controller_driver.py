@@ -11,11 +11,11 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor, SlipSettings
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, gripper, seen
 
 TICK = 10_000_000

@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 

@@ -21,6 +21,7 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.doubt import Doubts
 from grasp.doubt_settings import DoubtSettings
@@ -29,7 +30,6 @@ from grasp.observation import Observation, StepInput
 from grasp.phases import SAFE_PHASES, Phase
 from grasp.slip import DISARMED
 from grasp.step import GraspStep
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 

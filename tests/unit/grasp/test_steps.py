@@ -4,12 +4,12 @@ where a step is not enough."""
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.phases import Phase
 from grasp.steps import Steps
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, gripper, seen
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, TICK, Driver
 from tests.unit.grasp.test_pause import told

@@ -7,8 +7,8 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.pace import LEAST_PACE, STANDS_NS
 from grasp.phases import Phase
+from grasp.state_clock import LEAST_PACE, STANDS_NS
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 

@@ -1,4 +1,4 @@
-"""Landing: the way down, from where the arm turns to where the hand lets go.
+"""SetDown: the way down, from where the arm turns to where the hand lets go.
 
 How far an object slipped is not known, so neither is how high the arm is when it stands. Closed
 fingers that slide down over an object that stands and widens are driven apart, and feel it.
@@ -9,11 +9,12 @@ import math
 import msgspec
 
 from grasp.commands import Command, OpenFingers, StopArm
+from grasp.contact_estimator import ContactEstimator, grip_n
 from grasp.controller_settings import ControllerSettings
-from grasp.felt import Felt, grip_n
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.phases import Phase, Trigger
+from grasp.state_clock import StateClock
 
 LANDING_SHARE = 0.8  # of the time that a phase may last
 SHORTEST_M = 2e-4  # of a step
@@ -28,34 +29,7 @@ class Way(msgspec.Struct, frozen=True):
     commands: tuple[Command, ...] = ()
 
 
-class Still:
-    """The grip while the arm stands: its mean over the second half of a time, so that what moves it
-    has settled and the pads' restlessness is averaged out."""
-
-    def __init__(self, for_s: float) -> None:
-        self._for_ns = for_s * 1e9
-        self.restart()
-
-    def restart(self) -> None:
-        self._since_ns: int | None = None
-        self._sum_n = 0.0
-        self._samples = 0
-
-    def take(self, obs: Observation) -> float | None:
-        """One sample; the mean once the arm has stood for long enough."""
-        if obs.pending or obs.arm.moving:
-            self.restart()
-            return None
-        if self._since_ns is None:
-            self._since_ns = obs.t_ns
-        stood_ns = obs.t_ns - self._since_ns
-        if stood_ns >= self._for_ns / 2:
-            self._sum_n += grip_n(obs)
-            self._samples += 1
-        return self._sum_n / self._samples if stood_ns >= self._for_ns else None
-
-
-class Landing:
+class SetDown:
     """Phases lower, land, touch and probe; lost where what the hand holds may stand and nothing
     tells where.
 
@@ -64,18 +38,24 @@ class Landing:
     often, where the hand opened.
     """
 
-    def __init__(self, settings: ControllerSettings, line: LiftLine, felt: Felt) -> None:
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        line: LiftLine,
+        contact: ContactEstimator,
+        clock: StateClock,
+    ) -> None:
         self._settings = settings
         self._line = line
-        self._felt = felt
-        self._still = Still(settings.landing_still_s)
+        self._contact = contact
+        self._clock = clock
+        self._stood_n: list[float] = []  # grip of samples of the arm standing
         self._slipped_m = 0.0
         self._grip_n = 0.0
         self._least_n = math.inf
         self._tight_m = 0.0
         self._touches = 0
         self._let_go_m = 0.0
-        self._stopped_ns = 0  # when the arm was last told to
 
     @property
     def clear_m(self) -> float:
@@ -89,28 +69,35 @@ class Landing:
     def begin(self, trigger: Trigger, cause: str) -> Way:
         """Down to where the lift began, unless the object may be elsewhere in the hand: it fell and
         was gripped again higher up, and a closed hand would be driven down along it."""
-        if self._felt.gap_ns >= self._settings.contact_gap_s * 1e9:
-            gap = f"nothing was felt for {self._felt.gap_ns * 1e-9:.2f} s on the way"
+        gap_ns = self._contact.estimate.longest_gap_ns
+        if gap_ns >= self._settings.contact_gap_s * 1e9:
+            gap = f"nothing was felt for {gap_ns * 1e-9:.2f} s on the way"
             return Way(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
         return self._quickly(trigger, cause)
 
     def step(self, phase: Phase, obs: Observation) -> Way | None:
         """Out of that phase; None while it goes on."""
-        if self._felt.nothing_felt(obs.t_ns):
+        if self._contact.lost:
             return Way(Trigger.LOSE, "contact lost on the way down")
         if phase in (Phase.LOWER, Phase.LAND):
             return self._go_down(phase, obs)
-        level_n = self._still.take(obs)
+        level_n = self._still_n(obs)
         if level_n is None:
             return None
-        self._still.restart()
+        self._stood_n.clear()
         return self._touch(obs, level_n) if phase is Phase.TOUCH else self._probe(obs, level_n)
 
-    def again(self, phase: Phase, obs: Observation) -> tuple[Command, ...]:
-        """What was asked for in that phase and is not seen: a stop may be lost on its way."""
-        due = obs.t_ns - self._stopped_ns >= self._settings.repeat_s * 1e9
-        on_its_way = phase is Phase.TOUCH and obs.arm.moving and not obs.pending
-        return self._stop(obs) if due and on_its_way else ()
+    def _still_n(self, obs: Observation) -> float | None:
+        """Grip while the arm stands, its mean over the second half of a time, so that what moves it
+        has settled and the pads' restlessness is averaged out; None until then."""
+        still_ns, for_ns = self._clock.still_ns, self._settings.landing_still_s * 1e9
+        if still_ns is None:
+            self._stood_n.clear()
+            return None
+        stood_ns = obs.t_ns - still_ns
+        if stood_ns >= for_ns / 2:
+            self._stood_n.append(grip_n(obs))
+        return sum(self._stood_n) / len(self._stood_n) if stood_ns >= for_ns else None
 
     @property
     def _near_m(self) -> float:
@@ -123,12 +110,12 @@ class Landing:
         return min(self._slipped_m + margin_m, self._settings.lift_height_m)
 
     def _take_grip(self) -> None:
-        self._grip_n = self._felt.level_n
+        self._grip_n = self._contact.estimate.grip_n
         self._least_n = min(self._least_n, self._grip_n)
 
     def _go_down(self, phase: Phase, obs: Observation) -> Way | None:
         """The grip tightens where closed fingers slide down over a flank that widens."""
-        rise_n = self._felt.level_n - self._grip_n
+        rise_n = self._contact.estimate.grip_n - self._grip_n
         if phase is Phase.LOWER and self._line.stands_at(obs, self._near_m):
             return self._slowly(obs, Trigger.NEAR, "from here on the object may stand")
         if phase is Phase.LAND and self._line.stands_at(obs, 0.0):
@@ -137,13 +124,10 @@ class Landing:
             return None
         self._touches += 1
         self._tight_m = self._line.height_m(obs)
-        self._still.restart()
+        self._stood_n.clear()
         cause = f"the grip is {rise_n:.1f} N tighter on the way down"
-        return Way(Trigger.TIGHTENED, cause, self._stop(obs))
-
-    def _stop(self, obs: Observation) -> tuple[Command, ...]:
-        self._stopped_ns = obs.t_ns
-        return (StopArm(self._settings.stop_deceleration_mps2),)
+        stop = StopArm(self._settings.stop_deceleration_mps2)
+        return Way(Trigger.TIGHTENED, cause, (stop,))
 
     def _quickly(self, trigger: Trigger, cause: str) -> Way:
         self._take_grip()

@@ -1,4 +1,4 @@
-"""PhaseClock: how long the present phase has lasted, at the pace of what it waits for.
+"""StateClock: when the present phase began, and all times that count from there.
 
 An arm whose speed slider is turned down takes longer, and is as far in its own time as it would be
 at full pace: where it is waited for, time-outs count that. It is waited for in the air too, since
@@ -17,33 +17,57 @@ LEAST_PACE = 0.05
 STANDS_NS = 1_000_000_000
 
 
-class PhaseClock:
-    """``take`` once a step, ``restart`` with every phase."""
+class StateClock:
+    """``update`` once a step, ``restart`` with every transition. Only here are times kept that
+    count from one.
+
+    ``entered_ns``: when the present phase began. ``passed_ns``: since the step before.
+    ``still_ns``: since when in this phase the arm has stood, with no command on its way; None while
+    it does not. ``excused_ns``: by how much a slow arm has prolonged the run.
+    """
 
     def __init__(self) -> None:
+        self.entered_ns = 0
+        self.passed_ns = 0
+        self.still_ns: int | None = None
+        self.excused_ns = 0.0
         self._before_ns: int | None = None
+        self._asked_ns = 0  # when the device was last told what the phase waits for
+        self._lasted_ns = 0.0  # at the pace of the arm
         self._slow_ns = 0.0  # for so long the slider has let the arm stand
-        self._lasted_ns = 0.0
-        self.excused_ns = 0.0  # of the run: what the arm was slow by
 
-    def take(self, obs: Observation, phase: Phase) -> None:
+    def update(self, obs: Observation, phase: Phase) -> None:
         """One step in that phase."""
         before_ns = obs.t_ns if self._before_ns is None else self._before_ns
-        passed_ns, self._before_ns = obs.t_ns - before_ns, obs.t_ns
+        self.passed_ns, self._before_ns = obs.t_ns - before_ns, obs.t_ns
+        if obs.pending or obs.arm.moving:
+            self.still_ns = None
+        elif self.still_ns is None:
+            self.still_ns = obs.t_ns
         slowed = phase in SLOWED_PHASES
         fraction = obs.arm.speed_fraction
         pace = min(1.0, max(LEAST_PACE, fraction)) if slowed else 1.0
-        self._lasted_ns += pace * passed_ns
-        self.excused_ns += (1.0 - pace) * passed_ns
-        self._slow_ns = self._slow_ns + passed_ns if slowed and fraction < LEAST_PACE else 0.0
+        self._lasted_ns += pace * self.passed_ns
+        self.excused_ns += (1.0 - pace) * self.passed_ns
+        stands = slowed and fraction < LEAST_PACE
+        self._slow_ns = self._slow_ns + self.passed_ns if stands else 0.0
 
-    def restart(self) -> None:
+    def restart(self, t_ns: int) -> None:
         """Another phase begins."""
+        self.entered_ns = self._asked_ns = t_ns
         self._lasted_ns = 0.0
+        self.still_ns = None
 
     def over(self, timeout_s: float) -> bool:
-        """Whether the phase has lasted this long."""
+        """Whether the phase has lasted this long, at the pace of the arm."""
         return self._lasted_ns >= timeout_s * 1e9
+
+    def ask_again(self, t_ns: int, repeat_s: float) -> bool:
+        """Whether it is time to repeat a request of this phase; counts as repeated if so."""
+        due = t_ns - self._asked_ns >= repeat_s * 1e9
+        if due:
+            self._asked_ns = t_ns
+        return due
 
     def trouble(self, obs: Observation, phase: Phase) -> str:
         """What the slider makes impossible; empty if nothing."""
