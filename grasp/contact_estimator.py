@@ -6,6 +6,7 @@ import msgspec
 
 from grasp.observation import Observation
 
+LOST_NS = 50_000_000  # without contact for so long it is lost; assumed
 GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' restlessness swings
 
 
@@ -37,9 +38,8 @@ class ContactEstimate(msgspec.Struct, frozen=True):
 class ContactEstimator:
     """The latest estimate. The thumb counts most: it opposes both other fingers."""
 
-    def __init__(self, contact_n: float, lost_s: float) -> None:
+    def __init__(self, contact_n: float) -> None:
         self._contact_n = contact_n
-        self._lost_ns = lost_s * 1e9
         self.estimate = ContactEstimate()
 
     def update(self, obs: Observation, airborne: bool) -> None:
@@ -60,13 +60,13 @@ class ContactEstimator:
     @property
     def thumb_lost(self) -> bool:
         """Whether the thumb has touched nothing for too long."""
-        return self.estimate.t_ns - self.estimate.thumb_contact_ns >= self._lost_ns
+        return self.estimate.t_ns - self.estimate.thumb_contact_ns >= LOST_NS
 
     @property
     def lost(self) -> bool:
         """Whether no finger has touched anything for too long: on the way down a thumb that bears
         the object by a taxel or two may feel nothing once it stands, and be pressed as before."""
-        return self.estimate.t_ns - self.estimate.contact_ns >= self._lost_ns
+        return self.estimate.t_ns - self.estimate.contact_ns >= LOST_NS
 
     @property
     def overload_ns(self) -> int:

@@ -22,7 +22,7 @@ from grasp.commands import (
 )
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
+from grasp.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.observation import Observation
 from grasp.pause import Pause
 from grasp.phases import (
@@ -36,10 +36,12 @@ from grasp.phases import (
 )
 from grasp.safe_state import Missing, Pursuit, SafeState
 from grasp.set_down import SetDown, Way
-from grasp.slip import SlipMonitor, SlipStatus
+from grasp.slip_monitor import SlipMonitor, SlipStatus
 from grasp.state_clock import StateClock
 from grasp.steps import Steps
 
+OVERLOAD_NS = 30_000_000  # measured force may be so long above the limit in motion; assumed
+ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing answers prolong a hold by this; assumed
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
 ARM_PHASES = frozenset({  # over once it arrives
     Phase.HOME, Phase.APPROACH, Phase.LIFT, Phase.LOWER, Phase.LAND, Phase.RETREAT,
@@ -75,7 +77,7 @@ class GraspController:
         self.fault_cause = ""
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
-        self._contact = ContactEstimator(settings.contact_n, settings.contact_lost_s)
+        self._contact = ContactEstimator(settings.contact_n)
         self._clock = StateClock()
         self._closing = Closing(settings, plan.force_cap_n)
         self._way_down = SetDown(settings, self._line, self._contact, self._clock)
@@ -195,7 +197,7 @@ class GraspController:
 
     def _force_trouble(self, obs: Observation) -> str:
         moving = self.phase in AIRBORNE_PHASES and obs.arm.moving
-        if moving and self._contact.overload_ns > self._settings.overload_s * 1e9:
+        if moving and self._contact.overload_ns > OVERLOAD_NS:
             return "measured force stays above the limit while the arm moves"
         return ""
 
@@ -227,7 +229,7 @@ class GraspController:
     def _stop_again(self, obs: Observation, stops: bool, brake_mps2: float) -> tuple[Command, ...]:
         """The stop that this phase began with, where the arm goes on: it may have been lost."""
         on_its_way = stops and obs.arm.moving and not obs.pending
-        again = on_its_way and self._clock.ask_again(obs.t_ns, self._settings.repeat_s)
+        again = on_its_way and self._clock.ask_again(obs.t_ns)
         return (StopArm(brake_mps2),) if again else ()
 
     def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
@@ -245,7 +247,7 @@ class GraspController:
             return
         if self._plan.home is None:
             self._line.home = obs.arm.position_m
-        if math.dist(obs.arm.position_m, self.home) < self._settings.at_height_m:
+        if math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
             self._shape(obs, Trigger.START, "run started")
         else:
             self._fire(Trigger.RETURN, obs, "run started")
@@ -431,7 +433,7 @@ class GraspController:
         s = self._settings
         held_ns = obs.t_ns - self.machine.first_ns(Phase.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
-        tired = obs.closed_out and held_ns >= (s.hold_s + s.alarm_hold_s) * 1e9
+        tired = obs.closed_out and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
         if not (over or tired) and (self._answers(obs) or self._secures(obs)):
             return
         if over or tired or obs.inputs.set_down or self._lasted(obs, s.hold_s):

@@ -13,6 +13,9 @@ from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
+from grasp.state_clock import REPEAT_NS
+
+SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
 
 
 def doubts_arm(cause: str) -> bool:
@@ -120,10 +123,10 @@ class Pursuit:
         self.unreached = (*arm, *hand)
         # what the hand was told before may set it going once more, though its status says it rests;
         # and an arm may go on though it says that it stands
-        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        due = seen.t_ns - self._asked_ns >= REPEAT_NS
         reached = not self.unreached and due
         waited_ns = seen.t_ns - self.safe.since_ns
-        if reached or waited_ns >= self._settings.safe_state_s * 1e9:
+        if reached or waited_ns >= SAFE_STATE_NS:
             self.over = True
         elif self.unreached and due and not seen.pending:
             return self.ask(seen)

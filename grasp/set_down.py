@@ -11,14 +11,22 @@ import msgspec
 from grasp.commands import Command, OpenFingers, StopArm
 from grasp.contact_estimator import ContactEstimator, grip_n
 from grasp.controller_settings import ControllerSettings
-from grasp.lift_line import LiftLine
+from grasp.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.observation import Observation
 from grasp.phases import Phase, Trigger
 from grasp.state_clock import StateClock
 
 LANDING_SHARE = 0.8  # of the time that a phase may last
-SHORTEST_M = 2e-4  # of a step
-CERTAIN = 3  # times the rise that tells is what a step aims at
+CONTACT_GAP_NS = 100_000_000  # in it an object falls 5 cm, and may be gripped where it landed
+MARGIN_M = 0.003  # for slip that ended by itself before a detector noticed; assumed
+RISE_N = 0.3  # of the grip that stops the arm; seven deviations of it in the simulated hand's rest
+STILL_NS = 500_000_000  # the arm stands before a step and after it: several swings of the pads
+CHECK_N = 0.08  # change of the grip by a step where the object stands; three of those deviations
+STEP_M = 5e-4  # down, to see whether the object stands; assumed
+SHORTEST_M = 2e-4  # of such a step
+CERTAIN = 3  # times CHECK_N is what a step aims at
+MOST_SHARE = 0.15  # of the least grip, tighter in all; a textured face makes less of it in sliding
+TRIES = 8  # steps without an answer
 
 
 class Way(msgspec.Struct, frozen=True):
@@ -70,7 +78,7 @@ class SetDown:
         """Down to where the lift began, unless the object may be elsewhere in the hand: it fell and
         was gripped again higher up, and a closed hand would be driven down along it."""
         gap_ns = self._contact.estimate.longest_gap_ns
-        if gap_ns >= self._settings.contact_gap_s * 1e9:
+        if gap_ns >= CONTACT_GAP_NS:
             gap = f"nothing was felt for {gap_ns * 1e-9:.2f} s on the way"
             return Way(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
         return self._quickly(trigger, cause)
@@ -90,14 +98,14 @@ class SetDown:
     def _still_n(self, obs: Observation) -> float | None:
         """Grip while the arm stands, its mean over the second half of a time, so that what moves it
         has settled and the pads' restlessness is averaged out; None until then."""
-        still_ns, for_ns = self._clock.still_ns, self._settings.landing_still_s * 1e9
+        still_ns = self._clock.still_ns
         if still_ns is None:
             self._stood_n.clear()
             return None
         stood_ns = obs.t_ns - still_ns
-        if stood_ns >= for_ns / 2:
+        if stood_ns >= STILL_NS / 2:
             self._stood_n.append(grip_n(obs))
-        return sum(self._stood_n) / len(self._stood_n) if stood_ns >= for_ns else None
+        return sum(self._stood_n) / len(self._stood_n) if stood_ns >= STILL_NS else None
 
     @property
     def _near_m(self) -> float:
@@ -106,8 +114,7 @@ class SetDown:
         stopped while the object still stood; with a margin for what nobody heard."""
         if self._slipped_m <= 0.0:
             return 0.0
-        margin_m = self._settings.landing_margin_m
-        return min(self._slipped_m + margin_m, self._settings.lift_height_m)
+        return min(self._slipped_m + MARGIN_M, self._settings.lift_height_m)
 
     def _take_grip(self) -> None:
         self._grip_n = self._contact.estimate.grip_n
@@ -120,7 +127,7 @@ class SetDown:
             return self._slowly(obs, Trigger.NEAR, "from here on the object may stand")
         if phase is Phase.LAND and self._line.stands_at(obs, 0.0):
             return self._let_go(obs, "arm where the lift began")
-        if rise_n < self._settings.landing_rise_n:
+        if rise_n < RISE_N:
             return None
         self._touches += 1
         self._tight_m = self._line.height_m(obs)
@@ -150,26 +157,24 @@ class SetDown:
 
     def _step_m(self, braking_m: float, rise_n: float) -> float:
         """As short as will tell, where the grip went on tightening while the arm braked."""
-        s = self._settings
-        if braking_m <= 0.0 or rise_n <= s.landing_rise_n:
-            return s.landing_step_m
-        telling_m = CERTAIN * s.landing_check_n * braking_m / (rise_n - s.landing_rise_n)
-        return min(max(telling_m, SHORTEST_M), s.landing_step_m)
+        if braking_m <= 0.0 or rise_n <= RISE_N:
+            return STEP_M
+        telling_m = CERTAIN * CHECK_N * braking_m / (rise_n - RISE_N)
+        return min(max(telling_m, SHORTEST_M), STEP_M)
 
     def _probe(self, obs: Observation, level_n: float) -> Way:
         """A grip in the air takes no notice of a step down; where it does, the object stands: a
         flank tightens it, a textured face may loosen it, and it stays tight; but not where none can
         stand: codes that drift tighten a grip, too. One that has tightened much, though no step
         tells, may go no further."""
-        s = self._settings
         rise_n = level_n - self._grip_n
-        tight = level_n - self._least_n >= s.landing_rise_n
-        high = self._line.height_m(obs) > self._near_m + s.at_height_m
-        stands = rise_n >= s.landing_check_n or (tight and -rise_n >= s.landing_check_n)
+        tight = level_n - self._least_n >= RISE_N
+        high = self._line.height_m(obs) > self._near_m + AT_HEIGHT_M
+        stands = rise_n >= CHECK_N or (tight and -rise_n >= CHECK_N)
         if stands and not high:
             return self._let_go(obs, f"a step down changed the grip by {rise_n:+.1f} N: it stands")
-        tightest_n = (1 + s.landing_most_share) * self._least_n
-        if self._touches >= s.landing_tries or level_n >= tightest_n:
+        tightest_n = (1 + MOST_SHARE) * self._least_n
+        if self._touches >= TRIES or level_n >= tightest_n:
             unsure = "the grip tightens, and it is not certain that the object stands"
             return Way(Trigger.LOSE, unsure)
         loose = "a step down did not tighten the grip"

@@ -15,6 +15,7 @@ RISING_PHASES = frozenset({Phase.LISTEN, Phase.LIFT})  # about to, or doing so
 # been so for a while as one that stands.
 LEAST_PACE = 0.05
 STANDS_NS = 1_000_000_000
+REPEAT_NS = 100_000_000  # between two equal requests; assumed
 
 
 class StateClock:
@@ -62,9 +63,9 @@ class StateClock:
         """Whether the phase has lasted this long, at the pace of the arm."""
         return self._lasted_ns >= timeout_s * 1e9
 
-    def ask_again(self, t_ns: int, repeat_s: float) -> bool:
+    def ask_again(self, t_ns: int) -> bool:
         """Whether it is time to repeat a request of this phase; counts as repeated if so."""
-        due = t_ns - self._asked_ns >= repeat_s * 1e9
+        due = t_ns - self._asked_ns >= REPEAT_NS
         if due:
             self._asked_ns = t_ns
         return due

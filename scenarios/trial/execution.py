@@ -22,7 +22,7 @@ from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
 from grasp.realtime import real_time
-from grasp.slip import SlipMonitor
+from grasp.slip_monitor import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from grasp.controller_settings import ControllerSettings
 from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.safe_state import SAFE_STATE_NS
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.trial.ending import LOOK
 from tests.nightly.faults.cases import Fault
@@ -26,7 +27,7 @@ from tests.nightly.last_line import (
 )
 
 BRAKES_MPS2 = ControllerSettings().stop_deceleration_mps2
-SAFE_S = ControllerSettings().safe_state_s
+SAFE_S = SAFE_STATE_NS * 1e-9
 LOOK_S = 0.06  # between two looks of the simulation, and a step
 LEAST_WAY_M = 0.001  # a way that is not worth a finding
 LOOSENED = 0.5  # share of the force at the begin of the safe state; less is letting go

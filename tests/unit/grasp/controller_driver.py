@@ -15,7 +15,7 @@ from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import Phase
-from grasp.slip import SlipMonitor, SlipSettings
+from grasp.slip_monitor import SlipMonitor, SlipSettings
 from tests.unit.grasp.builders import arm, gripper, seen
 
 TICK = 10_000_000
@@ -41,7 +41,6 @@ class Driver:
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
         plan = GripPlan((25, 40, 40), (self.grip,) * 3, 10.0, stiffness, home)
         self.controller = GraspController(merged, plan, monitor)
-        self.margin_m = merged.landing_margin_m  # of the slow way down
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False

@@ -7,6 +7,7 @@ from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
+from grasp.set_down import MARGIN_M
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
@@ -43,11 +44,11 @@ def reach_counts(first_n: float = 0.0, **settings: Any) -> int:
     return reach[0]
 
 
-def worst_first_n(v: float) -> float:
+def worst_first_n() -> float:
     """By how much less than would reach limit and overshoot a first grasp has a count less."""
     settings: dict[str, Any] = {"force_limit_n": 40.0, "overshoot_n": 1.0}
     steps = (n / 100 for n in range(200))
-    first_n = next(n for n in steps if reach_counts(n, first_force_margin_n=v, **settings) < 12)
+    first_n = next(n for n in steps if reach_counts(n, **settings) < 12)
     return 41.0 - 12 * 1.3 * 2.5 - first_n
 
 
@@ -77,7 +78,7 @@ def near(**settings: Any) -> Driver:
         d.climb()
     d.height_m = 0.2
     d.until(Phase.LOWER)
-    d.height_m = 0.05 + d.margin_m
+    d.height_m = 0.05 + MARGIN_M
     d.until(Phase.LAND)
     return d
 
@@ -177,17 +178,17 @@ def touches(v: float, felt_n: float) -> bool:
     return d.controller.phase is Phase.LIFT
 
 
-def seconds_of_overload(v: float) -> float:
-    d = Driver(overload_s=v).lift()
+def seconds_of_overload() -> float:
+    d = Driver().lift()
     began_ns = d.t_ns
     while d.controller.phase is Phase.LIFT:
         d.climb(overloaded=True)
     return (d.t_ns - began_ns) * 1e-9
 
 
-def held_under_alarms_s(v: float) -> float:
+def held_under_alarms_s() -> float:
     """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
-    d = Driver(alarm_hold_s=v, hold_s=0.5).slip()
+    d = Driver(hold_s=0.5).slip()
     d.height_m = 0.2
     d.until(Phase.HOLD)
     began_ns = d.t_ns
@@ -196,9 +197,9 @@ def held_under_alarms_s(v: float) -> float:
     return (d.t_ns - began_ns) * 1e-9 - 0.5
 
 
-def lowered_after_gap(v: float, gap_s: float) -> bool:
+def lowered_after_gap(gap_s: float) -> bool:
     """Whether what was not felt for so long in the air, and then was again, is set down."""
-    d = Driver(contact_gap_s=v, contact_lost_s=1.0, hold_s=0.1).lift()
+    d = Driver(hold_s=0.1).lift()
     for _ in range(round(gap_s * 1e9 / TICK)):
         d.climb(measured_n=(0.0, 0.0, 0.0))
     d.height_m = 0.2
@@ -207,8 +208,8 @@ def lowered_after_gap(v: float, gap_s: float) -> bool:
     return d.controller.phase is Phase.LOWER
 
 
-def at_the_top(v: float, away_m: float) -> bool:
-    d = Driver(at_height_m=v)
+def at_the_top(away_m: float) -> bool:
+    d = Driver()
     d.until(Phase.LIFT)
     d.height_m = 0.2 - away_m
     return d.step().phase is Phase.HOLD
@@ -223,9 +224,9 @@ def kept(keep: bool) -> bool:
     return d.controller.phase is Phase.KEPT
 
 
-def paused_for_nothing_s(v: float) -> float:
+def paused_for_nothing_s() -> float:
     """In all, while slip comes and goes at the cap."""
-    d = Driver(useless_pause_s=v).slip()
+    d = Driver().slip()
     while d.controller.phase is Phase.COMPENSATE:
         d.climb()
     paused = 0

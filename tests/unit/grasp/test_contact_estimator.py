@@ -8,7 +8,7 @@ from grasp.contact_estimator import ContactEstimator, Stiffness
 from tests.unit.grasp.builders import seen
 
 TICK = 10_000_000
-CONTACT_N, LOST_S = 0.3, 0.05
+CONTACT_N = 0.3
 NOTHING, GRIP = (0.0, 1.0, 1.0), (3.0, 1.0, 1.0)
 WEAK = (0.1, 0.1, 0.1)
 
@@ -17,7 +17,7 @@ def after(
     *forces_n: tuple[float, float, float], airborne: bool = True, **told: object
 ) -> ContactEstimator:
     """One sample each."""
-    contact = ContactEstimator(CONTACT_N, LOST_S)
+    contact = ContactEstimator(CONTACT_N)
     for n, force_n in enumerate(forces_n):
         contact.update(seen(n * TICK, measured_n=force_n, **told), airborne)
     return contact

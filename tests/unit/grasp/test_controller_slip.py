@@ -205,26 +205,26 @@ def test_close_that_could_do_nothing_is_not_sent() -> None:
 
 
 def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -> None:
-    d = Driver(hold_s=0.5, alarm_hold_s=1.0).slip()
+    d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns
     while d.controller.phase is not Phase.LOWER and d.t_ns - began < 10_000_000_000:
         d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
-    assert d.t_ns - began < 2_500_000_000
+    assert d.t_ns - began < 3_500_000_000
     assert d.controller.closings == 1
 
 
 def test_alarms_under_a_force_that_admits_no_closing_cannot_prolong_the_hold_for_ever() -> None:
-    d = Driver(hold_s=0.5, alarm_hold_s=1.0).slip()
+    d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns
     while d.controller.phase is not Phase.LOWER and d.t_ns - began < 10_000_000_000:
         d.step(0.9 if d.t_ns // TICK % 40 < 3 else 0.0, last_close=None, overloaded=True)
-    assert d.t_ns - began < 2_500_000_000
+    assert d.t_ns - began < 3_500_000_000
 
 
 def test_slip_that_a_closing_can_still_answer_is_answered_however_long_it_comes_and_goes() -> None:
-    d = Driver(hold_s=0.5, alarm_hold_s=1.0).slip()
+    d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns
     while d.controller.phase is not Phase.LOWER and d.t_ns - began < 4_000_000_000:

@@ -40,7 +40,7 @@ def test_arm_goes_on_to_the_top_gently_once_slip_has_been_over_for_a_while() -> 
 
 
 def test_arm_that_still_moves_is_told_to_stop_again_and_does_not_go_on() -> None:
-    d = Driver(repeat_s=0.1).slip()
+    d = Driver().slip()
     for _ in range(40):
         d.step(arm=on_its_way(d))
     assert d.controller.phase is Phase.COMPENSATE

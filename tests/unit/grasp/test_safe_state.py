@@ -124,7 +124,7 @@ def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_ru
     assert half.of_hand(CLOSURE) == (CLOSURE,)
 
 
-SETTINGS = ControllerSettings(stale_after_s=0.1, repeat_s=0.1, safe_state_s=3.0)
+SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 
 def pursuit(since_ns: int = 0) -> Pursuit:

@@ -10,6 +10,8 @@ from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
+SURE = "grasp.set_down.MOST_SHARE"  # of a grip that may tighten without an answer
+
 HOME_M = 0.4
 GRIP = bears(3.0)
 TIGHTER = bears(3.5)
@@ -43,9 +45,10 @@ def test_grip_that_tightens_where_nobody_expects_the_object_to_stand_stops_the_a
     assert d.commands == [StopArm(1.0)]
 
 
-def probed_high_up(steps: Any) -> Driver:
+def probed_high_up(steps: Any, monkeypatch: pytest.MonkeyPatch) -> Driver:
     """Where no object can stand yet the grip tightens, and then a step down does this to it."""
-    d = Driver(hold_s=0.1, landing_most_share=1.0).lift()
+    monkeypatch.setattr(SURE, 1.0)
+    d = Driver(hold_s=0.1).lift()
     d.height_m = 0.2
     d.until(Phase.LOWER)
     d.height_m = 0.1
@@ -55,15 +58,19 @@ def probed_high_up(steps: Any) -> Driver:
     return d
 
 
-def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet() -> None:
-    d = probed_high_up(GRIP)
+def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    d = probed_high_up(GRIP, monkeypatch)
     assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
 
 
 @pytest.mark.parametrize("steps", [bears(3.2), bears(2.8)], ids=["tighter", "looser"])
-def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(steps: Any) -> None:
+def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(
+    steps: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As codes that drift or swing make of it."""
-    d = probed_high_up(steps)
+    d = probed_high_up(steps, monkeypatch)
     assert d.controller.machine.log[-1].cause == "no object can stand yet"
     assert not any(isinstance(c, OpenFingers) for c in d.commands)
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
@@ -80,8 +87,11 @@ def test_step_is_shorter_where_the_grip_tightened_much_while_the_arm_braked(
     assert d.height_m - step_m == pytest.approx(moves(d)[-1].position_m[2] - HOME_M, abs=1e-5)
 
 
-def test_grip_that_has_tightened_much_goes_no_further_down_though_no_step_tells() -> None:
-    d = probed(2.6, 2.6, landing_most_share=0.25)
+def test_grip_that_has_tightened_much_goes_no_further_down_though_no_step_tells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(SURE, 0.25)
+    d = probed(2.6, 2.6)
     assert d.controller.phase is Phase.LOST
     assert "not certain" in d.controller.machine.log[-1].cause
 
@@ -114,8 +124,11 @@ def test_object_whose_textured_face_loosens_the_grip_at_a_step_down_is_let_go_to
     assert probed(3.0, 2.7).controller.phase is Phase.RELEASE
 
 
-def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
-    d = probed(2.6, 2.6, landing_most_share=0.5)
+def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(SURE, 0.5)
+    d = probed(2.6, 2.6)
     assert d.controller.phase is Phase.LAND
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
     assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
@@ -123,8 +136,11 @@ def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
     d.until(Phase.RELEASE, measured_n=bears(2.6))
 
 
-def test_grip_that_tightens_again_and_again_without_an_answer_keeps_hand_and_height() -> None:
-    d = probed(GRIP[0], GRIP[0], landing_tries=1)
+def test_grip_that_tightens_again_and_again_without_an_answer_keeps_hand_and_height(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("grasp.set_down.TRIES", 1)
+    d = probed(GRIP[0], GRIP[0])
     assert d.controller.phase is Phase.LOST
     assert "not certain" in d.controller.machine.log[-1].cause
     assert [type(c) for c in d.commands] == [StopArm, MoveArm, StopArm]

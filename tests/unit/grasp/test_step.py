@@ -28,7 +28,7 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.observation import Observation, StepInput
 from grasp.phases import SAFE_PHASES, Phase
-from grasp.slip import DISARMED
+from grasp.slip_monitor import DISARMED
 from grasp.step import GraspStep
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver

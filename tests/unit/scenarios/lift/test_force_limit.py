@@ -22,7 +22,7 @@ from grasp.controller import GraspController
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop
 from grasp.phases import Phase
-from grasp.slip import SlipMonitor
+from grasp.slip_monitor import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration

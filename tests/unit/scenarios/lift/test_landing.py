@@ -55,11 +55,11 @@ SLIPPERY = ("object.friction_static=0.3", "object.friction_kinetic=0.25",
             "controller.lift_height_m=0.03")  # fmt: skip
 
 
-def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop_that_is_late() -> (
-    None
-):
-    late = ("loop.decision_delay_s=0.1", "controller.landing_step_m=0.0003")
-    trial, seen = watched(ball("energy", *SLIPPERY, *late), 39)
+def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop_that_is_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("grasp.set_down.STEP_M", 3e-4)
+    trial, seen = watched(ball("energy", *SLIPPERY, "loop.decision_delay_s=0.1"), 39)
     assert seen[0][1].slip_distance_m > SLIPPED_M
     assert hardest_n(seen) < BOUND_N
     assert trial.controller.finished
