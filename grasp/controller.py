@@ -11,10 +11,8 @@ import msgspec
 
 from drivers.errors import SuppressBugs
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
-from grasp.closing import Closing
 from grasp.commands import (
     BeginRest,
-    CloseFast,
     Command,
     HoldFingers,
     MoveFingers,
@@ -24,7 +22,6 @@ from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.observation import Observation
-from grasp.pause import Pause
 from grasp.phases import (
     AIRBORNE_PHASES,
     END_PHASES,
@@ -37,8 +34,8 @@ from grasp.phases import (
 from grasp.safe_state import Missing, Pursuit, SafeState
 from grasp.set_down import SetDown, Way
 from grasp.slip_monitor import SlipMonitor, SlipStatus
+from grasp.slip_response import make_response
 from grasp.state_clock import StateClock
-from grasp.steps import Steps
 
 OVERLOAD_NS = 30_000_000  # measured force may be so long above the limit in motion; assumed
 ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing answers prolong a hold by this; assumed
@@ -73,16 +70,13 @@ class GraspController:
         self.machine = PhaseMachine()
         self.cap_reached = False
         self.alarm_stayed = False  # the hold ended although slip was still registered
-        self.closings = 0  # answers to slip or lost contact
         self.fault_cause = ""
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
         self._contact = ContactEstimator(settings.contact_n)
         self._clock = StateClock()
-        self._closing = Closing(settings, plan.force_cap_n)
         self._way_down = SetDown(settings, self._line, self._contact, self._clock)
-        self.pause = Pause(settings, self._line)
-        self._steps = Steps(settings, plan, self._line)
+        self.response = make_response(settings, plan, self._line)
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
@@ -115,6 +109,11 @@ class GraspController:
         return self._line.home
 
     @property
+    def closings(self) -> int:
+        """How often slip or lost contact was answered by closing."""
+        return self.response.closings
+
+    @property
     def finished(self) -> bool:
         """Nothing more will follow."""
         return self.phase in END_PHASES or (self._pursuit is not None and self._pursuit.over)
@@ -145,7 +144,7 @@ class GraspController:
         self._reset_detector = self._anchor = False
         self.monitor.update(obs.t_ns, obs.probabilities)
         self._contact.update(obs, self.phase in AIRBORNE_PHASES)
-        answering = self.phase is Phase.COMPENSATE and not self._steps.securing
+        answering = self.phase is Phase.COMPENSATE and not self.response.adds_margin
         if answering or self.monitor.status.registered:
             self._way_down.slipping(obs)
         if self._pursuit:
@@ -166,7 +165,7 @@ class GraspController:
         was entered before."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # where not even that can be told
         with SuppressBugs():
-            hand = self._aborted.of_hand(self._closing.slowly())
+            hand = self._aborted.of_hand(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def missing(self, obs: Observation) -> Missing:
@@ -226,17 +225,13 @@ class GraspController:
         """Whether the present phase has lasted this long."""
         return obs.t_ns - self._clock.entered_ns >= duration_s * 1e9
 
-    def _stop_again(self, obs: Observation, stops: bool, brake_mps2: float) -> tuple[Command, ...]:
+    def _stop_again(self, obs: Observation, stop: StopArm | None) -> tuple[Command, ...]:
         """The stop that this phase began with, where the arm goes on: it may have been lost."""
-        on_its_way = stops and obs.arm.moving and not obs.pending
-        again = on_its_way and self._clock.ask_again(obs.t_ns)
-        return (StopArm(brake_mps2),) if again else ()
+        on_its_way = stop is not None and obs.arm.moving and not obs.pending
+        return (stop,) if stop and on_its_way and self._clock.ask_again(obs.t_ns) else ()
 
     def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
         self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
-
-    def _to_cap(self, obs: Observation) -> CloseFast:
-        return self._closing.command(obs, self._contact.thumb_lost)
 
     def _idle(self, obs: Observation) -> None:
         if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
@@ -289,7 +284,7 @@ class GraspController:
             return
         if self._settings.firm:
             self._fire(Trigger.POSITIONED, obs, "fingers rest at their positions")
-            self._out.append(self._closing.slowly())
+            self._out.append(self.response.slow_closing())
         else:
             self._gripped(obs, "fingers rest at their positions")
 
@@ -341,73 +336,61 @@ class GraspController:
         return obs.gripper.thumb_latched
 
     def _lift(self, obs: Observation) -> None:
-        if self._answers(obs) or self._secures(obs):
+        if self._responds(obs):
             return
         if self._line.stands_at(obs, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, obs, "arm at the top")
 
-    def _secures(self, obs: Observation) -> bool:
-        """A force that was found, and has carried the object, gets its margin."""
-        rising = self.phase is Phase.LIFT
-        if not self._steps.margin_due(obs, at_top=not rising):
-            return False
-        self._out += self.pause.begin(obs) if rising else ()
-        self._fire(Trigger.FOUND, obs, "the force that was found has carried the object")
-        self._out.append(self._steps.margin(obs))
-        return True
-
-    def _answers(self, obs: Observation) -> bool:
-        """Answer slip and lost contact by the fastest closure, where one can still do something."""
+    def _responds(self, obs: Observation) -> bool:
+        """Respond to slip and lost contact, where a closing can still do something."""
         slip, lost = self.monitor.status, self._contact.thumb_lost
+        rising = self.phase is Phase.LIFT  # at the top the arm stands
         if lost and obs.at_cap:
             self._lose(obs, "contact lost, and the thumb can close no further")
             return True
         borne = self._settings.hold_by_clock and obs.at_cap
-        if not self._settings.reactions or not (lost or (slip.registered and not borne)):
-            return False
-        cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
-        rising = self.phase is Phase.LIFT  # at the top the arm stands
-        steps = rising and not lost and self._steps.may(obs)
-        self._out += self.pause.begin(obs) if rising else ()
-        self._fire(Trigger.SLIP_REGISTERED, obs, "contact lost" if lost else cause)
-        if steps:
-            self.closings += 1
-            self._out.append(self._steps.step(obs))
-        else:
-            self._jump(obs)
-        return True
-
-    def _jump(self, obs: Observation) -> None:
-        """To the force cap, where that is any further."""
-        self._steps.forget()
-        if not obs.at_cap:
-            self.closings += 1
-            self._out.append(self._to_cap(obs))
+        if self._settings.reactions and (lost or (slip.registered and not borne)):
+            cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
+            self._fire(Trigger.SLIP_REGISTERED, obs, "contact lost" if lost else cause)
+            self._out += self.response.begin(obs, rising, lost)
+            return True
+        if more := self.response.follow_up(obs, rising):
+            self._fire(Trigger.FOUND, obs, "the force that was found has carried the object")
+            self._out += more
+        return bool(more)
 
     def _compensate(self, obs: Observation) -> None:
-        slip = self.monitor.status
+        slip, response = self.monitor.status, self.response
         alarm = slip.registered or slip.masked or not obs.hand_rests
-        self.pause.take(obs, alarm, self._clock.passed_ns)
-        self._out += self._stop_again(obs, self.pause.lasts, self._settings.answer_stop_mps2)
+        response.update(obs, alarm, self._clock.passed_ns)
+        self._out += self._stop_again(obs, response.arm_stop)
         if not obs.hand_rests:
             self.monitor.closing(obs.t_ns)
-        elif obs.unfinished:  # the same answer goes on
+        elif obs.unfinished:  # the same response goes on
             self.monitor.closing(obs.t_ns)
-            self._out.append(self._to_cap(obs))
+            self._out.append(response.closing(obs, self._contact.thumb_lost))
         elif self._contact.thumb_lost:
             self._lose(obs, "the hand closed and met nothing")
         elif slip.masked:
             return
-        elif self.pause.tired and not self._settings.hold_by_clock:
+        elif response.exhausted and not self._settings.hold_by_clock:
             self._give_up(obs, "slip comes back and the force can rise no more")
         elif not slip.registered:
-            if self.pause.over(obs):
+            if response.over(obs):
                 self._go_on(obs, Trigger.SLIP_STOPPED, "slip has stopped")
-        elif self._steps.lasts and self._patience_ended(obs, self._settings.step_patience_s):
-            self._jump(obs)
-        elif self._settings.hold_by_clock:
+        else:
+            self._slip_goes_on(obs)
+
+    def _slip_goes_on(self, obs: Observation) -> None:
+        """Although the hand rests, and nothing is masked any more."""
+        s = self._settings
+        waited_ns = obs.t_ns - max(self._clock.entered_ns, self.monitor.masked_until_ns)
+        more = self.response.escalate(obs, waited_ns)
+        if more is not None:
+            self._out += more
+        elif s.hold_by_clock:
             self._go_on(obs, Trigger.SLIP_BORNE, "slip goes on, and the hold ends by its clock")
-        elif self._patience_ended(obs, self._settings.cap_patience_s):
+        elif waited_ns >= s.cap_patience_s * 1e9:
             self._give_up(obs, "slip goes on and the force can rise no more")
 
     def _give_up(self, obs: Observation, cause: str) -> None:
@@ -415,17 +398,12 @@ class GraspController:
         self._set_down(Trigger.CAP_REACHED, obs, cause)
 
     def _go_on(self, obs: Observation, rising: Trigger, cause: str) -> None:
-        self._steps.end()
-        on = self.pause.end()
+        resume = self.response.end()
         if self._line.stands_at(obs, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, obs, cause)
         else:
             self._fire(rising, obs, cause)
-            self._out += on
-
-    def _patience_ended(self, obs: Observation, patience_s: float) -> bool:
-        since_ns = max(self._clock.entered_ns, self.monitor.masked_until_ns)
-        return obs.t_ns - since_ns >= patience_s * 1e9
+            self._out += resume
 
     def _hold(self, obs: Observation) -> None:
         """Ends a while after slip was answered last, or where alarms that no closing can answer
@@ -434,7 +412,7 @@ class GraspController:
         held_ns = obs.t_ns - self.machine.first_ns(Phase.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
         tired = obs.closed_out and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
-        if not (over or tired) and (self._answers(obs) or self._secures(obs)):
+        if not (over or tired) and self._responds(obs):
             return
         if over or tired or obs.inputs.set_down or self._lasted(obs, s.hold_s):
             self._end_hold(obs)
@@ -455,8 +433,8 @@ class GraspController:
         if way := self._way_down.step(self.phase, obs):
             self._take(way, obs)
         else:
-            stops, brake_mps2 = self.phase is Phase.TOUCH, self._settings.stop_deceleration_mps2
-            self._out += self._stop_again(obs, stops, brake_mps2)
+            stop = StopArm(self._settings.stop_deceleration_mps2)
+            self._out += self._stop_again(obs, stop if self.phase is Phase.TOUCH else None)
 
     def _take(self, way: Way, obs: Observation) -> None:
         if way.trigger is Trigger.LOSE:
@@ -499,5 +477,5 @@ class GraspController:
         before = self.machine.before
         half_closed = before is Phase.COMPENSATE and obs.first_stage
         safe = SafeState(self.phase, before, obs.t_ns, cause, half_closed)
-        self._pursuit = Pursuit(safe, self._settings, self._closing)
+        self._pursuit = Pursuit(safe, self._settings, self.response)
         self._out += self._pursuit.ask(obs)

@@ -8,13 +8,6 @@ from msgspec import Meta
 from drivers.interfaces import Counts3, Vector3
 from grasp.contact_estimator import Stiffness
 
-# Settings that only one response to slip reads, and those that only arms which pause do
-OF_STEPS = frozenset(
-    {"step_n", "step_tries", "step_patience_s", "step_below_m", "margin_steps", "margin_after_m"}
-)
-OF_PAUSES = frozenset({"answer_stop_mps2", "resume_mps2", "resume_quiet_s", "useless_pause_s"})
-OF_STAGES = frozenset({"top_up_speed_mps"})
-
 
 class GripPlan(msgspec.Struct, frozen=True):
     """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
@@ -55,9 +48,6 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "slowly; or at one speed (the paper's). With guard.cap_mode = each_motor at one speed"
         ),
     ] = "two_stage"
-    top_up_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the second stage, to the force cap")
-    ] = 0.022
     relax_s: Annotated[
         float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
     ] = 0.3
@@ -77,36 +67,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "`stop_and_step` the hand presses no harder there than it has to"
         ),
     ] = "stop_and_jump"
-    step_n: Annotated[
-        float,
-        Meta(ge=0.1, le=10.0, description="more force a step, in whole counts, one at least"),
-    ] = 1.5
-    step_tries: Annotated[
-        int, Meta(ge=1, le=50, description="steps of a lift; slip after them is answered by a jump")
-    ] = 5
-    step_patience_s: Annotated[
-        float,
-        Meta(
-            ge=0.05, le=5.0,
-            description="slip that is still registered so long after the mask of a step is "
-            "answered by a jump: longer than the detector needs to hear that slip is over; assumed",
-        ),
-    ] = 0.25  # fmt: skip
-    step_below_m: Annotated[
-        float,
-        Meta(
-            ge=0.0, le=1.0,
-            description="height of the arm above which slip is in the air, and answered by a jump; "
-            "assumed",
-        ),
-    ] = 0.03  # fmt: skip
     margin_steps: Annotated[
         int, Meta(ge=0, le=20, description="beyond the force found; without, a third fall at 2 N")
     ] = 2
-    margin_after_m: Annotated[
-        float,
-        Meta(ge=0.0, le=1.0, description="a force is found when it has carried so far; assumed"),
-    ] = 0.01
     answer_stop_mps2: Annotated[
         float,
         Meta(
@@ -115,21 +78,6 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "a lab begins with 1 (docs/hardware.md)",
         ),
     ] = 8.0  # fmt: skip
-    resume_mps2: Annotated[
-        float,
-        Meta(ge=0.05, le=5.0, description="at most, when the arm goes on: a twentieth of gravity"),
-    ] = 0.5
-    resume_quiet_s: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="slip is over for so long when it does; assumed")
-    ] = 0.05
-    useless_pause_s: Annotated[
-        float,
-        Meta(
-            ge=0.1, le=30.0,
-            description="the arm may stand in all of a lift for alarms that no closing answers; "
-            "then it is cap_reached; assumed",
-        ),
-    ] = 1.5  # fmt: skip
     lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="of the arm")] = 0.05
     landing_speed_mps: Annotated[
         float,
@@ -182,11 +130,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     @property
     def unread(self) -> dict[str, str]:
-        """Settings for which this answer and this closing have no use, and what does not read
-        them."""
-        of_answer = OF_STEPS if self.answer != "stop_and_step" else frozenset()
-        of_answer |= OF_PAUSES if self.answer == "jump" else frozenset()
-        of_closing = OF_STAGES if self.closing == "constant" else frozenset()
-        return dict.fromkeys(of_answer, f"controller.answer = {self.answer}") | dict.fromkeys(
-            of_closing, f"controller.closing = {self.closing}"
-        )
+        """Settings for which the chosen response has no use, and what does not read them."""
+        steps = () if self.answer == "stop_and_step" else ("margin_steps",)
+        stops = ("answer_stop_mps2",) if self.answer == "jump" else ()
+        return dict.fromkeys((*steps, *stops), f"controller.answer = {self.answer}")

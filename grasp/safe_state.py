@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
+from grasp.slip_response.base import SlipResponse
 from grasp.state_clock import REPEAT_NS
 
 SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
@@ -106,9 +106,11 @@ class Pursuit:
     ``further``: doubts since it was entered; they are told, and change nothing that is asked for.
     """
 
-    def __init__(self, safe: SafeState, settings: ControllerSettings, closing: Closing) -> None:
+    def __init__(
+        self, safe: SafeState, settings: ControllerSettings, response: SlipResponse
+    ) -> None:
         self._settings = settings
-        self._closing = closing
+        self._response = response
         self.safe = safe
         self.over = False
         self.unreached: tuple[str, ...] = ()
@@ -139,7 +141,7 @@ class Pursuit:
         stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
         tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
-        return (*arm, *safe.of_hand(self._closing.command(seen))) if tell_hand else arm
+        return (*arm, *safe.of_hand(self._response.closing(seen))) if tell_hand else arm
 
     def _doubt_further(self, doubt: str) -> None:
         told = {part.partition(":")[0] for part in self.safe.cause.split("; ")}

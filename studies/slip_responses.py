@@ -239,7 +239,7 @@ def trial(task: Task) -> Row:
         air_slip_mm=None if slip_mm is None or top_m is None else slip_mm - top_m * 1e3,
         force_n=end.normal_n[0] if end else 0.0, peak_n=max(end.peak_n) if end else 0.0,
         alarms=detector.between(observer.start_ns, observer.end_ns),
-        paused_s=controller.pause.stood_s, seconds=(observer.end_ns - observer.start_ns) * 1e-9,
+        paused_s=controller.response.paused_s, seconds=(observer.end_ns - observer.start_ns) * 1e-9,
     )  # fmt: skip
 
 

@@ -238,7 +238,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "commanded_force_n": self.trace.commanded_force_n,
             "force_limit_n": config.guard.force_limit_n,
             "cap_mode": config.guard.cap_mode,
-            "paused_s": round(self.controller.pause.stood_s, 3),
+            "paused_s": round(self.controller.response.paused_s, 3),
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),
             "timing": timing_result(

@@ -8,6 +8,7 @@ from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
 from grasp.lift_line import AT_HEIGHT_M
 from grasp.safe_state import SAFE_STATE_NS
+from grasp.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig
@@ -133,7 +134,7 @@ def check_waits(config: TrialConfig) -> None:
             f"> {safe_s:g}",
         )  # fmt: skip
     ramp_mps2 = s.lift_acceleration_mps2
-    gently_mps2 = min(ramp_mps2, s.resume_mps2, s.answer_stop_mps2)
+    gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.answer_stop_mps2)
     up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
     down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
     ways = {

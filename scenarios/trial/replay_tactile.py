@@ -26,7 +26,6 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.closing import CLOSED_COUNTS
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -38,6 +37,7 @@ from grasp.commands import (
 )
 from grasp.doubt import Doubts
 from grasp.observation import StepInput
+from grasp.slip_response.base import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step

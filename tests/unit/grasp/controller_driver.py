@@ -33,6 +33,7 @@ class Driver:
     position is there, a thumb told to close stops on the object."""
 
     grip = 55  # counts of every finger in the first grasp
+    climbs_m = 0.05  # where the arm is while it climbs
 
     def __init__(
         self, home: Vector3 | None = None, stiffness: Stiffness = STIFF, **settings: object
@@ -107,7 +108,7 @@ class Driver:
     def climb(self, p: float = 0.0, **changes: object) -> Decision:
         """One step with the arm on its way up, or where it was stopped there to answer slip."""
         stands = self.stopped and self.controller.phase is Phase.COMPENSATE
-        there = arm(self.t_ns + TICK, 0.05, moving=not stands)
+        there = arm(self.t_ns + TICK, self.climbs_m, moving=not stands)
         return self.step(p, arm=there, **changes)
 
     def slip(self) -> "Driver":

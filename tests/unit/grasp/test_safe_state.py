@@ -4,12 +4,14 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers
-from grasp.controller_settings import ControllerSettings
+from grasp.contact_estimator import Stiffness
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, UNMOVED_PHASES, Phase
 from grasp.safe_state import Pursuit, SafeState
+from grasp.slip_response.close import Close
 from tests.unit.grasp.builders import arm, gripper, seen
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
@@ -129,7 +131,8 @@ SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 def pursuit(since_ns: int = 0) -> Pursuit:
     safe = SafeState(Phase.FAULT, Phase.LIFT, since_ns, "x")
-    return Pursuit(safe, SETTINGS, Closing(SETTINGS, 10.0))
+    plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
+    return Pursuit(safe, SETTINGS, Close(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0))))
 
 
 def unsafe(t_ns: int, **changes: object) -> Observation:

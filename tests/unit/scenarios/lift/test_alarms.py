@@ -132,7 +132,7 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     assert controller.closings > 0
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
-    steps = 0 if answer == "stop_and_jump" else 5  # controller.step_tries
+    steps = 0 if answer == "stop_and_jump" else 5  # stop_and_step.STEP_TRIES
     assert controller.closings <= 1 + steps  # and to the cap at last
 
 

@@ -117,7 +117,8 @@ REFUSED = [
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
     (
         (
-            "controller.resume_mps2=0.05",
+            "controller.answer_stop_mps2=0.1",
+            "controller.lift_height_m=0.21",
             "controller.lower_speed_mps=0.1",
             "controller.phase_timeout_s=3",
         ),
@@ -145,7 +146,6 @@ REFUSED = [
     (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
     (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
     (("doubt.arm_there_m=0.002",), "arm_there_m"),
-    (("doubt.arm_there_m=0.0011",), "arm_there_m"),
 ]
 
 

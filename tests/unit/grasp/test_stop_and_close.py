@@ -5,6 +5,7 @@ import pytest
 from drivers.interfaces import ArmState
 from grasp.commands import CloseFast, MoveArm, StopArm
 from grasp.phases import Phase
+from grasp.slip_response.stop_and_close import RESUME_MPS2
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
@@ -29,14 +30,14 @@ def test_arm_stops_before_the_hand_closes() -> None:
 
 
 def test_arm_goes_on_to_the_top_gently_once_slip_has_been_over_for_a_while() -> None:
-    d = Driver(lift_acceleration_mps2=1.0, resume_mps2=0.4, resume_quiet_s=0.1).slip()
+    d = Driver(lift_acceleration_mps2=1.0).slip()
     d.climb(gripper=d.hand(detections=MOVING))  # still closing
     over_ns = d.t_ns
     while d.controller.phase is Phase.COMPENSATE:
         d.climb()
     (on,) = told(d, MoveArm)
-    assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, 0.4)
-    assert (d.t_ns - over_ns) * 1e-9 == pytest.approx(0.14 + 0.1, abs=0.011)
+    assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, RESUME_MPS2)
+    assert (d.t_ns - over_ns) * 1e-9 == pytest.approx(0.14 + 0.05, abs=0.011)
 
 
 def test_arm_that_still_moves_is_told_to_stop_again_and_does_not_go_on() -> None:
@@ -69,7 +70,7 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     pattern: tuple[int, int],
 ) -> None:
     """As of an object too heavy to be held, which stands again whenever the arm does."""
-    d = Driver(useless_pause_s=0.5).slip()
+    d = Driver().slip()
     loud, silent = pattern
     began_ns = d.t_ns
     while d.controller.phase in (Phase.LIFT, Phase.COMPENSATE) and d.t_ns < began_ns + 2e10:
