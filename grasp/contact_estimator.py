@@ -53,7 +53,7 @@ class ContactEstimator:
             thumb_contact_ns=t_ns if touches else e.thumb_contact_ns,
             contact_ns=t_ns if max(obs.felt_n) >= least_n else e.contact_ns,
             within_limit_ns=e.within_limit_ns if obs.overloaded else t_ns,
-            grip_n=e.grip_n + weight * (grip_n(obs) - e.grip_n),
+            grip_n=e.grip_n + weight * (thumb_n(obs) - e.grip_n),
             longest_gap_ns=max(e.longest_gap_ns, gap_ns),
         )
 
@@ -74,7 +74,7 @@ class ContactEstimator:
         return self.estimate.t_ns - self.estimate.within_limit_ns
 
 
-def grip_n(obs: Observation) -> float:
+def thumb_n(obs: Observation) -> float:
     """Force of the thumb in one sample, estimated by all fingers, whose sum is twice as much: a
     finger whose taxels are at a rail measures no rise."""
     return sum(obs.measured_n) / 2

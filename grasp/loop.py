@@ -37,7 +37,7 @@ from grasp.commands import (
 from grasp.controller import Decision
 from grasp.loop_settings import LoopSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.step import GraspStep, StepResult
 
 # No settings, since no result depends on them: a command due this soon is sent before anyone
@@ -201,7 +201,7 @@ class ControlLoop:
         controller = self._step.controller
         stopped = not controller.finished and not controller.in_safe_state
         if stopped:
-            answering = controller.phase is Phase.COMPENSATE
+            answering = controller.state is State.COMPENSATE
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
         self._stop = cause

@@ -11,9 +11,9 @@ import msgspec
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
-from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
 from grasp.slip_response.base import SlipResponse
 from grasp.state_clock import REPEAT_NS
+from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
 
 SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
 
@@ -35,8 +35,8 @@ class SafeState(msgspec.Struct, frozen=True):
     cause, whose parts are joined by "; ". ``half_closed``: the first stage of an answer to slip was
     asked for, and its second was not yet."""
 
-    phase: Phase
-    before: Phase
+    phase: State
+    before: State
     since_ns: int
     cause: str
     half_closed: bool = False
@@ -51,18 +51,18 @@ class SafeState(msgspec.Struct, frozen=True):
     def closes_hand(self) -> bool:
         """The object may be in the air, or an answer to slip is to be finished: the hand closes to
         the limit."""
-        if self.phase is Phase.STOPPED:
+        if self.phase is State.STOPPED:
             return self.half_closed
-        return self.phase is Phase.FAULT and self.before in AIRBORNE_PHASES
+        return self.phase is State.FAULT and self.before in AIRBORNE_STATES
 
     @property
     def leaves_hand(self) -> bool:
         """The hand is told nothing: it touches nothing yet, or nothing any more, or a grip is kept,
         or there is nothing left to grip."""
-        if self.before in UNMOVED_PHASES or self.phase is Phase.LOST:
+        if self.before in UNMOVED_STATES or self.phase is State.LOST:
             return True
-        kept = self.before in CONTACT_PHASES - CLOSING_PHASES and not self.half_closed
-        return self.phase is Phase.STOPPED and kept
+        kept = self.before in CONTACT_STATES - CLOSING_STATES and not self.half_closed
+        return self.phase is State.STOPPED and kept
 
     def of_hand(self, closure: CloseFast) -> tuple[Command, ...]:
         """What is asked of the hand; ``closure``: the one that is due, to the limit."""
@@ -72,7 +72,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def hand_is_safe(self, seen: Observation) -> bool:
         """Whether the hand is seen to be as it shall; not before it was asked to be."""
-        if self.before in UNMOVED_PHASES:
+        if self.before in UNMOVED_STATES:
             return True
         if seen.t_ns == self.since_ns and not self.leaves_hand:
             return False

@@ -21,7 +21,7 @@ from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard
 from grasp.observation import Observation, StepInput
-from grasp.phases import OPEN_PHASES, UNRESTED_PHASES
+from grasp.states import OPEN_STATES, UNTARED_STATES
 
 HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
 
@@ -101,9 +101,9 @@ class GraspStep:
         return None if command is None else self._guard.admit(command, gripper, self._measured_n)
 
     def _observe(self, inputs: StepInput) -> Observation:
-        phase = self.controller.phase
+        state = self.controller.state
         doubt = self._doubts.of(
-            phase,
+            state,
             inputs.frame,
             inputs.gripper,
             inputs.arm,
@@ -111,11 +111,11 @@ class GraspStep:
             inputs.late_ns,
             inputs.took_ns,
         )
-        self._rested = self._rested or phase not in UNRESTED_PHASES
+        self._rested = self._rested or state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
         safe = bool(inputs.stop or inputs.trouble or doubt) or self.controller.in_safe_state
         probabilities, deaf = self._listen(inputs.frame if self._rested else None, not safe)
-        if phase in OPEN_PHASES:  # nobody has to feel anything
+        if state in OPEN_STATES:  # nobody has to feel anything
             deaf = ""
         return Observation(
             inputs=inputs,

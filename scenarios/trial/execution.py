@@ -20,9 +20,9 @@ from grasp.controller_settings import GripPlan
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
-from grasp.phases import Phase
 from grasp.realtime import real_time
 from grasp.slip_monitor import SlipMonitor
+from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
@@ -187,7 +187,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def _where(self) -> str:
         """The phase in which it ended, and how far the arm was above the grasp."""
         machine, last, home = self.controller.machine, self.trace.last, self.home
-        phase = f"in phase {machine.before if self.controller.in_safe_state else machine.phase}"
+        phase = f"in phase {machine.before if self.controller.in_safe_state else machine.state}"
         if last is None or home is None:
             return phase
         height_m = last.arm.position_m[2] - home[2]
@@ -199,9 +199,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def home(self) -> Vector3 | None:
         """Of the arm; None where the run ended before it took one."""
         log = self.controller.machine.log
-        return (
-            self.controller.home if log and log[0].phase in (Phase.HOME, Phase.APPROACH) else None
-        )
+        return self.controller.home if log and log[0].phase in (State.HOME, State.SHAPE) else None
 
     def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""

@@ -195,7 +195,7 @@ def _listener(config: TrialConfig, lead: int, first: Counts, t_ns: int) -> _Lift
 
 
 def _sent(t_ns: int, result: StepResult) -> list[SentCommand]:
-    phase = result.decision.phase.value
+    phase = result.decision.state.value
     return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 

@@ -14,8 +14,8 @@ from grasp.commands import (
 from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.phases import Phase
 from grasp.slip_monitor import SlipMonitor, SlipSettings
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper, seen
 
 TICK = 10_000_000
@@ -93,21 +93,28 @@ class Driver:
             self.obey(command)
         return decision
 
-    def until(self, phase: Phase, p: float = 0.0, **changes: object) -> Decision:
+    def until(self, phase: State, p: float = 0.0, **changes: object) -> Decision:
         for _ in range(400):
             decision = self.step(p, **changes)
-            if decision.phase is phase:
+            if decision.state is phase:
                 return decision
-        raise AssertionError(f"never reached {phase}, stuck in {self.controller.phase}")
+        raise AssertionError(f"never reached {phase}, stuck in {self.controller.state}")
+
+    def until_next(self, **changes: object) -> None:
+        """To the next transition, be it to the same state."""
+        log = self.controller.machine.log
+        entered = len(log)
+        while len(log) == entered:
+            self.step(**changes)  # type: ignore[arg-type]
 
     def lift(self) -> "Driver":
-        self.until(Phase.LIFT)
+        self.until(State.LIFT)
         self.commands.clear()
         return self
 
     def climb(self, p: float = 0.0, **changes: object) -> Decision:
         """One step with the arm on its way up, or where it was stopped there to answer slip."""
-        stands = self.stopped and self.controller.phase is Phase.COMPENSATE
+        stands = self.stopped and self.controller.state is State.COMPENSATE
         there = arm(self.t_ns + TICK, self.climbs_m, moving=not stands)
         return self.step(p, arm=there, **changes)
 
@@ -115,5 +122,5 @@ class Driver:
         self.lift()
         for _ in range(2):
             self.climb(0.9)
-        assert self.controller.phase is Phase.COMPENSATE
+        assert self.controller.state is State.COMPENSATE
         return self

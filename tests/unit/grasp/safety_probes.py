@@ -6,8 +6,8 @@ from typing import Any
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
-from grasp.phases import Phase
 from grasp.set_down import MARGIN_M
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
@@ -58,11 +58,11 @@ def worst_first_n() -> float:
 def lifted(**settings: Any) -> Driver:
     """A lift without slip: set down, fingers opened, arm retreating."""
     d = Driver(**settings)
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     d.height_m = settings.get("lift_height_m", 0.2)
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     d.height_m = 0.0
-    d.until(Phase.RETREAT)
+    d.until(State.RETREAT)
     return d
 
 
@@ -74,12 +74,12 @@ def bears(force_n: float) -> tuple[float, float, float]:
 def near(**settings: Any) -> Driver:
     """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
     d = Driver(hold_s=0.1, **settings).slip()
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     d.height_m = 0.2
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     d.height_m = 0.05 + MARGIN_M
-    d.until(Phase.LAND)
+    d.until(State.FEEL)
     return d
 
 
@@ -89,8 +89,9 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
     d = near(**settings)
     d.height_m = 0.02
     d.commands.clear()
+    entered = len(d.controller.machine.log)
     for _ in range(80):
-        if d.controller.phase is not Phase.LAND:
+        if len(d.controller.machine.log) > entered:
             break
         d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
@@ -99,17 +100,16 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
 def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     """The arm has stopped; the thumb feels so much, and after a step down so much."""
     d = tightened(first_n, **settings)
-    assert d.controller.phase is Phase.TOUCH
-    d.until(Phase.PROBE, measured_n=bears(first_n))
-    while d.controller.phase is Phase.PROBE:
-        d.step(measured_n=bears(then_n))
+    assert "tighter" in d.controller.machine.log[-1].cause
+    d.until_next(measured_n=bears(first_n))
+    d.until_next(measured_n=bears(then_n))
     return d
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
     """The first move shapes the hand, the second grasps."""
     d = Driver(**settings)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     return [c for c in d.commands if isinstance(c, MoveFingers)][number]
 
 
@@ -136,12 +136,12 @@ def stopped_at_mps2(v: float) -> float:
 def listened_s(**settings: Any) -> tuple[float, float]:
     """From the fingers' rest to listening, and on to the lift."""
     d = Driver(**settings)
-    d.until(Phase.RELAX)
+    d.until(State.SETTLE)
     began_ns = d.t_ns
-    d.until(Phase.LISTEN)
+    d.until(State.BASELINE)
     assert d.controller.monitor.status.armed
     armed_ns = d.t_ns
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9
 
 
@@ -149,7 +149,7 @@ def patience_s(v: float) -> float:
     """How long slip goes on at a hand that rests before the object is set down."""
     d = Driver(cap_patience_s=v).slip()
     began_ns = d.t_ns
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb(0.9)
     assert d.controller.cap_reached
     return (d.t_ns - began_ns) * 1e-9
@@ -157,10 +157,10 @@ def patience_s(v: float) -> float:
 
 def state_trusted(v: float, age_s: float, of: str) -> bool:
     d = Driver(stale_after_s=v)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     then_ns = d.t_ns + TICK - round(age_s * 1e9)
     d.step(**{of: gripper(then_ns) if of == "gripper" else arm(then_ns)})
-    return d.controller.phase is not Phase.FAULT
+    return d.controller.state is not State.FAULT
 
 
 def both_trusted(v: float, age_s: float) -> bool:
@@ -172,16 +172,16 @@ def both_trusted(v: float, age_s: float) -> bool:
 def touches(v: float, felt_n: float) -> bool:
     """Whether the arm lifts when the thumb feels so much."""
     d = Driver(contact_n=v)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     for _ in range(80):
         d.step(measured_n=(felt_n, 0.0, 0.0))
-    return d.controller.phase is Phase.LIFT
+    return d.controller.state is State.LIFT
 
 
 def seconds_of_overload() -> float:
     d = Driver().lift()
     began_ns = d.t_ns
-    while d.controller.phase is Phase.LIFT:
+    while d.controller.state is State.LIFT:
         d.climb(overloaded=True)
     return (d.t_ns - began_ns) * 1e-9
 
@@ -190,9 +190,9 @@ def held_under_alarms_s() -> float:
     """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
     d = Driver(hold_s=0.5).slip()
     d.height_m = 0.2
-    d.until(Phase.HOLD)
+    d.until(State.HOLD)
     began_ns = d.t_ns
-    while d.controller.phase is not Phase.LOWER:
+    while d.controller.state is not State.DESCEND:
         d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
     return (d.t_ns - began_ns) * 1e-9 - 0.5
 
@@ -203,35 +203,35 @@ def lowered_after_gap(gap_s: float) -> bool:
     for _ in range(round(gap_s * 1e9 / TICK)):
         d.climb(measured_n=(0.0, 0.0, 0.0))
     d.height_m = 0.2
-    while d.controller.phase not in (Phase.LOWER, Phase.LOST):
+    while d.controller.state not in (State.DESCEND, State.LOST):
         d.step()
-    return d.controller.phase is Phase.LOWER
+    return d.controller.state is State.DESCEND
 
 
 def at_the_top(away_m: float) -> bool:
     d = Driver()
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     d.height_m = 0.2 - away_m
-    return d.step().phase is Phase.HOLD
+    return d.step().state is State.HOLD
 
 
 def kept(keep: bool) -> bool:
     d = Driver(keep=keep, hold_s=0.0)
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     d.height_m = 0.2
     for _ in range(5):
         d.step()
-    return d.controller.phase is Phase.KEPT
+    return d.controller.state is State.KEPT
 
 
 def paused_for_nothing_s() -> float:
     """In all, while slip comes and goes at the cap."""
     d = Driver().slip()
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     paused = 0
-    while d.controller.phase in (Phase.LIFT, Phase.COMPENSATE):
-        paused += d.controller.phase is Phase.COMPENSATE
+    while d.controller.state in (State.LIFT, State.COMPENSATE):
+        paused += d.controller.state is State.COMPENSATE
         d.climb(0.9 if d.t_ns // TICK % 30 < 5 else 0.0)
     assert d.controller.cap_reached
     return paused * TICK * 1e-9

@@ -8,8 +8,8 @@ from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
-from grasp.phases import Phase
 from grasp.slip_response.stop_and_step import StopAndStep
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper, seen
 from tests.unit.grasp.controller_driver import LATCHED, TICK, Driver
 from tests.unit.grasp.test_stop_and_close import told
@@ -23,7 +23,7 @@ def stepping(height_m: float = 0.02, **settings: object) -> Driver:
 
 def over(d: Driver) -> Driver:
     """Slip ends with the pause, and the arm goes on."""
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     return d
 
@@ -55,7 +55,7 @@ def test_slip_that_comes_back_is_answered_by_another_step() -> None:
 def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands() -> None:
     d = over(stepping(margin_steps=2))
     rises(d, 0.025)
-    assert d.controller.phase is Phase.LIFT
+    assert d.controller.state is State.LIFT
     d.commands.clear()
     rises(d, 0.031)
     assert d.commands == [StopArm(8.0), MoveFingers((58, 55, 55), 0.022, 10.0)]
@@ -76,7 +76,7 @@ def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_cl
     over(d)
     rises(d, 0.1)
     assert len(told(d, MoveFingers)) == 1  # no margin on the cap
-    assert d.controller.phase is Phase.LIFT
+    assert d.controller.state is State.LIFT
 
 
 def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
@@ -85,8 +85,8 @@ def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
     assert len(told(high, CloseFast)) == 1
     top = Driver(answer="stop_and_step", hold_s=5.0, lift_height_m=0.02).lift()
     top.height_m = 0.02
-    top.until(Phase.HOLD)
-    top.until(Phase.COMPENSATE, 0.9)
+    top.until(State.HOLD)
+    top.until(State.COMPENSATE, 0.9)
     assert told(top, MoveFingers) == []
     assert len(told(top, CloseFast)) == 1
 
@@ -96,7 +96,7 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
     d.commands.clear()
     for _ in range(2):
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
-    assert d.controller.phase is Phase.COMPENSATE
+    assert d.controller.state is State.COMPENSATE
     assert told(d, MoveFingers, CloseFast) == []
     assert d.controller.closings == 1
 
