@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.robot import UrEmulator
 

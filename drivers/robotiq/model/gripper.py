@@ -35,7 +35,7 @@ __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTranspor
 _NEVER: Final = 1 << 62
 _SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
 _SCISSOR_MODE: Final = 3
-_FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
+FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
 
 
 Lie = Callable[[Words], Words]
@@ -388,7 +388,7 @@ class ModelTransport:
 
     def __init__(self, model: GripperModel, link: Literal["tcp", "rtu"] = "tcp") -> None:
         self._model = model
-        self._command, self._status = _FIRST_REGISTERS[link]
+        self._command, self._status = FIRST_REGISTERS[link]
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         self._model.write(first_register - self._command, registers, now_ns)

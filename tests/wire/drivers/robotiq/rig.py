@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.emulator import GripperEmulator
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport, TimedTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Trouble, WireFault
+from drivers.robotiq.emulator import Trouble, WireFault
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Trouble, WireFault
+from drivers.robotiq.emulator import Trouble, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
