@@ -11,8 +11,7 @@ from drivers.robotiq.link.modbus import ModbusTransport, TimedTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.link.thread import ReadingThread
-from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.link import ReadingThread, UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock

@@ -39,8 +39,7 @@ ADDRESS_TRIES = 10
 REST_CODE = 450  # of an unloaded taxel
 
 BOARD_FAULTS = (
-    "unplug", "replug", "time_out", "stall", "shorten_frame", "split_frame", "flip_bit",
-    "kill_column", "freeze_cell",
+    "unplug", "replug", "time_out", "stall", "shorten_frame", "split_frame", "kill_column",
 )  # fmt: skip
 
 

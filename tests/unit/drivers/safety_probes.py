@@ -158,17 +158,6 @@ def still_new(v: float, age_ms: float) -> bool:
     return late.frame.missed == 0
 
 
-def samples_of_rest(v: int) -> int:
-    bench = Bench(TakkTileSettings(rest_samples=v))
-    bench.driver.start()
-    bench.driver.begin_rest()
-    pumps = 0
-    while bench.driver.frame is None:
-        bench.pump()
-        pumps += 1
-    return pumps
-
-
 # Gripper: a hand whose positions are believed is held by targets, any other by stopping it
 
 
