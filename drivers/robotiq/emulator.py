@@ -22,7 +22,7 @@ from pymodbus.framer import FRAMER_NAME_TO_CLASS, FramerType
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
 from drivers.robotiq.model.gripper import FIRST_REGISTERS, GripperModel, HandSettings
-from drivers.robotiq.model.registers import WORDS
+from drivers.robotiq.model.hand import WORDS
 
 SLAVE: Final = 9  # the one number that is answered over RTU, manual p. 59
 _FUNCTION_AT: Final = 7  # in a TCP frame, after transaction, protocol, length and unit

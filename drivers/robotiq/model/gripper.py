@@ -14,20 +14,31 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, FingerMotion, Fingers
-from drivers.robotiq.model.hand import HandSettings
-from drivers.robotiq.model.motor import FINGERS, Scissor
-from drivers.robotiq.model.registers import (
+from drivers.robotiq.model.hand import (
     FULL,
     WORDS,
     AxisStatus,
     Command,
+    HandSettings,
     HandStatus,
     Request,
     Words,
     decode,
     encode,
+    speed_mps,
     written,
+)
+from drivers.robotiq.model.motor import (
+    AT_TARGET,
+    FINGERS,
+    FREE,
+    LAG_S,
+    OPEN_LIMIT_COUNTS,
+    Axes,
+    FingerLoads,
+    FingerMotion,
+    Fingers,
+    Scissor,
 )
 
 __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTransport"]
@@ -35,6 +46,7 @@ __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTranspor
 _NEVER: Final = 1 << 62
 _SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
 _SCISSOR_MODE: Final = 3
+_MODE_CHANGE_S: Final = 3.0  # assumed
 FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
 
 
@@ -81,11 +93,11 @@ class GripperModel:
         self._latency_ns = round(settings.command_latency_s * 1e9)
         self._now_ns = now_ns
         self._pending: deque[FingerMotion] = deque()
-        self._scissor = Scissor(_SCISSOR_OF_MODE[0], settings.scissor_speed_counts_ps)
+        self._scissor = Scissor(_SCISSOR_OF_MODE[0])
         self._written = self._taken_up = ((active << 8), *(WORDS - 1) * (0,))
         self._command = decode(self._written)
         self._mode = 0
-        self._targets = [settings.open_limit_counts] * FINGERS  # as last requested
+        self._targets = [OPEN_LIMIT_COUNTS] * FINGERS  # as last requested
         self._going = False
         self._injected = 0
         self._jammed = False
@@ -93,8 +105,6 @@ class GripperModel:
         self.swallows = False  # a fault: what is written changes nothing
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
-        if settings.boot_s > 0 and not active:
-            self._enter(Stage.BOOTING, now_ns, settings.boot_s)
         self._sampled = encode(self._status_now(now_ns))
         self._busy = False
         self._next_tick_ns = 0
@@ -161,8 +171,8 @@ class GripperModel:
         self._jammed = True
         self._fingers.stop()
 
-    def power_cycle(self) -> None:
-        """A fault hook, for tests alone: off and on again.
+    def power_cycle(self, boot_s: float = 0.0) -> None:
+        """A fault hook, for tests alone: off and on again, ready after so long.
 
         The fingers stay where they are, the hand is not active any more.
         """
@@ -171,8 +181,8 @@ class GripperModel:
         self._command = decode(self._written)
         self._going = False
         self._fingers.forget_detections()
-        if self.settings.boot_s > 0:
-            self._enter(Stage.BOOTING, self._now_ns, self.settings.boot_s)
+        if boot_s:
+            self._enter(Stage.BOOTING, self._now_ns, boot_s)
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
@@ -268,13 +278,13 @@ class GripperModel:
         self._mode = self._command.mode
         self._going = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
-        self._enter(Stage.MODE_CHANGE, now_ns, self.settings.mode_change_s)
+        self._enter(Stage.MODE_CHANGE, now_ns, _MODE_CHANGE_S)
 
     def _release(self, now_ns: int) -> None:
         self._halt(Stage.RELEASING)
         self._pending.append(FingerMotion(now_ns, _all_to(0, 0), to_stops=True))
         travel_m = float(self.travel_m.max())
-        duration_s = travel_m / self.settings.least_speed_mps + 4 * self.settings.speed_lag_s
+        duration_s = travel_m / speed_mps(0) + 4 * LAG_S
         self._enter(Stage.RELEASING, now_ns, duration_s)
 
     def _end_stage(self, now_ns: int) -> None:

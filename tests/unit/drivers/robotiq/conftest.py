@@ -12,7 +12,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
-from drivers.robotiq.model.registers import Command, decode
+from drivers.robotiq.model.hand import Command, decode
 from drivers.robotiq.protocol import to_bytes
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, settled

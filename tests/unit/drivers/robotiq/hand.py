@@ -8,7 +8,7 @@ from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegist
 MS = 1_000_000
 
 
-QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
+QUICK = HandSettings(activation_s=0.1)
 
 
 def command(

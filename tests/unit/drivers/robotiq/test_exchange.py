@@ -11,7 +11,7 @@ from drivers.robotiq.driver import DriverSettings, ExchangeStatistics, RobotiqDr
 from drivers.robotiq.encoding import THERE, finger_state, held_targets, why_still
 from drivers.robotiq.exchange import Exchange
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.robotiq.model.registers import Request
+from drivers.robotiq.model.hand import Request
 from drivers.robotiq.protocol import AxisCommand, AxisStatus, StatusRegisters
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import Transport

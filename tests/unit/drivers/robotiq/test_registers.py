@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.robotiq.model import registers as model
+from drivers.robotiq.model import hand as model
 from drivers.robotiq.protocol import (
     AxisCommand,
     AxisStatus,

@@ -13,7 +13,7 @@ from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from tests.calibrations import PAPER
 
-QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
+QUICK = HandSettings(activation_s=0.1)
 PATIENT_S = 60.0  # nothing here takes long; a loaded machine may
 TIMEOUT_S = 1.0  # long enough for a reply on a loaded machine
 TOUCH_M = 0.03
