@@ -12,20 +12,23 @@ import msgspec
 
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
-from drivers.robotiq.encoding import (
-    applied,
-    checked_counts,
-    closing_targets,
-    held_targets,
-    pinches,
-    why_still,
-)
 from drivers.robotiq.exchange import (
     ACTIVATE,
     RESET,
     DriverSettings,
     ExchangeStatistics,
     RegisterTransport,
+)
+from drivers.robotiq.hand_state import (
+    STATUS_OLD_NS,
+    Step,
+    TrackedHand,
+    applied,
+    checked_counts,
+    closing_targets,
+    held_targets,
+    pinches,
+    why_still,
 )
 from drivers.robotiq.protocol import (
     BASIC,
@@ -35,7 +38,6 @@ from drivers.robotiq.protocol import (
     Severity,
     check_closing,
 )
-from drivers.robotiq.pumped import PumpedHand, Step
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
@@ -44,7 +46,7 @@ LATE_COUNTS = 2  # by which a position lags that was read and refreshed
 _LOST = "the link is lost: nothing is sent until it answers again"
 
 
-class RobotiqDriver(PumpedHand):
+class RobotiqDriver(TrackedHand):
     """Implements ``drivers.interfaces.Gripper`` over registers.
 
     Fingers are always commanded one by one (rICF), all their bytes in one write: targets left over
@@ -148,7 +150,7 @@ class RobotiqDriver(PumpedHand):
     @property
     def _alive(self) -> bool:
         """The status was seen to change lately: it is no old one."""
-        return self._now_ns - self._changed_ns <= self._old_ns
+        return self._now_ns - self._changed_ns <= STATUS_OLD_NS
 
     def _reached_at_most(self, state: GripperState) -> list[int]:
         """Where each finger may be by now, on its way to what it was told last."""
@@ -170,7 +172,7 @@ class RobotiqDriver(PumpedHand):
 
     def _doubtful(self, state: GripperState) -> bool:
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
-        return self._leapt or (moving and self._now_ns - self._changed_ns > self._old_ns)
+        return self._leapt or (moving and self._now_ns - self._changed_ns > STATUS_OLD_NS)
 
     def _held(self, state: GripperState) -> Sequence[int]:
         """Targets of fingers that hold: where they are, or their last ones if that is doubtful."""

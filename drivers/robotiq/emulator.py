@@ -7,6 +7,7 @@ Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
 
 import asyncio
 import os
+import socket
 import threading
 import time
 import tty
@@ -289,44 +290,50 @@ class GripperEmulator(_Emulator):
         """``more``: the arguments of every emulator."""
         super().__init__(model, **more)
         self.address = (host, port)
-        self._server: asyncio.Server | None = None
-        self._clients: dict[asyncio.Task[None] | None, asyncio.StreamWriter] = {}
+        self._clients: set[asyncio.Task[None]] = set()
 
     async def _open(self) -> None:
-        self._server = await asyncio.start_server(self._talk, *self.address)
-        self.address = self._server.sockets[0].getsockname()[:2]
+        self._listener = socket.create_server(self.address)
+        self._listener.setblocking(False)
+        self.address = self._listener.getsockname()[:2]
+        asyncio.get_running_loop().add_reader(self._listener, self._accept)
 
     async def _close(self) -> None:
-        if self._server is not None:
-            self._server.close()
-        self._abort_all()
-        await asyncio.gather(*(task for task in self._clients if task), return_exceptions=True)
+        asyncio.get_running_loop().remove_reader(self._listener)
+        self._listener.close()
+        self._drop_all()
+        await asyncio.gather(*self._clients, return_exceptions=True)
 
     def disconnect(self) -> None:
         """Drop every client, as a pulled plug that is put back at once; from any thread."""
         if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._abort_all)
+            self._loop.call_soon_threadsafe(self._drop_all)
 
-    def _abort_all(self) -> None:
-        for task, writer in self._clients.items():
-            writer.transport.abort()
-            if task is not None:
-                task.cancel()
+    def _drop_all(self) -> None:
+        for client in self._clients:
+            client.cancel()
 
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        self._clients[task] = writer
-        line = _Line(self.hand, FramerType.SOCKET, writer.write)
-        try:
-            while data := await reader.read(_MOST_BYTES):
+    def _accept(self) -> None:
+        # by hand: asyncio loses a client that it accepts while the server closes (CPython 3.11)
+        with suppress(OSError):
+            client, _ = self._listener.accept()
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            task = asyncio.create_task(self._talk(client))
+            self._clients.add(task)
+            task.add_done_callback(self._clients.discard)
+            task.add_done_callback(lambda _: client.close())
+
+    async def _talk(self, client: socket.socket) -> None:
+        def send(data: bytes) -> None:
+            with suppress(OSError):  # gone, or reads nothing: a reply is lost
+                client.send(data)
+
+        line = _Line(self.hand, FramerType.SOCKET, send)
+        with suppress(_Disconnect, OSError):
+            while data := await asyncio.get_running_loop().sock_recv(client, _MOST_BYTES):
                 line.received += data
                 await self._serve_all(line)
-                await writer.drain()
-        except (_Disconnect, OSError, asyncio.CancelledError):
-            pass
-        finally:
-            del self._clients[task]
-            writer.transport.abort()
 
     async def _serve_all(self, line: _Line) -> None:
         while len(line.received) > _FUNCTION_AT:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Literal, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from drivers.errors import LinkLost
 from drivers.robotiq.protocol import (
@@ -14,8 +15,6 @@ from drivers.robotiq.protocol import (
     Registers,
     StatusRegisters,
 )
-
-_Meta = msgspec.Meta
 
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
@@ -37,48 +36,23 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """How the driver talks to the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
     calibration: Annotated[
-        str,
-        _Meta(description="what a byte is worth: a name in config/calibrations, or a .toml file"),
+        str, Meta(description="a name in config/calibrations, or a .toml file of this hand")
     ] = ""
     link: Annotated[
-        Literal["tcp", "rtu"],
-        _Meta(description="register addresses of this link; manual p. 59, 75"),
+        Literal["tcp", "rtu"], Meta(description="whose register addresses; manual p. 59, 75")
     ] = "tcp"
     refresh_hz: Annotated[
-        Literal[100, 200], _Meta(description="register refresh counted on, Hz; manual p. 75")
+        Literal[100, 200], Meta(description="register refresh counted on, Hz; manual p. 75")
     ] = 100
     write_interval_s: Annotated[
-        float, _Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
+        float, Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
     ] = 0.01
-    activation_timeout_s: Annotated[
-        float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
-    ] = 20.0
     whole_writes: Annotated[
-        bool,
-        _Meta(
-            description="write the register of rACT with every command, not only where it changes: "
-            "for a hand that takes no shorter write (Modbus allows one; not tried on hardware)"
-        ),
+        bool, Meta(description="always write from the first register on (for a hand that needs it)")
     ] = False
-    status_old_s: Annotated[
-        float,
-        _Meta(
-            ge=0.02,
-            le=5.0,
-            description="a status that stands still, though a finger moves, does "
-            "not tell its position any more, s; assumed: a count takes 0.035 s at least speed",
-        ),
-    ] = 0.1
-    leap_counts: Annotated[
-        int, _Meta(ge=1, le=100, description="a position may be off by this, as it was read late")
-    ] = 8
-    fastest_counts_ps: Annotated[
-        float,
-        _Meta(ge=50, le=5000, description="no finger is faster; twice full speed, manual 0.11 m/s"),
-    ] = 300.0
 
 
-class ExchangeStatistics(msgspec.Struct, frozen=True):
+class ExchangeStatistics(msgspec.Struct):
     """Counts since the driver was made."""
 
     writes: int = 0
@@ -105,9 +79,14 @@ class Exchange:
     """
 
     def __init__(
-        self, transport: RegisterTransport, settings: DriverSettings, log: WireLog | None
+        self,
+        transport: RegisterTransport,
+        settings: DriverSettings,
+        log: WireLog | None = None,
+        clock: Callable[[], int] | None = None,
     ) -> None:
         self._transport = transport
+        self._clock = clock
         self._link = TCP if settings.link == "tcp" else RTU
         self._interval_ns = round(settings.write_interval_s * 1e9)
         self._refresh_ns = 1_000_000_000 // settings.refresh_hz
@@ -134,7 +113,10 @@ class Exchange:
         self._status = StatusRegisters()
         self.changed = ""  # by another client: what this exchange detected first
         self.lost = False
-        self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
+        self.acknowledged = ""  # the latest write that was answered and changed something, in hex
+        self.changed_ns = 0  # when it was answered
+        self.acknowledged_ns = 0  # when the latest write of all was answered
+        self.statistics = ExchangeStatistics()
 
     @property
     def wanted(self) -> CommandRegisters | None:
@@ -202,11 +184,11 @@ class Exchange:
             elif status is not None:
                 self._repeat_in_motion(status, now_ns)
         except LinkLost:
-            self.link_losses += not self.lost
+            self.statistics.link_losses += not self.lost
             self.lost, self._proven, self._head = True, False, None
             raise
         if status is not None:
-            self.reconnects += self.lost
+            self.statistics.reconnects += self.lost
             self.lost = False
         return status
 
@@ -235,8 +217,8 @@ class Exchange:
             self._log(now_ns, "write", image)
         # All registers but one that the device shows to hold the same: no old byte stays in force.
         kept = int(image[0] == self._head and not self._whole)
-        self._transport.write(self._link.command_register + kept, image[kept:], now_ns)
-        self.writes += 1
+        self._send(kept, image, now_ns)
+        self.statistics.writes += 1
         self._ours |= {self._shown, self._asked()}
         self._commanded = wanted
         # An echo proves take-up only if it has to change, and the one before had been seen.
@@ -254,12 +236,19 @@ class Exchange:
         if all(self._stood) or not status.active or image[0] != self._head or self._whole:
             return
         if now_ns - max(self._repeated_ns, self.told_ns) >= self._refresh_ns:
-            self._transport.write(self._link.command_register + 1, image[1:], now_ns)
+            self._send(1, image, now_ns)
             self._repeated_ns = now_ns
+
+    def _send(self, first: int, image: Registers, now_ns: int) -> None:
+        self._transport.write(self._link.command_register + first, image[first:], now_ns)
+        self.acknowledged_ns = now_ns if self._clock is None else self._clock()
+        words = "".join(f"{register:04x}" for register in image[first:])
+        if not (first and self.acknowledged.endswith(words)):  # else the same registers again
+            self.acknowledged, self.changed_ns = words, self.acknowledged_ns
 
     def _read(self, now_ns: int) -> StatusRegisters | None:
         registers = self._transport.read(self._link.status_register, REGISTERS, now_ns)
-        self.reads += 1
+        self.statistics.reads += 1
         if self._log:
             self._log(now_ns, "read", registers)
         raw = tuple(registers)
@@ -267,7 +256,7 @@ class Exchange:
             try:
                 self._status = StatusRegisters.from_registers(raw)
             except ValueError:
-                self.rejected += 1
+                self.statistics.rejected += 1
                 return None
             self._raw = raw
         self._read_ns = now_ns

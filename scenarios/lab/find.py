@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 import msgspec
 
 from drivers.errors import GraspError, UsageError
-from drivers.robotiq import words as gripper_words
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq import protocol as gripper_words
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import FAULTS, REGISTERS, TCP, StatusRegisters
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import UsbLink, boards

@@ -168,34 +168,6 @@ def hand(at_counts: int, **settings: Any) -> Rig:
     return made
 
 
-def held_by_targets(made: Rig) -> bool:
-    made.driver.hold()
-    made.step(3)
-    return made.written[-1].go_to
-
-
-def leap_believed(counts: int, paused_s: float, **settings: Any) -> bool:
-    """Of finger B at rest, from one reading to the next, so long after it."""
-    made = hand(50, **settings)
-    made.settle()
-    made.model.misreport(lambda w: (*w[:2], (w[2] + (counts << 8)) & 0xFFFF, *w[3:]))
-    made.advance(round(paused_s * 1e3) - 10)
-    made.step()
-    return held_by_targets(made)
-
-
-def frozen_believed(value: float, for_s: float) -> bool:
-    """Positions in motion that have not changed for so long."""
-    made = hand(250, status_old_s=value)
-    made.step(50)
-    kept = made.model.read(made.now_ns)
-    made.model.misreport(lambda words: kept)
-    made.advance(round(for_s * 1e3))
-    made.driver.pump(made.now_ns)
-    assert made.state is not None
-    return made.driver.hold().targets_counts == made.state.positions
-
-
 def between_writes_s(value: float) -> float:
     """Least time between two writes of commands that change all the time."""
     made = hand(50, write_interval_s=value)

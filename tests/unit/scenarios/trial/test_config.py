@@ -65,7 +65,7 @@ def test_what_can_change_a_result_changes_the_hash_and_nothing_else_does() -> No
 
 def test_no_address_no_name_of_a_file_and_no_text_for_people_is_covered() -> None:
     for key in (
-        "modbus.host", "modbus.port", "modbus.unit", "modbus.serial_port", "modbus.slave",
+        "modbus.host", "modbus.port", "modbus.serial_port", "modbus.slave",
         "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name",
         "object.description",
     ):  # fmt: skip

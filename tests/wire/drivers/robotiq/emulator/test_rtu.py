@@ -8,7 +8,7 @@ import serial
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator import RtuEmulator, Trouble, WireFault
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from tests.calibrations import PAPER
 from tests.wire.cases import case
@@ -61,8 +61,8 @@ def quick():
 
 @pytest.fixture
 def transport(quick):
-    settings = ModbusSettings(serial_port=quick.port, timeout_s=1.0, reconnect_s=0.02)
-    transport = ModbusTransport(settings, "rtu")
+    settings = ModbusSettings(serial_port=quick.port, timeout_s=1.0)
+    transport = ModbusTransport(settings, "rtu", reconnect_s=0.02)
     yield transport
     transport.close()
 

@@ -87,9 +87,7 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         assert not gripper.state.fresh, "from the verb on"
         until(lambda: len(served.writes) == 1)
         until(lambda: len(gripper.acknowledgements_ns) == 1)
-        assert gripper.statistics.woken >= 1
-        assert len(gripper.statistics.pumps_ns) >= 2
-        assert min(gripper.statistics.pumps_ns) > 0
+        assert gripper.pumps >= 2
 
 
 def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:

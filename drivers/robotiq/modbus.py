@@ -7,64 +7,21 @@ functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error wi
 import logging
 import struct
 import termios
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Annotated, Final, Literal
 
 import msgspec
+from msgspec import Meta
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
 from drivers.errors import LinkLost
-from drivers.robotiq.exchange import RegisterTransport
-
-KEPT: Final = 4096  # latest durations of each kind
-
-
-class Durations:
-    """A bounded ring of durations in nanoseconds, filled by one thread, read by any."""
-
-    def __init__(self) -> None:
-        self._latest: deque[int] = deque(maxlen=KEPT)
-
-    def add(self, duration_ns: int) -> None:
-        self._latest.append(duration_ns)
-
-    @property
-    def latest_ns(self) -> tuple[int, ...]:
-        """Oldest first."""
-        return tuple(self._latest.copy())
-
-
-class TimedTransport:
-    """A transport that times another one. A request that fails leaves no duration."""
-
-    def __init__(self, inner: RegisterTransport, clock: Callable[[], int]) -> None:
-        """``clock`` gives monotonic nanoseconds."""
-        self._inner = inner
-        self._clock = clock
-        self.writes = Durations()
-        self.reads = Durations()
-        self.acknowledged_ns: int | None = None  # when the latest write was answered
-
-    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
-        start_ns = self._clock()
-        self._inner.write(first_register, registers, now_ns)
-        self.acknowledged_ns = self._clock()
-        self.writes.add(self.acknowledged_ns - start_ns)
-
-    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
-        start_ns = self._clock()
-        registers = self._inner.read(first_register, count, now_ns)
-        self.reads.add(self._clock() - start_ns)
-        return registers
-
-
-_Meta = msgspec.Meta
 
 _BAUD: Final = 115200  # 8N1, manual p. 59
+UNIT: Final = 2  # over TCP, manual p. 75; the gripper answers any
+RECONNECT_S: Final = 0.2  # least time between attempts to connect
 _MOST_BYTES: Final = 4096
 _WRITE: Final = 16
 _READ_INPUT: Final = 4
@@ -80,24 +37,13 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the gripper is. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
-    host: Annotated[
-        str,
-        _Meta(description="address on the network, 192.168.1.11 as shipped; empty: not said"),
-    ] = ""
-    port: Annotated[int, _Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
-    unit: Annotated[int, _Meta(ge=0, le=255, description="unit number over TCP; manual p. 75")] = 2
-    serial_port: Annotated[
-        str, _Meta(description="device of the serial line, for RTU; empty: not said")
-    ] = ""
-    slave: Annotated[
-        int, _Meta(ge=1, le=247, description="slave number over RTU; manual p. 59")
-    ] = 9
+    host: Annotated[str, Meta(description="address, 192.168.1.11 as shipped; empty: not said")] = ""
+    port: Annotated[int, Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
+    serial_port: Annotated[str, Meta(description="serial line, for RTU; empty: not said")] = ""
+    slave: Annotated[int, Meta(ge=1, le=247, description="RTU slave number; manual p. 59")] = 9
     timeout_s: Annotated[
-        float, _Meta(ge=0.01, le=1, description="a reply or a connection must come within, s")
+        float, Meta(ge=0.01, le=1, description="a reply or a connection must come within, s")
     ] = 0.1
-    reconnect_s: Annotated[
-        float, _Meta(ge=0.02, le=10, description="least time between attempts to connect, s")
-    ] = 0.2
 
 
 class _Tcp:
@@ -109,7 +55,7 @@ class _Tcp:
 
     def __init__(self, settings: ModbusSettings) -> None:
         self.name = f"{settings.host}:{settings.port}"
-        self.unit = settings.unit
+        self.unit = UNIT
         self.client = ModbusTcpClient(
             settings.host, port=settings.port, timeout=settings.timeout_s, retries=0
         )
@@ -163,10 +109,15 @@ class ModbusTransport:
     uses it hears ``LinkLost`` before every new connection, and can take stock.
     """
 
-    def __init__(self, settings: ModbusSettings, link: Literal["tcp", "rtu"] = "tcp") -> None:
+    def __init__(
+        self,
+        settings: ModbusSettings,
+        link: Literal["tcp", "rtu"] = "tcp",
+        reconnect_s: float = RECONNECT_S,
+    ) -> None:
         """Nothing is connected before the first request."""
         self._line: _Tcp | _Rtu = _Tcp(settings) if link == "tcp" else _Rtu(settings)
-        self._reconnect_ns = round(settings.reconnect_s * 1e9)
+        self._reconnect_ns = round(reconnect_s * 1e9)
         self._tried_ns: int | None = None
         self._told = True  # LinkLost was raised since the last request that was answered
         self._unanswered = 0
