@@ -29,6 +29,10 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             "assumed: row r is finger r in column order, the kit's wiring is not documented"
         ),
     ] = (_row(0), _row(1), _row(2))
+    rest_reference: Annotated[
+        tuple[FingerRest, FingerRest, FingerRest] | None,
+        Meta(description="rest codes of this hand on a known unloaded day, fingers A, B, C"),
+    ] = None
     conversion_ms: Annotated[
         float,
         Meta(
@@ -50,10 +54,6 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     rest_max_counts: Annotated[
         int, Meta(ge=0, le=1023, description="highest rest code of an unloaded taxel; assumed")
     ] = 512
-    rest_reference: Annotated[
-        tuple[FingerRest, FingerRest, FingerRest] | None,
-        Meta(description="rest codes of this hand on a known unloaded day, fingers A, B, C"),
-    ] = None
 
     @property
     def taxels(self) -> int:

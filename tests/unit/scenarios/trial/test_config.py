@@ -43,7 +43,10 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
     value = getattr(part, key)  # what a setting is said to be is not checked here
     if isinstance(value, dict):
         return replace(config, **{section: replace(part, **{key: {**value, "mine": 1}})})
-    other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
+    if section == "board":
+        other = value[::-1]  # the configuration counts its cells
+    else:
+        other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
     return replace(config, **{section: replace(part, **{key: other})})
 
 
