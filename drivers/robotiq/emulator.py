@@ -5,13 +5,13 @@ in ``model`` and there in ``protocol``, so that a mistake of one cannot hide in 
 Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
 """
 
-import asyncio
 import os
+import select
 import socket
 import threading
 import time
 import tty
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from enum import Enum
 from typing import Any, Final, Self
@@ -21,6 +21,11 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusIOException
 from pymodbus.framer import FRAMER_NAME_TO_CLASS, FramerType
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersResponse,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersResponse,
+)
 
 from drivers.robotiq.model.gripper import FIRST_REGISTERS, GripperModel, HandSettings
 from drivers.robotiq.model.hand import WORDS
@@ -87,7 +92,7 @@ class WireFaults:
 
 
 class Hand:
-    """A model and its time, shared with whoever else moves it; pymodbus reads and writes it.
+    """A model and its time, shared with whoever else moves it.
 
     ``advance(now_ns)`` brings the model, and what it touches, to a time; it is called with the
     lock held.
@@ -106,7 +111,7 @@ class Hand:
         self._lock: Guard = lock if lock is not None else threading.Lock()
         self._advance = advance if advance is not None else model.advance
         self._command, self._status = FIRST_REGISTERS[link]
-        self._functions = {"tcp": (4, 16), "rtu": (3, 16)}[link]
+        self._read = {"tcp": ReadInputRegistersResponse, "rtu": ReadHoldingRegistersResponse}[link]
 
     def inject_fault(self, code: int) -> None:
         """Show a fault from the next refresh on; 0 takes it back."""
@@ -114,59 +119,24 @@ class Hand:
             self._advance(self.clock())
             self.model.inject_fault(code)
 
-    async def answer(self, request: ModbusPDU) -> ModbusPDU:
-        """The reply. pymodbus has checked the counts, and asks below for the registers."""
-        reply: ModbusPDU = ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
-        if request.function_code in self._functions:
-            reply = await request.datastore_update(self, request.dev_id)  # type: ignore[arg-type]
-        reply.dev_id, reply.transaction_id = request.dev_id, request.transaction_id
-        return reply
-
-    async def async_getValues(
-        self, dev_id: int, function: int, address: int, count: int
-    ) -> list[int] | ExcCodes:
-        first = address - self._status
-        if first < 0 or first + count > WORDS:
-            return ExcCodes.ILLEGAL_ADDRESS
+    def answer(self, request: ModbusPDU) -> ModbusPDU:
+        """The reply to a read (function 4, over RTU 3) or a write (16)."""
+        reads = request.function_code == self._read.function_code
+        first = request.address - (self._status if reads else self._command)
+        if not reads and request.function_code != 16:
+            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
+        if not reads and not 0 < request.count == len(request.registers):
+            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_VALUE)
+        if first < 0 or first + request.count > WORDS:
+            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_ADDRESS)
         with self._lock:
             now_ns = self.clock()
             self._advance(now_ns)
-            return list(self.model.read(now_ns)[first : first + count])
-
-    async def async_setValues(
-        self, dev_id: int, function: int, address: int, values: list[int]
-    ) -> ExcCodes | None:
-        first = address - self._command
-        if first < 0 or first + len(values) > WORDS:
-            return ExcCodes.ILLEGAL_ADDRESS
-        with self._lock:
-            now_ns = self.clock()
-            self._advance(now_ns)
-            self.model.write(first, values, now_ns)
-        return None
-
-
-class _Line:
-    """One connection, or the serial line: cuts bytes into requests, answers one after the other."""
-
-    def __init__(self, hand: Hand, framer: FramerType, send: Callable[[bytes], object]) -> None:
-        self._hand = hand
-        self._framer = FRAMER_NAME_TO_CLASS[framer](DecodePDU(True))
-        self.send = send
-        self.received = b""
-
-    def next_request(self) -> tuple[bytes, ModbusPDU] | None:
-        """A whole request and its bytes; None where there is none yet. Raises ModbusIOException
-        for one that is malformed."""
-        used, request = self._framer.handleFrame(self.received, 0, 0)
-        frame, self.received = self.received[:used], self.received[used:]
-        return None if request is None else (frame, request)
-
-    async def reply(self, request: ModbusPDU) -> bytes:
-        return self._framer.buildFrame(await self._hand.answer(request))
-
-    def refuse(self, function: int, code: int, dev_id: int, transaction: int) -> None:
-        self.send(self._framer.buildFrame(ExceptionResponse(function, code, dev_id, transaction)))
+            if reads:
+                words = self.model.read(now_ns)[first : first + request.count]
+                return self._read(registers=list(words))
+            self.model.write(first, request.registers, now_ns)
+        return WriteMultipleRegistersResponse(address=request.address, count=request.count)
 
 
 class _Disconnect(Exception):
@@ -174,7 +144,7 @@ class _Disconnect(Exception):
 
 
 class _Emulator:
-    """A hand behind a wire, served by a loop in a thread of its own.
+    """A hand behind a wire, served by threads.
 
     ``model`` may be settings of a hand of its own, or a model that somebody else moves on: then
     ``lock`` guards it and ``advance(now_ns)``, called with the lock held, brings it to a time.
@@ -182,6 +152,7 @@ class _Emulator:
     """
 
     link = "tcp"
+    framer = FramerType.SOCKET
 
     def __init__(
         self,
@@ -198,28 +169,22 @@ class _Emulator:
         self.faults = WireFaults()
         self.requests = 0
         self._on_frame = on_frame
+        self._framer = FRAMER_NAME_TO_CLASS[self.framer](DecodePDU(True))
         self._frozen_until_s = 0.0
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._thread: threading.Thread | None = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="gripper-emulator")
 
     def start(self) -> Self:
         """Returns when the wire is open. Raises OSError when the port is taken."""
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="gripper-emulator")
+        self._open()
         self._thread.start()
-        try:
-            self._in_loop(self._open())
-        except BaseException:
-            self._end_loop()
-            raise
         return self
 
     def stop(self) -> None:
-        if self._loop is not None:
-            try:
-                self._in_loop(self._close())
-            finally:
-                self._end_loop()
+        if self._thread.is_alive():
+            self._ending.set()
+            self._shut()
+            self._thread.join(_JOIN_S)
 
     def __enter__(self) -> Self:
         return self.start()
@@ -227,25 +192,18 @@ class _Emulator:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    async def _open(self) -> None:
-        raise NotImplementedError
+    def _open(self) -> None: ...
 
-    async def _close(self) -> None:
-        raise NotImplementedError
+    def _shut(self) -> None: ...
 
-    def _in_loop(self, work: Coroutine[Any, Any, object]) -> None:
-        if self._loop is not None:
-            asyncio.run_coroutine_threadsafe(work, self._loop).result(_JOIN_S)
+    def _run(self) -> None: ...
 
-    def _end_loop(self) -> None:
-        loop, thread = self._loop, self._thread
-        self._loop = self._thread = None
-        if loop is not None and thread is not None:
-            loop.call_soon_threadsafe(loop.stop)
-            thread.join(_JOIN_S)
-            loop.close()
+    def _cut(self, received: bytes) -> tuple[ModbusPDU | None, bytes, bytes]:
+        """The first request among the bytes, its frame, and the bytes that are left."""
+        used, request = self._framer.handleFrame(received, 0, 0)
+        return request, received[:used], received[used:]
 
-    async def _serve(self, frame: bytes, request: ModbusPDU, line: _Line) -> None:
+    def _serve(self, frame: bytes, request: ModbusPDU, send: OnFrame) -> None:
         """Carry out one request and answer it, or do what is planned instead."""
         fault = self.faults.take(request.function_code, self.hand.clock())
         trouble = None if fault is None else fault.trouble
@@ -253,28 +211,38 @@ class _Emulator:
         if trouble is Trouble.FREEZE:
             self._frozen_until_s = time.monotonic() + seconds
         while (left_s := self._frozen_until_s - time.monotonic()) > 0.0:
-            await asyncio.sleep(left_s)
+            if self._ending.wait(left_s):
+                return
         self.requests += 1
         self._on_frame(frame)
         if trouble is Trouble.DISCONNECT:
             raise _Disconnect
-        if fault is not None and trouble is Trouble.EXCEPTION:
-            ids = request.dev_id, request.transaction_id
-            line.refuse(request.function_code, fault.code, *ids)
-            return
         if fault is not None and trouble is Trouble.DEVICE_FAULT:
             self.hand.inject_fault(fault.code)
-        reply = await line.reply(request)
-        if trouble is Trouble.DELAY:
-            asyncio.get_running_loop().call_later(seconds, line.send, reply)
-        elif trouble is Trouble.SPLIT:
+        if fault is not None and trouble is Trouble.EXCEPTION:
+            reply: ModbusPDU = ExceptionResponse(request.function_code, fault.code)
+        else:
+            reply = self.hand.answer(request)
+        self._send(self._framed(reply, request.dev_id, request.transaction_id), fault, send)
+
+    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+        reply.dev_id, reply.transaction_id = dev_id, transaction
+        return self._framer.buildFrame(reply)
+
+    def _send(self, reply: bytes, fault: WireFault | None, send: OnFrame) -> None:
+        trouble = None if fault is None else fault.trouble
+        if fault is not None and trouble is Trouble.DELAY:
+            later = threading.Timer(fault.seconds, send, (reply,))
+            later.daemon = True
+            later.start()
+        elif fault is not None and trouble is Trouble.SPLIT:
             for at in range(len(reply)):
-                line.send(reply[at : at + 1])
-                await asyncio.sleep(seconds)
+                send(reply[at : at + 1])
+                self._ending.wait(fault.seconds)
         elif trouble is Trouble.GARBLE:
-            line.send(bytes(255 - byte for byte in reply))
+            send(bytes(255 - byte for byte in reply))
         elif trouble is not Trouble.DROP:
-            line.send(reply)
+            send(reply)
 
 
 class GripperEmulator(_Emulator):
@@ -290,109 +258,96 @@ class GripperEmulator(_Emulator):
         """``more``: the arguments of every emulator."""
         super().__init__(model, **more)
         self.address = (host, port)
-        self._clients: set[asyncio.Task[None]] = set()
+        self._clients: dict[socket.socket, threading.Thread] = {}
 
-    async def _open(self) -> None:
+    def _open(self) -> None:
         self._listener = socket.create_server(self.address)
-        self._listener.setblocking(False)
         self.address = self._listener.getsockname()[:2]
-        asyncio.get_running_loop().add_reader(self._listener, self._accept)
 
-    async def _close(self) -> None:
-        asyncio.get_running_loop().remove_reader(self._listener)
-        self._listener.close()
-        self._drop_all()
-        await asyncio.gather(*self._clients, return_exceptions=True)
+    def _shut(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
 
     def disconnect(self) -> None:
         """Drop every client, as a pulled plug that is put back at once; from any thread."""
-        if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._drop_all)
+        for client in list(self._clients):
+            with suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
 
-    def _drop_all(self) -> None:
-        for client in self._clients:
-            client.cancel()
+    def _run(self) -> None:
+        with self._listener:
+            while not self._ending.is_set():
+                with suppress(OSError):
+                    client, _ = self._listener.accept()
+                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    thread = threading.Thread(target=self._talk, args=(client,), daemon=True)
+                    self._clients[client] = thread
+                    thread.start()
+        self.disconnect()
+        for thread in list(self._clients.values()):
+            thread.join(_JOIN_S)
 
-    def _accept(self) -> None:
-        # by hand: asyncio loses a client that it accepts while the server closes (CPython 3.11)
-        with suppress(OSError):
-            client, _ = self._listener.accept()
-            client.setblocking(False)
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            task = asyncio.create_task(self._talk(client))
-            self._clients.add(task)
-            task.add_done_callback(self._clients.discard)
-            task.add_done_callback(lambda _: client.close())
-
-    async def _talk(self, client: socket.socket) -> None:
+    def _talk(self, client: socket.socket) -> None:
         def send(data: bytes) -> None:
-            with suppress(OSError):  # gone, or reads nothing: a reply is lost
-                client.send(data)
+            with suppress(OSError):  # gone
+                client.sendall(data)
 
-        line = _Line(self.hand, FramerType.SOCKET, send)
-        with suppress(_Disconnect, OSError):
-            while data := await asyncio.get_running_loop().sock_recv(client, _MOST_BYTES):
-                line.received += data
-                await self._serve_all(line)
+        received = b""
+        with client, suppress(OSError, _Disconnect):
+            while data := client.recv(_MOST_BYTES):
+                received = self._serve_all(received + data, send)
+        del self._clients[client]
 
-    async def _serve_all(self, line: _Line) -> None:
-        while len(line.received) > _FUNCTION_AT:
-            if line.received[2:4] != b"\0\0":
+    def _serve_all(self, received: bytes, send: OnFrame) -> bytes:
+        """Answer every whole request; returns the bytes that are left."""
+        while len(received) > _FUNCTION_AT:
+            if received[2:4] != b"\0\0":
                 raise _Disconnect  # no header of Modbus: what follows cannot be told apart
             try:
-                found = line.next_request()
+                request, frame, left = self._cut(received)
             except ModbusIOException as error:
-                function, line.received = line.received[_FUNCTION_AT], b""
+                function = received[_FUNCTION_AT]
                 code = ExcCodes.ILLEGAL_VALUE if function in (4, 16) else ExcCodes.ILLEGAL_FUNCTION
-                line.refuse(function, code, error.dev_id, error.transaction_id)
-                return
-            if found is None:
-                return
-            await self._serve(*found, line)
+                reply = ExceptionResponse(function, code)
+                send(self._framed(reply, error.dev_id, error.transaction_id))
+                return b""
+            if request is None:
+                break
+            self._serve(frame, request, send)
+            received = left
+        return received
 
 
 class RtuEmulator(_Emulator):
     """On a pseudo-terminal whose name is ``port``. Errors are answered by silence, manual p. 59."""
 
     link = "rtu"
+    framer = FramerType.RTU
     port = ""
 
-    async def _open(self) -> None:
+    def _open(self) -> None:
         self._master, self._slave = os.openpty()  # our end of the slave keeps the line open
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self._line = _Line(self.hand, FramerType.RTU, self._send)
-        self._heard_s = 0.0
-        self._waiting: asyncio.Queue[tuple[bytes, ModbusPDU]] = asyncio.Queue()
-        asyncio.get_running_loop().add_reader(self._master, self._receive)
-        self._working = asyncio.create_task(self._work())
 
-    async def _close(self) -> None:
-        asyncio.get_running_loop().remove_reader(self._master)
-        self._working.cancel()
-        await asyncio.gather(self._working, return_exceptions=True)
+    def _run(self) -> None:
+        received = b""
+        while not self._ending.is_set():
+            if not select.select([self._master], [], [], _SILENCE_S)[0]:
+                received = b""
+                continue
+            received += os.read(self._master, _MOST_BYTES)
+            with suppress(ModbusIOException, _Disconnect):
+                request, frame, received = self._cut(received)
+                if request is not None and request.dev_id == SLAVE:
+                    self._serve(frame, request, self._write)
         os.close(self._master)
         os.close(self._slave)
 
-    def _receive(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._heard_s > _SILENCE_S:
-            self._line.received = b""
-        self._heard_s = now_s
-        self._line.received += os.read(self._master, _MOST_BYTES)
-        with suppress(ModbusIOException):
-            found = self._line.next_request()
-            if found is not None and found[1].dev_id == SLAVE:
-                self._waiting.put_nowait(found)
+    def _write(self, data: bytes) -> None:
+        """What nobody reads is lost, as on a line."""
+        with suppress(BlockingIOError):
+            os.write(self._master, data)
 
-    async def _work(self) -> None:
-        while True:
-            with suppress(_Disconnect):
-                await self._serve(*await self._waiting.get(), self._line)
-
-    def _send(self, data: bytes) -> None:
-        """What nobody reads is lost, as on a line; an exception is none of this hand's replies."""
-        if not (len(data) > 1 and data[1] & 0x80):
-            with suppress(BlockingIOError):
-                os.write(self._master, data)
+    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+        return b"" if reply.isError() else super()._framed(reply, dev_id, transaction)
