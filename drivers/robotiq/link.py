@@ -5,12 +5,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Final, Protocol, Self
+from typing import Final, Self
 
 import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
+from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.hand_state import closing_targets
 
 _NS: Final = 1_000_000_000
@@ -30,45 +31,27 @@ _LOG = logging.getLogger(__name__)
 _Verb = Callable[[], Applied]
 
 
-class GripperCore(Gripper, Protocol):
-    """What the thread needs of a driver core."""
-
-    @property
-    def acknowledged_ns(self) -> int:
-        """When the gripper answered the latest write; 0: none yet."""
-        ...
-
-    @property
-    def mode(self) -> int:
-        """That the hand was taken over in."""
-        ...
-
-
 class ThreadedGripper:
-    """A ``Gripper`` whose core is pumped by a thread. ``pump`` of this one does no I/O.
-    ``pumps`` counts the exchanges.
+    """A ``Gripper`` whose core is pumped by a thread; ``pump`` of this one does no I/O.
 
-    Verbs set intent and wake the thread. What a verb makes of where the fingers are rests on the
-    exchange in flight, if there is one. Its caller is not kept waiting for that, as a gripper that
-    has just fallen silent takes one timeout, but for two milliseconds: then the verb is done by the
-    thread as soon as the exchange is over, unless another is given before. What it could really
-    apply is not known by then, so what was asked is returned, with a note. A refusal of it is
-    raised by ``pump``. ``activate`` alone waits.
+    Verbs set intent and wake the thread. While an exchange is in flight, which lasts a timeout on a
+    hand that has fallen silent, a verb waits for it for two milliseconds alone. Then the thread
+    does the verb once the exchange is over, unless another is given before, and what was asked is
+    returned, with a note, since what could really be applied is not known yet; ``pump`` raises a
+    refusal of it. ``activate`` alone waits.
     """
 
     def __init__(
         self,
-        core: GripperCore,
+        core: RobotiqDriver,
         period_s: float,
         *,
         write_interval_s: float = 0.01,
         close: Callable[[], None] | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """``write_interval_s`` is that of the core: a command that it holds back is sent as soon as
-        it may be. ``close`` lets go of the connection after the last pump. ``clock`` gives
-        monotonic nanoseconds: that of the core, and of whoever asks how old a state is.
-        """
+        """``write_interval_s`` and ``clock`` are those of the core: a command that it holds back is
+        sent as soon as it may be. ``close`` lets go of the connection after the last pump."""
         self._core = core
         self._close = close
         self._clock = clock
@@ -91,7 +74,7 @@ class ThreadedGripper:
         self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
         self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
         self._written_ns = 0  # time of the pump that wrote last
-        self.pumps = 0
+        self.pumps = 0  # exchanges so far
         self._acknowledged: deque[tuple[int, int]] = deque(maxlen=_ACKNOWLEDGEMENTS_KEPT)
 
     # Life
@@ -173,9 +156,8 @@ class ThreadedGripper:
     def pump(self, now_ns: int) -> None:
         """Raise what the thread met since the last call, each error once; no I/O.
 
-        A link that stays lost is one error. A bug in the core is raised once, and the thread goes
-        on, or no hand could be made safe any more; three in a row end it, and the last is raised
-        by every call.
+        A link that stays lost is one error. After a bug in the core the thread goes on, so that a
+        hand can still be made safe; three in a row end it, and every call raises the last.
         """
         self._polled()
         if self._bugs:
@@ -184,9 +166,8 @@ class ThreadedGripper:
             raise self._errors.pop(0)
 
     def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
-        """Set the command that this thread sends itself when the program hangs, that is, when it
-        calls neither ``pump`` nor a verb for a second. ``words`` go into the log. None: no command.
-        """
+        """Set the command that this thread sends by itself when neither ``pump`` nor a verb is
+        called for a second: the program hangs. ``words`` go into the log."""
         self._fallback = None if command is None else (command, words)
         self._polled()
 
@@ -264,7 +245,7 @@ class ThreadedGripper:
         tick_ns, met = self._clock(), 0
         while not self._stopping.is_set() and met < _MOST_BUGS:
             try:
-                self._wait_until(min(tick_ns, self._held_back_until_ns()))
+                self._wait_until(tick_ns)
                 if self._stopping.is_set():
                     return
                 now_ns = self._clock()
@@ -277,22 +258,17 @@ class ThreadedGripper:
                 self._pumped.set()
                 self._stopping.wait(_AFTER_BUG_S)
 
-    def _wait_until(self, deadline_ns: int) -> None:
-        """Sleep to an absolute deadline, or until a verb ends the sleep."""
-        self._wake.wait(max(0, deadline_ns - self._clock()) / _NS)
+    def _wait_until(self, tick_ns: int) -> None:
+        """Until then, until a command that is held back may be sent, or until a verb is called."""
+        if self._commanded_ns is not None:
+            tick_ns = min(tick_ns, self._written_ns + self._interval_ns)
+        self._wake.wait(max(0, tick_ns - self._clock()) / _NS)
         self._wake.clear()
-
-    def _held_back_until_ns(self) -> int:
-        if self._commanded_ns is None:
-            return 1 << 62
-        return self._written_ns + self._interval_ns
 
     def _next_tick(self, tick_ns: int, now_ns: int) -> int:
         """The first tick after now: ticks that passed meanwhile are missed, not made up for."""
-        if now_ns < tick_ns:
-            return tick_ns
-        passed = (now_ns - tick_ns) // self._period_ns
-        return tick_ns + (passed + 1) * self._period_ns
+        passed = (now_ns - tick_ns) // self._period_ns + 1
+        return tick_ns + max(0, passed) * self._period_ns
 
     def _exchange(self, now_ns: int) -> None:
         with self._lock:
