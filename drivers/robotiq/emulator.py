@@ -56,13 +56,16 @@ class Trouble(Enum):
 class WireFault(msgspec.Struct, frozen=True, kw_only=True):
     """One planned trouble: it hits requests that meet all its conditions."""
 
-    trouble: Trouble
+    trouble: Trouble | None
     function: int | None = None  # requests with this function; None: all
     from_ns: int = 0  # not before this time of the emulator's clock
     skip: int = 0  # spare so many requests first
     times: int = 1  # then hit so many
     seconds: float = 0.0  # of a delay or a freeze, or between bytes
     code: int = 4  # of an exception, or of a fault of the hand
+
+
+_NO_FAULT: Final = WireFault(trouble=None)
 
 
 class WireFaults:
@@ -76,8 +79,8 @@ class WireFaults:
         with self._lock:
             self._planned.append((fault, [fault.skip, fault.times]))
 
-    def take(self, function: int, now_ns: int) -> WireFault | None:
-        """The fault that hits a request, if any."""
+    def take(self, function: int, now_ns: int) -> WireFault:
+        """The fault that hits a request."""
         with self._lock:
             for fault, left in self._planned:
                 if now_ns < fault.from_ns or fault.function not in (None, function):
@@ -88,55 +91,7 @@ class WireFaults:
                 left[1] -= 1
                 self._planned = [each for each in self._planned if each[1][1]]
                 return fault
-        return None
-
-
-class Hand:
-    """A model and its time, shared with whoever else moves it.
-
-    ``advance(now_ns)`` brings the model, and what it touches, to a time; it is called with the
-    lock held.
-    """
-
-    def __init__(
-        self,
-        model: GripperModel,
-        link: str,
-        clock: Callable[[], int],
-        lock: Guard | None,
-        advance: Callable[[int], None] | None,
-    ) -> None:
-        self.model = model
-        self.clock = clock
-        self._lock: Guard = lock if lock is not None else threading.Lock()
-        self._advance = advance if advance is not None else model.advance
-        self._command, self._status = FIRST_REGISTERS[link]
-        self._read = {"tcp": ReadInputRegistersResponse, "rtu": ReadHoldingRegistersResponse}[link]
-
-    def inject_fault(self, code: int) -> None:
-        """Show a fault from the next refresh on; 0 takes it back."""
-        with self._lock:
-            self._advance(self.clock())
-            self.model.inject_fault(code)
-
-    def answer(self, request: ModbusPDU) -> ModbusPDU:
-        """The reply to a read (function 4, over RTU 3) or a write (16)."""
-        reads = request.function_code == self._read.function_code
-        first = request.address - (self._status if reads else self._command)
-        if not reads and request.function_code != 16:
-            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
-        if not reads and not 0 < request.count == len(request.registers):
-            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_VALUE)
-        if first < 0 or first + request.count > WORDS:
-            return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_ADDRESS)
-        with self._lock:
-            now_ns = self.clock()
-            self._advance(now_ns)
-            if reads:
-                words = self.model.read(now_ns)[first : first + request.count]
-                return self._read(registers=list(words))
-            self.model.write(first, request.registers, now_ns)
-        return WriteMultipleRegistersResponse(address=request.address, count=request.count)
+        return _NO_FAULT
 
 
 class _Disconnect(Exception):
@@ -153,6 +108,7 @@ class _Emulator:
 
     link = "tcp"
     framer = FramerType.SOCKET
+    read_reply: type[ModbusPDU] = ReadInputRegistersResponse
 
     def __init__(
         self,
@@ -165,7 +121,11 @@ class _Emulator:
     ) -> None:
         if isinstance(model, HandSettings):
             model = GripperModel(model, clock())
-        self.hand = Hand(model, self.link, clock, lock, advance)
+        self.model = model
+        self._clock = clock
+        self._lock: Guard = lock if lock is not None else threading.Lock()
+        self._advance = advance if advance is not None else model.advance
+        self._command, self._status = FIRST_REGISTERS[self.link]
         self.faults = WireFaults()
         self.requests = 0
         self._on_frame = on_frame
@@ -192,6 +152,12 @@ class _Emulator:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
+    def inject_fault(self, code: int) -> None:
+        """The hand shows a fault from the next refresh on; 0 takes it back."""
+        with self._lock:
+            self._advance(self._clock())
+            self.model.inject_fault(code)
+
     def _open(self) -> None: ...
 
     def _shut(self) -> None: ...
@@ -205,43 +171,59 @@ class _Emulator:
 
     def _serve(self, frame: bytes, request: ModbusPDU, send: OnFrame) -> None:
         """Carry out one request and answer it, or do what is planned instead."""
-        fault = self.faults.take(request.function_code, self.hand.clock())
-        trouble = None if fault is None else fault.trouble
-        seconds = 0.0 if fault is None else fault.seconds
-        if trouble is Trouble.FREEZE:
-            self._frozen_until_s = time.monotonic() + seconds
+        fault = self.faults.take(request.function_code, self._clock())
+        if fault.trouble is Trouble.FREEZE:
+            self._frozen_until_s = time.monotonic() + fault.seconds
         while (left_s := self._frozen_until_s - time.monotonic()) > 0.0:
             if self._ending.wait(left_s):
                 return
         self.requests += 1
         self._on_frame(frame)
-        if trouble is Trouble.DISCONNECT:
+        if fault.trouble is Trouble.DISCONNECT:
             raise _Disconnect
-        if fault is not None and trouble is Trouble.DEVICE_FAULT:
-            self.hand.inject_fault(fault.code)
-        if fault is not None and trouble is Trouble.EXCEPTION:
+        if fault.trouble is Trouble.DEVICE_FAULT:
+            self.inject_fault(fault.code)
+        if fault.trouble is Trouble.EXCEPTION:
             reply: ModbusPDU = ExceptionResponse(request.function_code, fault.code)
         else:
-            reply = self.hand.answer(request)
+            reply = self._answer(request)
         self._send(self._framed(reply, request.dev_id, request.transaction_id), fault, send)
+
+    def _answer(self, request: ModbusPDU) -> ModbusPDU:
+        """The reply to a read (function 4, over RTU 3) or a write (16)."""
+        function, count = request.function_code, request.count
+        reads = function == self.read_reply.function_code
+        first = request.address - (self._status if reads else self._command)
+        if not reads and function != 16:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_FUNCTION)
+        if not reads and not 0 < count == len(request.registers):
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_VALUE)
+        if first < 0 or first + count > WORDS:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_ADDRESS)
+        with self._lock:
+            now_ns = self._clock()
+            self._advance(now_ns)
+            if reads:
+                return self.read_reply(registers=self.model.read(now_ns)[first : first + count])
+            self.model.write(first, request.registers, now_ns)
+        return WriteMultipleRegistersResponse(address=request.address, count=count)
 
     def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
         reply.dev_id, reply.transaction_id = dev_id, transaction
         return self._framer.buildFrame(reply)
 
-    def _send(self, reply: bytes, fault: WireFault | None, send: OnFrame) -> None:
-        trouble = None if fault is None else fault.trouble
-        if fault is not None and trouble is Trouble.DELAY:
+    def _send(self, reply: bytes, fault: WireFault, send: OnFrame) -> None:
+        if fault.trouble is Trouble.DELAY:
             later = threading.Timer(fault.seconds, send, (reply,))
             later.daemon = True
             later.start()
-        elif fault is not None and trouble is Trouble.SPLIT:
+        elif fault.trouble is Trouble.SPLIT:
             for at in range(len(reply)):
                 send(reply[at : at + 1])
                 self._ending.wait(fault.seconds)
-        elif trouble is Trouble.GARBLE:
+        elif fault.trouble is Trouble.GARBLE:
             send(bytes(255 - byte for byte in reply))
-        elif trouble is not Trouble.DROP:
+        elif fault.trouble is not Trouble.DROP:
             send(reply)
 
 
@@ -322,6 +304,7 @@ class RtuEmulator(_Emulator):
 
     link = "rtu"
     framer = FramerType.RTU
+    read_reply = ReadHoldingRegistersResponse
     port = ""
 
     def _open(self) -> None:

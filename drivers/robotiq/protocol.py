@@ -101,7 +101,6 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     activate: bool = False  # rACT: must be set first and stay set; clearing it resets
     mode: int = 0  # rMOD: 0 basic, 1 pinch, 2 wide, 3 scissor
     go_to: bool = False  # rGTO
-    auto_release: bool = False  # rATR: slow emergency opening, ends in fault 0x0F
     individual_fingers: bool = False  # rICF: fingers B and C obey their own bytes
     individual_scissor: bool = False  # rICS
     a: AxisCommand = AxisCommand()  # all fingers unless individual_fingers
@@ -116,13 +115,8 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     def axes(self) -> tuple[AxisCommand, AxisCommand, AxisCommand, AxisCommand]:
         return self.a, self.b, self.c, self.scissor
 
-    @property
-    def honours_fingers(self) -> bool:
-        """Individual fingers are not obeyed in scissor mode without individual scissor."""
-        return self.individual_fingers and (self.mode != 3 or self.individual_scissor)
-
     def to_bytes(self) -> bytes:
-        action = self.activate | self.mode << 1 | self.go_to << 3 | self.auto_release << 4
+        action = self.activate | self.mode << 1 | self.go_to << 3  # rATR, bit 4, is never set
         options = self.individual_fingers << 2 | self.individual_scissor << 3
         axes = (value for axis in self.axes for value in (axis.position, axis.speed, axis.force))
         return bytes((action, options, 0, *axes, 0))

@@ -199,5 +199,5 @@ def _gripper_faults(gripper: GripperEmulator) -> dict[str, Strike]:
         "gripper_garble": plan(Trouble.GARBLE),
         "gripper_freeze": plan(Trouble.FREEZE),
         "gripper_disconnect": disconnect,
-        "gripper_fault": lambda order: gripper.hand.model.inject_fault(order.code),
+        "gripper_fault": lambda order: gripper.model.inject_fault(order.code),
     }

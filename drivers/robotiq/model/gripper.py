@@ -25,14 +25,12 @@ from drivers.robotiq.model.hand import (
     Words,
     decode,
     encode,
-    speed_mps,
     written,
 )
 from drivers.robotiq.model.motor import (
     AT_TARGET,
     FINGERS,
     FREE,
-    LAG_S,
     OPEN_LIMIT_COUNTS,
     Axes,
     FingerLoads,
@@ -61,14 +59,13 @@ class Stage(IntEnum):
     ACTIVATING = 2
     MODE_CHANGE = 3
     READY = 4
-    RELEASING = 5
-    RELEASED = 6
-    FAULTED = 7
+    RELEASED = 5
+    FAULTED = 6
 
 
 _INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
 _LEFT_BY_FAULT: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
-_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASING: 0x0B, Stage.RELEASED: 0x0F}
+_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASED: 0x0F}
 _DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
 
 
@@ -247,14 +244,10 @@ class GripperModel:
         self._command = command
         if not command.activate:
             self._reset()
-        elif self._stage in (Stage.RELEASING, Stage.RELEASED, Stage.FAULTED):
-            pass  # only clearing rACT gets the hand out of these
-        elif command.auto_release:
-            self._release(now_ns)
         elif self._stage is Stage.RESET:
             self._activate(now_ns)
         elif self._stage is Stage.READY:
-            self._obey(now_ns)
+            self._obey(now_ns)  # only clearing rACT gets it out of a fault
 
     def _reset(self) -> None:
         self._halt(Stage.RESET)
@@ -280,17 +273,8 @@ class GripperModel:
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
         self._enter(Stage.MODE_CHANGE, now_ns, _MODE_CHANGE_S)
 
-    def _release(self, now_ns: int) -> None:
-        self._halt(Stage.RELEASING)
-        self._pending.append(FingerMotion(now_ns, _all_to(0, 0), to_stops=True))
-        travel_m = float(self.travel_m.max())
-        duration_s = travel_m / speed_mps(0) + 4 * LAG_S
-        self._enter(Stage.RELEASING, now_ns, duration_s)
-
     def _end_stage(self, now_ns: int) -> None:
-        ended = self._stage
-        follows = {Stage.BOOTING: Stage.RESET, Stage.RELEASING: Stage.RELEASED}
-        self._halt(follows.get(ended, Stage.READY))
+        self._halt(Stage.RESET if self._stage is Stage.BOOTING else Stage.READY)
         if self._stage is Stage.READY:
             self._fingers.forget_detections()
             self._obey(now_ns)  # what was asked meanwhile was delayed, not lost

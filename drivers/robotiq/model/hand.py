@@ -84,7 +84,6 @@ class Command(msgspec.Struct, frozen=True):
     activate: bool  # rACT
     mode: int  # rMOD
     go_to: bool  # rGTO
-    auto_release: bool  # rATR
     individual_fingers: bool  # rICF
     individual_scissor: bool  # rICS
     fingers: tuple[Request, Request, Request]
@@ -120,7 +119,6 @@ def decode(words: Sequence[int]) -> Command:
         activate=_bit(action, 0),
         mode=(action & 0b0000_0110) >> 1,
         go_to=_bit(action, 3),
-        auto_release=_bit(action, 4),
         individual_fingers=_bit(options, 2),
         individual_scissor=_bit(options, 3),
         fingers=(a, b, c),

@@ -13,7 +13,7 @@ from scenarios.rigs.cell_faults import KNOWN, CellFaults
 class Gripper:
     def __init__(self) -> None:
         self.faults = WireFaults()
-        self.hand = Mock()
+        self.model = Mock()
 
 
 def arm(profile: str) -> Mock:

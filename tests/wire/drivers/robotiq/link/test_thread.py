@@ -69,7 +69,7 @@ def without_repeats(images: list[bytes]) -> list[bytes]:
 
 def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
     served = serve(active=False)
-    model = served.emulator.hand.model
+    model = served.emulator.model
     with connect(served).threaded() as gripper:
 
         def rest() -> None:
@@ -124,7 +124,7 @@ def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
 def test_a_fault_is_raised_once(serve, connect) -> None:
     served = serve()
     with connect(served).threaded() as gripper:
-        served.emulator.hand.inject_fault(0x0D)
+        served.emulator.inject_fault(0x0D)
         until(lambda: gripper.state.fault == 0x0D)
         with pytest.raises(DeviceFault):
             until(lambda: gripper.pump(0))
