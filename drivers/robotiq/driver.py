@@ -23,7 +23,6 @@ from drivers.robotiq.hand_state import (
     STATUS_OLD_NS,
     Step,
     TrackedHand,
-    applied,
     checked_counts,
     closing_targets,
     held_targets,
@@ -66,7 +65,7 @@ class RobotiqDriver(TrackedHand):
         if self._step is not Step.NONE:
             return self._nothing("activation is under way")
         well = state.active and not state.fault
-        if well and self._mode == BASIC:
+        if well and self.mode == BASIC:
             return self._nothing("already active: taken over as it is")
         if self._holds(state) and not dropping:
             raise Refused(
@@ -193,7 +192,7 @@ class RobotiqDriver(TrackedHand):
         speed = self._calibration.speed_byte_at_most(speed_mps)
         state = self._ready()
         if any(to > at for to, at in zip(targets, state.positions, strict=True)):
-            check_closing(self._mode)
+            check_closing(self.mode)
         command = self._image(targets, speed, force_bytes, spread)
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -230,7 +229,15 @@ class RobotiqDriver(TrackedHand):
         return state
 
     def _of(self, command: CommandRegisters, note: str = "") -> Applied:
-        return applied(self._calibration, command, note)
+        """What the bytes of an image say; a note means that nothing will move."""
+        a, b, c, _ = command.axes
+        return Applied(
+            targets_counts=(a.position, b.position, c.position),
+            speed_mps=self._calibration.speed_mps(a.speed),
+            force_n=self._calibration.force_n(max(axis.force for axis in command.axes)),
+            effective=not note,
+            note=note,
+        )
 
     def _nothing(self, note: str) -> Applied:
         """Answer of a verb that sends nothing: what is wanted already, with the reason."""

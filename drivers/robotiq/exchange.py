@@ -69,13 +69,13 @@ class Exchange:
     Every image but RESET sets rACT, which activates a hand that has lost power: it would open and
     close fully. So nothing but ACTIVATE is written unless a status not older than one refresh
     says that the hand is active. Power may be lost after that status: therefore the register of
-    rACT is left as it is where the hand has shown that it holds what is wanted. A hand that has
-    just lost power has 0 there, and what comes after it moves nothing.
+    rACT is left out where the hand has shown that it holds what is wanted. A hand that has just
+    lost power has 0 there, and what comes after it moves nothing.
 
-    That register has rICF too: without it all fingers obey finger A's target and force. The status
-    shows neither rICF nor speeds and forces. So the whole image is written again when the status
+    That register has rICF too, without which all fingers obey finger A's bytes, and which the
+    status does not show, nor speeds and forces. So the whole image is written again when the status
     shows values that this exchange did not write, or when a finger starts to move without a
-    command. All other registers are written again at each refresh while a finger moves.
+    command; all other registers are written again at each refresh while a finger moves.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Exchange:
         self._whole = settings.whole_writes
         self._log = log
         self._head: int | None = None  # first register, rACT in it, as the device shows it to be
-        self._wanted: CommandRegisters | None = None
+        self.wanted: CommandRegisters | None = None  # that the device shall have; None: what it has
         self._image: Registers | None = None
         self._written: Registers | None = None
         self._written_ns: int | None = None
@@ -102,13 +102,11 @@ class Exchange:
         self._commanded: CommandRegisters | None = None  # written last, and still wanted
         self._shown: tuple[int, ...] = (-1,) * 4  # by the status: rGTO and targets
         self._ours: set[tuple[int, ...]] = set()  # values the status may show until take-up
-        self._foreign: tuple[int, ...] | None = (
-            None  # values of another client that the status shows
-        )
+        self._foreign: tuple[int, ...] | None = None  # another client's, as the status shows them
         self._stood: tuple[bool, ...] = ()  # each finger, in the last status
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
-        self._untold = False  # it has never spoken of what was written last
+        self.unproven = False  # the status has never spoken of what was written last
         self._raw: Registers | None = None  # of the status, once one was understood
         self._status = StatusRegisters()
         self.changed = ""  # by another client: what this exchange detected first
@@ -118,19 +116,14 @@ class Exchange:
         self.acknowledged_ns = 0  # when the latest write of all was answered
         self.statistics = ExchangeStatistics()
 
-    @property
-    def wanted(self) -> CommandRegisters | None:
-        """Registers that the device shall have; None: leave alone what it has."""
-        return self._wanted
-
     def want(self, command: CommandRegisters | None) -> None:
         """What is wanted again is written again where two refreshes have not shown that the device
         heard it: a write may be lost on the way, and nobody is told. The register of rACT is left
         out of that too, where it may be: silence may be that of a hand which has lost power."""
         unheard = self._refreshed_twice(self._read_ns) and not self._proven
-        if command is not None and command == self._wanted and self.written and unheard:
+        if command is not None and command == self.wanted and self.written and unheard:
             self._written = None
-        self._wanted = command
+        self.wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
             self._written = self._commanded = self._head = self._foreign = None
@@ -144,11 +137,6 @@ class Exchange:
     def told_ns(self) -> int:
         """When something was written last; 0: never."""
         return self._written_ns or 0
-
-    @property
-    def unproven(self) -> bool:
-        """The status has not spoken yet of what was written last."""
-        return self._untold
 
     @property
     def written(self) -> bool:
@@ -195,13 +183,13 @@ class Exchange:
     def _due(self, now_ns: int) -> bool:
         if self._image is None or self._image == self._written:
             return False
-        if self._written_ns is None or self._wanted == RESET:
+        if self._written_ns is None or self.wanted == RESET:
             return True  # what stops a hand waits for no interval
         return now_ns - self._written_ns >= self._interval_ns
 
     def _admits(self, now_ns: int) -> bool:
         """Whether the device can take what is wanted without activating unasked."""
-        if self._wanted in (RESET, ACTIVATE):
+        if self.wanted in (RESET, ACTIVATE):
             return True
         if now_ns - self._read_ns >= self._refresh_ns:
             status = self._read(now_ns)
@@ -210,7 +198,7 @@ class Exchange:
         return self._status.active
 
     def _write(self, now_ns: int) -> None:
-        image, wanted = self._image, self._wanted
+        image, wanted = self._image, self.wanted
         if image is None or wanted is None:
             return
         if self._log:
@@ -223,7 +211,7 @@ class Exchange:
         self._commanded = wanted
         # An echo proves take-up only if it has to change, and the one before had been seen.
         self._edge = self._proven and wanted.go_to and self._shown[1:] != self._asked()[1:]
-        self._proven, self._untold = False, True
+        self._proven, self.unproven = False, True
         self._written, self._written_ns = image, now_ns
 
     def _repeat_in_motion(self, status: StatusRegisters, now_ns: int) -> None:
@@ -271,7 +259,7 @@ class Exchange:
         asked = self._asked()
         proof = self._proven or self._edge or self._refreshed_twice(now_ns)
         self._proven = proof and asked == self._shown
-        self._untold = self._untold and not self._proven
+        self.unproven = self.unproven and not self._proven
         if self._proven:
             self._ours.clear()
             self._foreign = None
@@ -282,13 +270,8 @@ class Exchange:
             self.again()
             return True
         begun = any(stood and not stands for stood, stands in zip(stood, self._stood, strict=False))
-        if (
-            begun
-            and was_proven
-            and self._proven
-            and self._commanded is not None
-            and self._commanded.go_to
-        ):
+        obeys = self._commanded is not None and self._commanded.go_to
+        if begun and was_proven and self._proven and obeys:
             if now_ns - self.told_ns > _SETTLED_NS:
                 self.changed = "a finger moves without a command"
             self.again()
@@ -302,9 +285,8 @@ class Exchange:
     def _is_foreign(self, asked: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
         """Whether the status shows values that this exchange did not write.
 
-        Values from before the last write are allowed: the device may not have taken it up yet. A
-        mixture of recent writes is allowed for two refreshes. A foreign value that was already
-        overwritten also gets two refreshes to disappear."""
+        Allowed are values from before the last write, which may not be taken up yet; for two
+        refreshes a mixture of recent writes, and a foreign value that is overwritten already."""
         commanded, shown = self._commanded, self._shown
         if shown == asked or commanded is None or commanded in (RESET, ACTIVATE):
             return False

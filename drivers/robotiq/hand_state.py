@@ -9,7 +9,7 @@ from enum import Enum
 import msgspec
 
 from drivers.errors import DeviceFault, Refused
-from drivers.interfaces import FINGERS, Applied, Counts3, Detection, FingerState, GripperState
+from drivers.interfaces import FINGERS, Counts3, Detection, FingerState, GripperState
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.exchange import (
     ACTIVATE,
@@ -24,6 +24,7 @@ from drivers.robotiq.protocol import (
     BASIC,
     FAULTS,
     FULL_BYTE,
+    LEAP_COUNTS,
     SCISSOR,
     AxisCommand,
     AxisStatus,
@@ -42,7 +43,6 @@ _DETECTIONS = tuple(Detection)
 _MOVING = Detection.MOVING
 STATUS_OLD_NS = 100_000_000  # one that stands still although a finger moves tells no position any
 # more; assumed: a count takes 0.035 s at least speed
-LEAP_COUNTS = 8  # by which a position may be off, as it was read late
 FASTEST_COUNTS_PS = 300.0  # no finger is faster; twice full speed, manual 0.11 m/s
 _ACTIVATION_NS = 20_000_000_000  # must end within; assumed
 MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
@@ -76,7 +76,7 @@ class TrackedHand:
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log, clock)
         self._status: StatusRegisters | None = None
-        self._mode = 0  # it was taken over in: to be told another would open it
+        self.mode = 0  # rMOD that it was taken over in: to be told another would open it
         self._other_mode = False  # it says that it is in another
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
         self._state: GripperState | None = None
@@ -108,11 +108,6 @@ class TrackedHand:
     def m_per_count(self) -> float:
         """Fingertip travel of one count by the calibration, m."""
         return self._calibration.m_per_count
-
-    @property
-    def mode(self) -> int:
-        """That the hand was taken over in, and that every command leaves it in (rMOD)."""
-        return self._mode
 
     @property
     def statistics(self) -> ExchangeStatistics:
@@ -150,7 +145,7 @@ class TrackedHand:
         overwritten = self._exchange.changed
         changed, self._status = status is not self._status, status
         if self._step is not Step.NONE or self._exchange.wanted is None:  # not ours to say yet
-            self._mode = status.mode
+            self.mode = status.mode
         unasked = self._activates_unasked(status, was_lost)
         if unasked:
             self._exchange.want(RESET)
@@ -214,18 +209,12 @@ class TrackedHand:
             self._fingers = finger_states(status)
         self._seq += 1
         fault = FAULTS[status.fault]
+        active = status.ready and fault.severity is not Severity.MAJOR
+        written = self._exchange.acknowledged, self._exchange.changed_ns
         self._state = GripperState(
-            now_ns,
-            self._seq,
-            status.ready and fault.severity is not Severity.MAJOR,
-            status.fault,
-            fault.text,
-            self._fresh,
-            self._fingers,
-            took_ns,
-            self._exchange.acknowledged,
-            self._exchange.changed_ns,
-        )
+            now_ns, self._seq, active, status.fault, fault.text, self._fresh, self._fingers,
+            took_ns, *written,
+        )  # fmt: skip
 
     def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:
         """Since the status before was asked for, ``now_ns`` being when this one was there."""
@@ -244,9 +233,9 @@ class TrackedHand:
             if self._step is not Step.RESTARTING:
                 self._step = Step.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
-        was_other, self._other_mode = self._other_mode, status.ready and status.mode != self._mode
+        was_other, self._other_mode = self._other_mode, status.ready and status.mode != self.mode
         if self._other_mode and not was_other:
-            raise DeviceFault(_OTHER_MODE.format(status.mode, self._mode), _WHO_ELSE)
+            raise DeviceFault(_OTHER_MODE.format(status.mode, self.mode), _WHO_ELSE)
         if self._step is not Step.NONE and now_ns > self._deadline_ns:
             self._step = Step.NONE
             raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
@@ -276,13 +265,16 @@ class TrackedHand:
         force_bytes: Sequence[int],
         spread: bool = False,
     ) -> CommandRegisters:
-        """``spread``: in scissor mode, B and C apart; else that motor stays where it is."""
-        command = motion_image(self._mode, targets, speed, force_bytes)
-        if self._mode != SCISSOR or self._status is None:
+        """``spread``: in scissor mode, B and C apart; else that motor stays where it is.
+
+        There it always has a place of its own (rICS), at the least force: without one a hand sends
+        its scissor to finger A's place, and obeys no single finger.
+        """
+        command = motion_image(self.mode, targets, speed, force_bytes)
+        if self.mode != SCISSOR or self._status is None:
             return command
-        if spread:
-            return with_scissor(command, 0, speed)
-        return with_scissor(command, self._status.scissor.position, 0)
+        to = AxisCommand(0, speed) if spread else AxisCommand(self._status.scissor.position)
+        return msgspec.structs.replace(command, individual_scissor=True, scissor=to)
 
 
 def finger_states(status: StatusRegisters) -> tuple[FingerState, FingerState, FingerState]:
@@ -332,14 +324,6 @@ def motion_image(
     )
 
 
-def with_scissor(command: CommandRegisters, counts: int, speed: int) -> CommandRegisters:
-    """The same, with a place of its own for the scissor (rICS), at the least force: without one a
-    hand in scissor mode sends its scissor to finger A's place, and obeys no single finger."""
-    return msgspec.structs.replace(
-        command, individual_scissor=True, scissor=AxisCommand(counts, speed, 0)
-    )
-
-
 def held_targets(
     fingers: Sequence[FingerState], wanted: CommandRegisters | None
 ) -> tuple[int, ...]:
@@ -358,7 +342,9 @@ def held_targets(
         if finger.detection is Detection.CONTACT_CLOSING:
             if here[i] - asked <= MISREAD_COUNTS:
                 here[i] = min(here[i], asked)
-        elif abs(asked - here[i]) <= 1 or _stands_at(finger, asked):
+        elif abs(asked - here[i]) <= 1 or (
+            finger.detection is Detection.AT_TARGET and finger.requested_counts == asked
+        ):
             here[i] = asked
     return tuple(here)
 
@@ -370,11 +356,6 @@ def closing_targets(closing: Sequence[bool], limits: Sequence[int], held: Sequen
         for closes, limit, here in zip(closing, limits, held, strict=True)
     )
     return a, b, c
-
-
-def _stands_at(finger: FingerState, asked: int) -> bool:
-    """Whether it says that it stands where it was told to be; of that request, and of no other."""
-    return finger.detection is Detection.AT_TARGET and finger.requested_counts == asked
 
 
 def why_still(finger: FingerState, axis: AxisCommand, asked: int | None, grip_byte: int) -> str:
@@ -390,15 +371,3 @@ def why_still(finger: FingerState, axis: AxisCommand, asked: int | None, grip_by
     elif finger.detection is Detection.AT_TARGET and axis.position == asked:
         return THERE
     return THERE if axis.position == finger.position_counts else ""
-
-
-def applied(calibration: GripperCalibration, command: CommandRegisters, note: str = "") -> Applied:
-    """What the bytes of an image say; a note means that nothing will move."""
-    targets: Counts3 = (command.a.position, command.b.position, command.c.position)
-    return Applied(
-        targets_counts=targets,
-        speed_mps=calibration.speed_mps(command.a.speed),
-        force_n=calibration.force_n(max(axis.force for axis in command.axes)),
-        effective=not note,
-        note=note,
-    )

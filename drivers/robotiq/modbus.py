@@ -9,7 +9,7 @@ import struct
 import termios
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
@@ -46,62 +46,6 @@ class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 0.1
 
 
-class _Tcp:
-    """Replies carry the number of their request: a late one is dropped by itself."""
-
-    patience = 3  # unanswered requests in a row, then the connection counts as half open
-    read_function = _READ_INPUT
-    remedy = "check power, cable and address of the gripper"
-
-    def __init__(self, settings: ModbusSettings) -> None:
-        self.name = f"{settings.host}:{settings.port}"
-        self.unit = UNIT
-        self.client = ModbusTcpClient(
-            settings.host, port=settings.port, timeout=settings.timeout_s, retries=0
-        )
-
-    def flush(self) -> None:
-        """Drop what came unasked. Raises OSError when the gripper has closed the connection."""
-        line = self.client.socket
-        if line is None:
-            return
-        line.setblocking(False)  # as pymodbus has it while it waits for a reply
-        with suppress(BlockingIOError):
-            while line.recv(_MOST_BYTES):
-                pass
-            raise ConnectionResetError("closed by the gripper")
-
-    def read(self, first: int, count: int) -> ModbusPDU:
-        return self.client.read_input_registers(first, count=count, device_id=self.unit)
-
-
-class _Rtu:
-    """Replies carry no number: a late one would pass for the next, so the port is reopened."""
-
-    patience = 1
-    read_function = _READ_HOLDING
-    remedy = "check power and cable of the gripper and the name of the serial port"
-
-    def __init__(self, settings: ModbusSettings) -> None:
-        self.name = settings.serial_port
-        self.unit = settings.slave
-        self.client = ModbusSerialClient(
-            settings.serial_port, baudrate=_BAUD, timeout=settings.timeout_s, retries=0
-        )
-
-    def flush(self) -> None:
-        """Drop what came unasked. Raises OSError when the port is gone."""
-        if self.client.socket is None:
-            return
-        try:
-            self.client.socket.reset_input_buffer()
-        except termios.error as error:
-            raise OSError(*error.args) from error
-
-    def read(self, first: int, count: int) -> ModbusPDU:
-        return self.client.read_holding_registers(first, count=count, device_id=self.unit)
-
-
 class ModbusTransport:
     """A ``RegisterTransport``. Every failure is ``LinkLost``, after one timeout as a rule.
 
@@ -116,7 +60,23 @@ class ModbusTransport:
         reconnect_s: float = RECONNECT_S,
     ) -> None:
         """Nothing is connected before the first request."""
-        self._line: _Tcp | _Rtu = _Tcp(settings) if link == "tcp" else _Rtu(settings)
+        self._client: ModbusTcpClient | ModbusSerialClient
+        how: dict[str, Any] = {"timeout": settings.timeout_s, "retries": 0}
+        if link == "tcp":
+            self._client = ModbusTcpClient(settings.host, port=settings.port, **how)
+            self._read, self._read_function = self._client.read_input_registers, _READ_INPUT
+            self._name, self._unit = f"{settings.host}:{settings.port}", UNIT
+            self._remedy = "check power, cable and address of the gripper"
+            # Unanswered requests in a row after which a connection counts as half open. Replies
+            # carry the number of their request: a late one is dropped by itself.
+            self._patience = 3
+        else:
+            self._client = ModbusSerialClient(settings.serial_port, baudrate=_BAUD, **how)
+            self._read, self._read_function = self._client.read_holding_registers, _READ_HOLDING
+            self._name, self._unit = settings.serial_port, settings.slave
+            self._remedy = "check power and cable of the gripper and the name of the serial port"
+            self._patience = 1  # a late reply would pass for the next: the port is opened again
+        self._serial = link == "rtu"
         self._reconnect_ns = round(reconnect_s * 1e9)
         self._tried_ns: int | None = None
         self._told = True  # LinkLost was raised since the last request that was answered
@@ -125,13 +85,13 @@ class ModbusTransport:
 
     def close(self) -> None:
         """Let go of the connection; a later request makes a new one."""
-        self._line.client.close()  # type: ignore[no-untyped-call]
+        self._client.close()  # type: ignore[no-untyped-call]
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         """Write registers, function 16."""
-        line, values = self._line, list(registers)
+        values = list(registers)
         reply = self._exchange(
-            lambda: line.client.write_registers(first_register, values, device_id=line.unit),
+            lambda: self._client.write_registers(first_register, values, device_id=self._unit),
             _WRITE,
             now_ns,
         )
@@ -140,14 +100,34 @@ class ModbusTransport:
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
         """Read status registers: function 4 over TCP, 3 over RTU."""
-        line = self._line
-        reply = self._exchange(lambda: line.read(first_register, count), line.read_function, now_ns)
+        reply = self._exchange(
+            lambda: self._read(first_register, count=count, device_id=self._unit),
+            self._read_function,
+            now_ns,
+        )
         return reply.registers
+
+    def _flush(self) -> None:
+        """Drop what came unasked. Raises OSError when the line is gone."""
+        line: Any = self._client.socket
+        if line is None:
+            return
+        if self._serial:
+            try:
+                line.reset_input_buffer()
+            except termios.error as error:
+                raise OSError(*error.args) from error
+            return
+        line.setblocking(False)  # as pymodbus has it while it waits for a reply
+        with suppress(BlockingIOError):
+            while line.recv(_MOST_BYTES):
+                pass
+            raise ConnectionResetError("closed by the gripper")
 
     def _exchange(self, request: Callable[[], ModbusPDU], function: int, now_ns: int) -> ModbusPDU:
         self._connect(now_ns)
         try:
-            self._line.flush()
+            self._flush()
             reply = request()
         except _FAILURES as error:
             raise self._broken(error) from error
@@ -160,7 +140,7 @@ class ModbusTransport:
         return reply
 
     def _connect(self, now_ns: int) -> None:
-        client = self._line.client
+        client = self._client
         if client.connected:
             return
         if not self._told:
@@ -176,11 +156,11 @@ class ModbusTransport:
     def _broken(self, error: Exception) -> LinkLost:
         """Judge a failed request; one that got no reply leaves the connection for some more."""
         self._unanswered += 1
-        closed = isinstance(error, OSError) or not self._line.client.connected
-        if closed or self._unanswered >= self._line.patience:
+        closed = isinstance(error, OSError) or not self._client.connected
+        if closed or self._unanswered >= self._patience:
             self.close()
         return self._lost("closed the connection" if closed else "does not answer")
 
     def _lost(self, what: str) -> LinkLost:
         self._told = True
-        return LinkLost(f"the gripper at {self._line.name} {what}", self._line.remedy)
+        return LinkLost(f"the gripper at {self._name} {what}", self._remedy)

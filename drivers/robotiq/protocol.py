@@ -77,11 +77,6 @@ def to_bytes(registers: Sequence[int]) -> bytes:
         raise ValueError(f"not {REGISTERS} registers of 16 bits") from error
 
 
-def _need(name: str, value: int, most: int) -> None:
-    if not 0 <= value <= most:
-        raise ValueError(f"{name} = {value}, need 0 to {most}")
-
-
 class AxisCommand(msgspec.Struct, frozen=True):
     """Request for one axis (rPR, rSP, rFR). Speed and force 0 are the minimum, not zero."""
 
@@ -90,9 +85,8 @@ class AxisCommand(msgspec.Struct, frozen=True):
     force: int = 0
 
     def __post_init__(self) -> None:
-        _need("position", self.position, FULL_BYTE)
-        _need("speed", self.speed, FULL_BYTE)
-        _need("force", self.force, FULL_BYTE)
+        if not all(0 <= byte <= FULL_BYTE for byte in (self.position, self.speed, self.force)):
+            raise ValueError(f"{self}: position, speed and force need 0 to {FULL_BYTE}")
 
 
 class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +103,8 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     scissor: AxisCommand = AxisCommand()
 
     def __post_init__(self) -> None:
-        _need("mode", self.mode, 3)
+        if not 0 <= self.mode <= SCISSOR:
+            raise ValueError(f"mode = {self.mode}, need 0 to {SCISSOR}")
 
     @property
     def axes(self) -> tuple[AxisCommand, AxisCommand, AxisCommand, AxisCommand]:
@@ -210,27 +205,23 @@ _RESET: Final = (
     "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has "
     "to be switched off and on"
 )
-_KNOWN: Final = (
-    FaultCode(0x00, Severity.NONE, "", ""),
-    FaultCode(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
-    FaultCode(0x06, Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
-    FaultCode(0x07, Severity.PRIORITY, "rACT must be set before any action", "activate"),
-    FaultCode(0x09, Severity.MINOR, "communication chip not ready, may be booting", "wait"),
-    FaultCode(
-        0x0A, Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"
-    ),
-    FaultCode(0x0B, Severity.MINOR, "automatic release in progress", "wait until it is open"),
-    FaultCode(0x0D, Severity.MAJOR, "activation fault: interference or other error", _RESET),
-    FaultCode(0x0E, Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
-    FaultCode(0x0F, Severity.MAJOR, "automatic release completed: activation required", _RESET),
-)
+_KNOWN: Final = {
+    0x00: (Severity.NONE, "", ""),
+    0x05: (Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
+    0x06: (Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
+    0x07: (Severity.PRIORITY, "rACT must be set before any action", "activate"),
+    0x09: (Severity.MINOR, "communication chip not ready, may be booting", "wait"),
+    0x0A: (Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"),
+    0x0B: (Severity.MINOR, "automatic release in progress", "wait until it is open"),
+    0x0D: (Severity.MAJOR, "activation fault: interference or other error", _RESET),
+    0x0E: (Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
+    0x0F: (Severity.MAJOR, "automatic release completed: activation required", _RESET),
+}
 
 
 def _fault(code: int) -> FaultCode:
-    for known in _KNOWN:
-        if known.code == code:
-            return known
-    return FaultCode(code, Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual")
+    unknown = Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual"
+    return FaultCode(code, *_KNOWN.get(code, unknown))
 
 
 FAULTS: Final = tuple(_fault(code) for code in range(16))
@@ -241,15 +232,13 @@ FAULTS: Final = tuple(_fault(code) for code in range(16))
 
 AXES: Final = ("A", "B", "C", "scissor")
 MOST_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA
-LEAP_COUNTS: Final = 8  # that a finger which stands may seem to move between two looks; assumed
+LEAP_COUNTS: Final = 8  # by which a position may be off, as it was read late; assumed
 
 _INITIALIZATION = ("reset", "activation is under way", "the mode is being changed", "ready")
 _STOPPED = (
-    "the fingers move",
-    "stopped, some short of what was asked",
-    "stopped, all short of what was asked",
-    "all where they were told to be",
-)
+    "the fingers move", "stopped, some short of what was asked",
+    "stopped, all short of what was asked", "all where they were told to be",
+)  # fmt: skip
 _DETECTION = (
     "moves", "stopped on contact while opening",
     "stopped on contact while closing", "where it was told to be",
@@ -300,10 +289,8 @@ def doubts(status: StatusRegisters, before: StatusRegisters) -> list[str]:
         if axis.position == FULL_BYTE:
             found.append(f"finger {name} is at {FULL_BYTE} counts, beyond its mechanical end")
         if _stands(status) and _stands(before) and abs(axis.position - was.position) > LEAP_COUNTS:
-            found.append(
-                f"finger {name} went from {was.position} to {axis.position} counts and is said to "
-                "stand"
-            )
+            moved = f"from {was.position} to {axis.position} counts"
+            found.append(f"finger {name} went {moved} and is said to stand")
     return found
 
 

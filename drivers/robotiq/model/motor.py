@@ -36,7 +36,7 @@ INTEGERS: Final = 4
 # Entries of the parameters.
 MASS, OVERRIDE_N, OVERRIDE_STEPS, DEBOUNCE_STEPS, CLAMPED = range(5)
 
-OPENING, CLOSING, AT_TARGET = 1, 2, 3  # gDT
+CLOSING, AT_TARGET = 2, 3  # gDT
 OPEN_LIMIT_COUNTS: Final = 6  # software limits; manual p. 74, 6 to 7; Franchi TR711
 CLOSED_LIMIT_COUNTS: Final = 240
 LAG_S: Final = 0.03  # of a motor's speed; assumed 20 to 50 ms
@@ -107,33 +107,26 @@ def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> No
     whole[STALLED, i] = whole[STALLED, i] + 1 if drive >= _PUSHING * clamp and stalled else 0
     if direction * (real[TARGET, i] - real[TRAVEL, i]) <= 0.0:
         real[TRAVEL, i] = real[TARGET, i]
-        _stop(real, whole, i, 3)
+        _stop(real, whole, i, AT_TARGET)
     elif whole[STALLED, i] >= p[DEBOUNCE_STEPS]:
-        _stop(real, whole, i, 2 if direction > 0 else 1)
+        _stop(real, whole, i, CLOSING if direction > 0 else 1)
 
 
 @numba.njit(cache=True)
 def advance_motors(
-    real: Reals,
-    whole: Integers,
-    p: Reals,
-    steps: int,
-    origin: Reals,
-    force: Reals,
-    stiffness: Reals,
-    outside: Reals,
-) -> bool:
+    real: Reals, whole: Integers, p: Reals, steps: int,
+    origin: Reals, force: Reals, stiffness: Reals,
+) -> bool:  # fmt: skip
     """Advance all fingers by ``steps`` substeps; returns whether any still moves.
 
-    Closing is opposed by max(0, force + stiffness x (travel - origin)), N and N/m; opening by the
-    constant ``outside``.
+    Closing is opposed by max(0, force + stiffness x (travel - origin)), N and N/m.
     """
     moving = False
     for i in range(FINGERS):
         for _ in range(steps):
             if whole[DIRECTION, i] == 0:
                 break
-            opposing = outside[i]
+            opposing = 0.0
             if whole[DIRECTION, i] > 0:
                 opposing = max(0.0, force[i] + stiffness[i] * (real[TRAVEL, i] - origin[i]))
             _step(real, whole, p, i, opposing)
@@ -148,12 +141,11 @@ class FingerLoads(msgspec.Struct, frozen=True):
     """What opposes each finger, linearised about its travel x0 when it is handed over.
 
     A closing finger meets max(0, force_n + stiffness_npm * (x - x0)); a negative force is a gap.
-    An opening finger meets the constant ``outside_n``. Each is a (3,) float64 array.
+    An opening finger meets nothing. Each is a (3,) float64 array.
     """
 
     force_n: NDArray[np.float64]
     stiffness_npm: NDArray[np.float64]
-    outside_n: NDArray[np.float64] = np.zeros(FINGERS)
 
 
 FREE: Final = FingerLoads(np.zeros(FINGERS), np.zeros(FINGERS))
@@ -206,17 +198,8 @@ class Fingers:
         self._substep = step
 
     def _run(self, substeps: int) -> None:
-        loads = self._loads
-        self.moving = advance_motors(
-            self._real,
-            self._whole,
-            self._parameters,
-            substeps,
-            self._origin,
-            loads.force_n,
-            loads.stiffness_npm,
-            loads.outside_n,
-        )
+        load = self._origin, self._loads.force_n, self._loads.stiffness_npm
+        self.moving = advance_motors(self._real, self._whole, self._parameters, substeps, *load)
 
     def stop(self) -> None:
         """Brake all motors where they are; what was detected stays."""
@@ -233,18 +216,14 @@ class Fingers:
         self._whole[DETECTION, i] = 0
 
     def stronger_in_contact(self, i: int, force: int) -> bool:
-        return self._whole[DETECTION, i] in (OPENING, CLOSING) and force > self._forces[i]
+        return self._whole[DETECTION, i] == CLOSING and force > self._forces[i]
 
     def free_to_go(self, i: int, axis: Request, retrigger: bool) -> bool:
         """The contact latch: opposite direction, higher force or a new rGTO only (manual p. 51)."""
         detection = self._whole[DETECTION, i]
         if retrigger or axis.force > self._forces[i]:
             return True
-        if detection == CLOSING:
-            return axis.position < self.counts(i)
-        if detection == OPENING:
-            return axis.position > self.counts(i)
-        return True
+        return detection != CLOSING or axis.position < self.counts(i)
 
     def execute(self, motion: FingerMotion) -> None:
         """Hand a request to the motors. Contact made since it was taken up latches it too."""
