@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.robot import UrEmulator
 
@@ -199,5 +199,5 @@ def _gripper_faults(gripper: GripperEmulator) -> dict[str, Strike]:
         "gripper_garble": plan(Trouble.GARBLE),
         "gripper_freeze": plan(Trouble.FREEZE),
         "gripper_disconnect": disconnect,
-        "gripper_fault": lambda order: gripper.hand.model.inject_fault(order.code),
+        "gripper_fault": lambda order: gripper.model.inject_fault(order.code),
     }

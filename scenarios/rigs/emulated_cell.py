@@ -22,8 +22,7 @@ from typing import Any, Literal, Self, TypeVar
 
 import msgspec
 
-from drivers.robotiq.emulator.rtu import RtuEmulator
-from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.emulator import GripperEmulator, RtuEmulator
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import SWITCH_S, UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings

@@ -158,17 +158,6 @@ def still_new(v: float, age_ms: float) -> bool:
     return late.frame.missed == 0
 
 
-def samples_of_rest(v: int) -> int:
-    bench = Bench(TakkTileSettings(rest_samples=v))
-    bench.driver.start()
-    bench.driver.begin_rest()
-    pumps = 0
-    while bench.driver.frame is None:
-        bench.pump()
-        pumps += 1
-    return pumps
-
-
 # Gripper: a hand whose positions are believed is held by targets, any other by stopping it
 
 
@@ -177,34 +166,6 @@ def hand(at_counts: int, **settings: Any) -> Rig:
     made = Rig(HandSettings(), PAPER, settings=DriverSettings(**settings))
     made.driver.move_to((at_counts,) * 3, 0.11, 10.0)
     return made
-
-
-def held_by_targets(made: Rig) -> bool:
-    made.driver.hold()
-    made.step(3)
-    return made.written[-1].go_to
-
-
-def leap_believed(counts: int, paused_s: float, **settings: Any) -> bool:
-    """Of finger B at rest, from one reading to the next, so long after it."""
-    made = hand(50, **settings)
-    made.settle()
-    made.model.misreport(lambda w: (*w[:2], (w[2] + (counts << 8)) & 0xFFFF, *w[3:]))
-    made.advance(round(paused_s * 1e3) - 10)
-    made.step()
-    return held_by_targets(made)
-
-
-def frozen_believed(value: float, for_s: float) -> bool:
-    """Positions in motion that have not changed for so long."""
-    made = hand(250, status_old_s=value)
-    made.step(50)
-    kept = made.model.read(made.now_ns)
-    made.model.misreport(lambda words: kept)
-    made.advance(round(for_s * 1e3))
-    made.driver.pump(made.now_ns)
-    assert made.state is not None
-    return made.driver.hold().targets_counts == made.state.positions
 
 
 def between_writes_s(value: float) -> float:

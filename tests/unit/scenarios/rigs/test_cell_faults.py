@@ -4,7 +4,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivers.robotiq.emulator.pdu import WireFaults
+from drivers.robotiq.emulator import WireFaults
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.settings import PROFILES
 from scenarios.rigs.cell_faults import KNOWN, CellFaults
@@ -13,7 +13,7 @@ from scenarios.rigs.cell_faults import KNOWN, CellFaults
 class Gripper:
     def __init__(self) -> None:
         self.faults = WireFaults()
-        self.hand = Mock()
+        self.model = Mock()
 
 
 def arm(profile: str) -> Mock:

@@ -11,13 +11,13 @@ import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
-from drivers.robotiq.encoding import closing_targets
-from drivers.robotiq.link.modbus import KEPT, Durations, TimedTransport
-from drivers.robotiq.protocol import BASIC
+from drivers.robotiq.driver import RobotiqDriver
+from drivers.robotiq.hand_state import closing_targets
 
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
 _ERRORS_KEPT: Final = 8
+_ACKNOWLEDGEMENTS_KEPT: Final = 4096
 _MOST_BUGS: Final = 3  # in a row
 _AFTER_BUG_S: Final = 0.01
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
@@ -31,44 +31,28 @@ _LOG = logging.getLogger(__name__)
 _Verb = Callable[[], Applied]
 
 
-class ThreadStatistics(msgspec.Struct, frozen=True):
-    """What the thread has done so far."""
-
-    pumps: int
-    missed: int  # periods in which no pump began
-    woken: int  # pumps that a command brought forward
-    pumps_ns: tuple[int, ...]  # latest: a write if there is one, and a read
-
-
 class ThreadedGripper:
-    """A ``Gripper`` whose core is pumped by a thread. ``pump`` of this one does no I/O.
+    """A ``Gripper`` whose core is pumped by a thread; ``pump`` of this one does no I/O.
 
-    Verbs set intent and wake the thread. What a verb makes of where the fingers are rests on the
-    exchange in flight, if there is one. Its caller is not kept waiting for that, as a gripper that
-    has just fallen silent takes one timeout, but for two milliseconds: then the verb is done by the
-    thread as soon as the exchange is over, unless another is given before. What it could really
-    apply is not known by then, so what was asked is returned, with a note. A refusal of it is
-    raised by ``pump``. ``activate`` alone waits.
+    Verbs set intent and wake the thread. While an exchange is in flight, which lasts a timeout on a
+    hand that has fallen silent, a verb waits for it for two milliseconds alone. Then the thread
+    does the verb once the exchange is over, unless another is given before, and what was asked is
+    returned, with a note, since what could really be applied is not known yet; ``pump`` raises a
+    refusal of it. ``activate`` alone waits.
     """
 
     def __init__(
         self,
-        core: Gripper,
+        core: RobotiqDriver,
         period_s: float,
         *,
-        timed: TimedTransport | None = None,
         write_interval_s: float = 0.01,
         close: Callable[[], None] | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """``timed`` is the core's transport, where acknowledgements shall be timed.
-
-        ``write_interval_s`` is that of the core: a command that it holds back is sent as soon as
-        it may be. ``close`` lets go of the connection after the last pump. ``clock`` gives
-        monotonic nanoseconds: that of ``timed``, and of whoever asks how old a state is.
-        """
+        """``write_interval_s`` and ``clock`` are those of the core: a command that it holds back is
+        sent as soon as it may be. ``close`` lets go of the connection after the last pump."""
         self._core = core
-        self._timed = timed
         self._close = close
         self._clock = clock
         self._period_ns = round(period_s * 1e9)
@@ -90,9 +74,8 @@ class ThreadedGripper:
         self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
         self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
         self._written_ns = 0  # time of the pump that wrote last
-        self._pumps = self._missed = self._woken = 0
-        self._pump_durations, self._acknowledge = Durations(), Durations()
-        self._acknowledged: deque[tuple[int, int]] = deque(maxlen=KEPT)
+        self.pumps = 0  # exchanges so far
+        self._acknowledged: deque[tuple[int, int]] = deque(maxlen=_ACKNOWLEDGEMENTS_KEPT)
 
     # Life
 
@@ -157,8 +140,8 @@ class ThreadedGripper:
 
     @property
     def mode(self) -> int:
-        """That the hand was taken over in; basic for a core that knows of none."""
-        return int(getattr(self._core, "mode", BASIC))
+        """That the hand was taken over in."""
+        return self._core.mode
 
     @property
     def acknowledged(self) -> bool:
@@ -170,22 +153,11 @@ class ThreadedGripper:
         """Latest pairs of times, of a verb and of the reply to its write, oldest first."""
         return tuple(self._acknowledged.copy())
 
-    @property
-    def statistics(self) -> ThreadStatistics:
-        """Counts and durations so far."""
-        return ThreadStatistics(
-            pumps=self._pumps,
-            missed=self._missed,
-            woken=self._woken,
-            pumps_ns=self._pump_durations.latest_ns,
-        )
-
     def pump(self, now_ns: int) -> None:
         """Raise what the thread met since the last call, each error once; no I/O.
 
-        A link that stays lost is one error. A bug in the core is raised once, and the thread goes
-        on, or no hand could be made safe any more; three in a row end it, and the last is raised
-        by every call.
+        A link that stays lost is one error. After a bug in the core the thread goes on, so that a
+        hand can still be made safe; three in a row end it, and every call raises the last.
         """
         self._polled()
         if self._bugs:
@@ -194,9 +166,8 @@ class ThreadedGripper:
             raise self._errors.pop(0)
 
     def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
-        """Set the command that this thread sends itself when the program hangs, that is, when it
-        calls neither ``pump`` nor a verb for a second. ``words`` go into the log. None: no command.
-        """
+        """Set the command that this thread sends by itself when neither ``pump`` nor a verb is
+        called for a second: the program hangs. ``words`` go into the log."""
         self._fallback = None if command is None else (command, words)
         self._polled()
 
@@ -274,11 +245,10 @@ class ThreadedGripper:
         tick_ns, met = self._clock(), 0
         while not self._stopping.is_set() and met < _MOST_BUGS:
             try:
-                woken = self._wait_until(min(tick_ns, self._held_back_until_ns()))
+                self._wait_until(tick_ns)
                 if self._stopping.is_set():
                     return
                 now_ns = self._clock()
-                self._woken += woken
                 self._exchange(now_ns)
                 tick_ns, met = self._next_tick(tick_ns, now_ns), 0
             except BaseException as bug:  # in a thread of its own nobody else is told of it
@@ -288,25 +258,17 @@ class ThreadedGripper:
                 self._pumped.set()
                 self._stopping.wait(_AFTER_BUG_S)
 
-    def _wait_until(self, deadline_ns: int) -> bool:
-        """Sleep to an absolute deadline; True when a verb ended the sleep."""
-        left_ns = deadline_ns - self._clock()
-        woken = self._wake.wait(max(0, left_ns) / _NS)
+    def _wait_until(self, tick_ns: int) -> None:
+        """Until then, until a command that is held back may be sent, or until a verb is called."""
+        if self._commanded_ns is not None:
+            tick_ns = min(tick_ns, self._written_ns + self._interval_ns)
+        self._wake.wait(max(0, tick_ns - self._clock()) / _NS)
         self._wake.clear()
-        return woken
-
-    def _held_back_until_ns(self) -> int:
-        if self._commanded_ns is None:
-            return 1 << 62
-        return self._written_ns + self._interval_ns
 
     def _next_tick(self, tick_ns: int, now_ns: int) -> int:
         """The first tick after now: ticks that passed meanwhile are missed, not made up for."""
-        if now_ns < tick_ns:
-            return tick_ns
-        passed = (now_ns - tick_ns) // self._period_ns
-        self._missed += passed
-        return tick_ns + (passed + 1) * self._period_ns
+        passed = (now_ns - tick_ns) // self._period_ns + 1
+        return tick_ns + max(0, passed) * self._period_ns
 
     def _exchange(self, now_ns: int) -> None:
         with self._lock:
@@ -324,8 +286,7 @@ class ThreadedGripper:
             self._state = self._core.state
             self._settle(now_ns)
             self._catch_up()
-        self._pumps += 1
-        self._pump_durations.add(self._clock() - now_ns)
+        self.pumps += 1
         self._pumped.set()
 
     def _catch_up(self) -> None:
@@ -365,13 +326,11 @@ class ThreadedGripper:
 
     def _settle(self, now_ns: int) -> None:
         """Whether the command that waits was acknowledged, has nothing to send, or still waits."""
-        timed, called_ns = self._timed, self._commanded_ns
-        acknowledged_ns = timed.acknowledged_ns if timed is not None else None
-        if acknowledged_ns is not None and acknowledged_ns >= now_ns:
+        acknowledged_ns = self._core.acknowledged_ns
+        if acknowledged_ns >= now_ns:
             self._written_ns = now_ns
-            if called_ns is not None:
-                self._acknowledge.add(acknowledged_ns - called_ns)
-                self._acknowledged.append((called_ns, acknowledged_ns))
+            if self._commanded_ns is not None:
+                self._acknowledged.append((self._commanded_ns, acknowledged_ns))
         elif not self._lost and now_ns - self._written_ns < self._interval_ns:
             return
         self._commanded_ns = None

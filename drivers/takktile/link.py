@@ -1,4 +1,4 @@
-"""A ``Link`` to a real board through pyusb; the only part of the driver that knows pyusb.
+"""Real boards: found on this machine's USB, opened through pyusb, read in a thread.
 
 Everything that libusb can answer is translated here: a time-out is None, the rest is an error that
 names its remedy. After a replug the old pyusb ``Device`` is useless: find the board again.
@@ -7,24 +7,41 @@ names its remedy. After a replug the old pyusb ``Device`` is useless: find the b
 import contextlib
 import errno
 import os
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import usb.core
 import usb.util
 
 from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.takktile import protocol
-from drivers.takktile.board import READ_TIMEOUT_MS, Transfer
-from drivers.takktile.link import trouble
+from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
+from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID, Layout
+from drivers.takktile.receiver import Connect, Readings, Receiver, ReceiverCounts
+from drivers.takktile.settings import TakkTileSettings
 
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
+_JOIN_S = 4.0  # some control requests to a hung board, each with its time-out
 _INTERFACE = 0
 EMULATED = "; usb.url is of an emulated board, whose lab prints a new one each time it starts"
 _UNCONFIGURED = "Configuration not set"  # of pyusb, which gives it no number
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
+
+DEVICES = Path("/sys/bus/usb/devices")
+IDS = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+RULE_FILE = "/etc/udev/rules.d/60-takktile.rules"
+RULE = (
+    f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{VENDOR_ID:04x}", ATTR{{idProduct}}=="{PRODUCT_ID:04x}",'
+    ' MODE="0660", TAG+="uaccess"'
+)
+INSTALL = (
+    f"echo '{RULE}' | sudo tee {RULE_FILE} && sudo udevadm control --reload && "
+    "sudo udevadm trigger --subsystem-match=usb"
+)
 
 
 class UsbLink:
@@ -77,7 +94,7 @@ class UsbLink:
                 protocol.REQUEST_TYPE, request, value, index, length, self._control_timeout_ms
             )
         except usb.core.USBTimeoutError as error:
-            raise DeviceFault(trouble.HUNG, trouble.HUNG_REMEDY) from error
+            raise hung() from error
         except usb.core.USBError as error:
             raise self._explain(error) from error
         return bytes(reply)
@@ -126,8 +143,8 @@ def _find(serial: str | None, backend: Any) -> Any:
             usb.core.find(
                 find_all=True,
                 backend=backend,
-                idVendor=protocol.VENDOR_ID,
-                idProduct=protocol.PRODUCT_ID,
+                idVendor=VENDOR_ID,
+                idProduct=PRODUCT_ID,
             )
         )
     except usb.core.NoBackendError as error:
@@ -148,8 +165,7 @@ def _find(serial: str | None, backend: Any) -> Any:
     there = f"; there is {', '.join(serials)}" if serials else ""
     url = getattr(backend, "url", "")
     raise LinkLost(
-        f"no TakkTile board{what} ({protocol.VENDOR_ID:04x}:{protocol.PRODUCT_ID:04x}) "
-        f"{f'at {url}' if url else 'on the USB bus'}{there}",
+        f"no TakkTile board{what} ({IDS}) {f'at {url}' if url else 'on the USB bus'}{there}",
         "plug it in and check its cable" + (EMULATED if url else ""),
     )
 
@@ -168,10 +184,10 @@ def _dispose(device: Any) -> None:
 
 def _explain(error: usb.core.USBError, device: Any) -> GraspError:
     if error.errno in _GONE:
-        return trouble.unplugged()
+        return unplugged()
     match error.errno:
         case errno.EPIPE:
-            return trouble.stalled()
+            return stalled()
         case errno.EBUSY:
             return LinkLost(
                 f"{users_of(device)} uses the tactile board", "end it, then start again"
@@ -182,7 +198,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
                 "install the udev rule that `grasp doctor` prints, then replug the board",
             )
         case errno.ETIMEDOUT:
-            return DeviceFault(trouble.HUNG, trouble.HUNG_REMEDY)
+            return hung()
     why = error.strerror or str(error)
     if error.errno is None and _UNCONFIGURED in why:
         return DeviceFault(
@@ -206,3 +222,87 @@ def users_of(device: Any, proc: Path = Path("/proc")) -> str:
         except OSError:
             continue
     return "another program"
+
+
+class ReadingThread:
+    """A ``FrameLink`` in wall time: keeps a read pending, so that each frame is drained the moment
+    it is ready, at about 200 Hz; a tick takes the newest.
+
+    ``connect`` gives the board with a serial number, or any board for None, for example
+    ``UsbLink.find``. ``clock`` must be the one that ``pump`` is told the time of.
+    """
+
+    def __init__(
+        self,
+        connect: Connect,
+        settings: TakkTileSettings,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._receiver = Receiver(connect, settings.conversion_ms, clock)
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    @property
+    def counts(self) -> ReceiverCounts:
+        return self._receiver.counts
+
+    @property
+    def converting_ns(self) -> int:
+        return self._receiver.converting_ns
+
+    def take(self) -> Readings:
+        return self._receiver.take()
+
+    def start(self) -> Layout:
+        layout = self._receiver.open()
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name="takktile-reader", daemon=True)
+        self._thread.start()
+        return layout
+
+    def stop(self) -> None:
+        if self._thread is None:
+            return
+        self._stopping.set()
+        self._thread.join(_JOIN_S)
+        if self._thread.is_alive():
+            raise DeviceFault("a USB transfer of the tactile board does not end", "unplug it")
+        self._thread = None
+
+    def _run(self) -> None:
+        receiver = self._receiver
+        try:
+            while not self._stopping.is_set():
+                if pause_ns := receiver.receive():
+                    self._stopping.wait(pause_ns * 1e-9)
+        except BaseException as bug:
+            receiver.report(
+                DeviceFault(f"reading the tactile board failed: {bug!r}", "report this")
+            )
+            raise
+        finally:
+            receiver.close()
+
+
+class BoardNode(msgspec.Struct, frozen=True):
+    """One board: its node, its serial number (empty: none), and whether this user may open it."""
+
+    node: str
+    serial: str
+    allowed: bool
+
+
+def boards(devices: Path = DEVICES) -> Iterator[BoardNode]:
+    """Those that are plugged in."""
+    for entry in sorted(devices.glob("*")):
+        try:
+            ids = ":".join((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
+            bus, number = (int((entry / name).read_text()) for name in ("busnum", "devnum"))
+            if ids != IDS:
+                continue
+            serial = entry / "serial"
+            known = serial.read_text().strip() if serial.is_file() else ""
+        except (OSError, ValueError):
+            continue
+        node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
+        yield BoardNode(node, known, os.access(node, os.R_OK | os.W_OK))
