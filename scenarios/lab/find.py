@@ -16,7 +16,7 @@ from drivers.robotiq.protocol import FAULTS, REGISTERS, TCP, StatusRegisters
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link.sysfs import boards
 from drivers.takktile.link.usb import UsbLink
-from drivers.ur.link import look as arm_look
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import DASHBOARD_PORT, RTDE_PORT, Dashboard, peek
 
 MODBUS_PORT: Final = 502

@@ -4,7 +4,7 @@ import math
 
 import msgspec
 
-from drivers.ur.link.look import ArmLook, doubts
+from drivers.ur.link.preflight import ArmLook, doubts
 
 STANDS = ArmLook(1.0, (0.1, -1.5, 1.6, -1.6, -1.5, 0.0), (0.5, 0.1, 0.3, 0.0, 3.1, 0.0),
                  (0.0,) * 6, 7, 1, 1, 0.5)  # fmt: skip

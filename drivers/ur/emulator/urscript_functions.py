@@ -8,29 +8,43 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript.maths import MATHS, six, three
-from drivers.ur.emulator.urscript.parse import ScriptError
-from drivers.ur.emulator.urscript.run import (
-    Builtin,
-    PoseValue,
-    Steps,
-    Thread,
-    Value,
-    finite,
-    quantity,
-)
+from drivers.ur.emulator.urscript import Builtin, PoseValue, ScriptError, Steps, Thread, Value
 
 BUILTINS: dict[str, Builtin] = {}
+_MOST = 1e6  # of whatever an arm is told, in its unit: what is made of it stays finite
 _MAX_SLEEP_S = 3600.0
 _MOST_SHOWN = 500  # characters of a string
 _MOST_KG = 12.5  # of a UR10e; a UR10 carries 10
-_SLOWEST_HZ = 1.0 / _MAX_SLEEP_S  # of a watchdog
 
 
 def _known(function: Builtin) -> Builtin:
     """A generator function is one that waits for later cycles."""
     BUILTINS[function.__name__] = function
     return function
+
+
+def _finite(value: Value) -> float:
+    """A finite number; anything else ends the program."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ScriptError(f"a finite number expected, not {value!r:.60}")
+    return float(value)
+
+
+def _quantity(value: Value, least: float = -_MOST, most: float = _MOST) -> float:
+    """A number that an arm may be given; anything else ends the program."""
+    number = _finite(value)
+    if not least <= number <= most:
+        raise ScriptError(f"{number:g} is beyond {least:g} to {most:g}")
+    return number
+
+
+def _numbers(values: Value, count: int = kinematics.JOINTS) -> tuple[float, ...]:
+    if not isinstance(values, list) or len(values) != count:
+        raise ScriptError(f"{count} numbers expected")
+    return tuple(_quantity(value) for value in values)
+
+
+# motions
 
 
 def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
@@ -52,47 +66,35 @@ def movel(
 ) -> Steps:
     """A blend radius is ignored: every line ends at rest."""
     motion = thread.robot.motion
-    target = six(pose)
+    target = _numbers(pose)
     if not isinstance(pose, PoseValue):
         target = motion.pose_of(target, None)
-    if quantity(t):
+    if _quantity(t):
         raise ScriptError("a line in a given time is not emulated")
-    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a)))
-
-
-def _duration(t: Value) -> float:
-    return quantity(t, 0.0, _MAX_SLEEP_S)
-
-
-def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[float] | None:
-    """Joint angles for a pose, or None."""
-    q = thread.robot.motion.joints_for(pose, None if near is None else six(near))
-    return None if q is None else list(q)
+    yield from _moving(thread, lambda: motion.line(target, _finite(v), _finite(a)))
 
 
 @_known
 def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
-    """For t seconds; without t until the speed is reached. The motion goes on afterwards."""
+    """For t seconds, at least a cycle. The motion goes on afterwards."""
     motion = thread.robot.motion
-    x, y, z, rx, ry, rz = six(xd)
-    yield from _kept(thread, lambda: motion.speed_line((x, y, z), (rx, ry, rz), finite(a)), t)
-
-
-def _kept(thread: Thread, start: Callable[[], None], t: Value) -> Steps:
-    """A motion that goes on after its call has lasted for t seconds, at least a cycle."""
-    motion = thread.robot.motion
+    x, y, z, rx, ry, rz = _numbers(xd)
     motion.take(thread)
     try:
-        start()
-        for _ in range(max(1, round(_duration(t) / thread.robot.period_s))):
-            yield
+        motion.speed_line((x, y, z), (rx, ry, rz), _finite(a))
+        yield from _cycles(thread, _quantity(t, 0.0, _MAX_SLEEP_S))
     finally:
         motion.let_go(thread)
 
 
+def _cycles(thread: Thread, seconds: float) -> Steps:
+    for _ in range(max(1, round(seconds / thread.robot.period_s))):
+        yield
+
+
 @_known
 def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
-    motion, deceleration = thread.robot.motion, finite(a)
+    motion, deceleration = thread.robot.motion, _finite(a)
     yield from _moving(thread, lambda: motion.stop(deceleration))
 
 
@@ -109,20 +111,17 @@ def sync(thread: Thread) -> Steps:
 
 @_known
 def sleep(thread: Thread, t: Value) -> Steps:
-    for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / thread.robot.period_s))):
-        yield
+    yield from _cycles(thread, min(_finite(t), _MAX_SLEEP_S))
 
 
-def _shown(value: Value) -> Value:
-    """Strings of a list by their beginnings, for the log keeps no more."""
-    if not isinstance(value, list):
-        return value
-    return type(value)(one[:_MOST_SHOWN] if isinstance(one, str) else one for one in value)
+@_known
+def protective_stop(thread: Thread) -> None:
+    thread.robot.protective_stop()
 
 
 @_known
 def textmsg(thread: Thread, s1: Value, s2: Value = "") -> None:
-    thread.robot.log(f"{_shown(s1)}{_shown(s2)}")
+    thread.robot.log(f"{s1!s:.{_MOST_SHOWN}}{s2!s:.{_MOST_SHOWN}}")
 
 
 # registers
@@ -147,19 +146,17 @@ def write_output_integer_register(thread: Thread, address: Value, value: Value) 
 
 @_known
 def write_output_float_register(thread: Thread, address: Value, value: Value) -> None:
-    thread.robot.registers.write("double", address, finite(value))
+    thread.robot.registers.write("double", address, _finite(value))
 
 
 @_known
 def rtde_set_watchdog(
-    thread: Thread,
-    variable_name: Value,
-    min_frequency: Value,
-    action: Value = "pause",
+    thread: Thread, variable_name: Value, min_frequency: Value, action: Value = "pause"
 ) -> None:
     if action != "stop":
         raise ScriptError("a watchdog with another action than stop is not emulated")
-    thread.robot.set_watchdog(str(variable_name), quantity(min_frequency, _SLOWEST_HZ))
+    slowest_hz = 1.0 / _MAX_SLEEP_S
+    thread.robot.set_watchdog(str(variable_name), _quantity(min_frequency, slowest_hz))
 
 
 # state
@@ -186,11 +183,6 @@ def get_target_tcp_speed(thread: Thread) -> list[float]:
 
 
 @_known
-def get_actual_joint_positions(thread: Thread) -> list[float]:
-    return list(thread.robot.motion.q)
-
-
-@_known
 def get_joint_torques(thread: Thread) -> list[float]:
     return [0.0] * kinematics.JOINTS
 
@@ -202,7 +194,7 @@ def get_steptime(thread: Thread) -> float:
 
 @_known
 def set_tcp(thread: Thread, pose: Value) -> None:
-    thread.robot.motion.set_tcp(six(pose))
+    thread.robot.motion.set_tcp(_numbers(pose))
 
 
 @_known
@@ -212,13 +204,13 @@ def get_tcp_offset(thread: Thread) -> PoseValue:
 
 @_known
 def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
-    centre = (0.0, 0.0, 0.0) if cog is None else three(cog)
-    thread.robot.set_payload(quantity(m, 0.0, _MOST_KG), centre)
+    centre = (0.0, 0.0, 0.0) if cog is None else _numbers(cog, 3)
+    thread.robot.set_payload(_quantity(m, 0.0, _MOST_KG), centre)
 
 
 @_known
 def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
-    thread.robot.set_payload(quantity(m, 0.0, _MOST_KG), three(cog))
+    set_payload(thread, m, cog)
 
 
 @_known
@@ -237,31 +229,37 @@ def get_target_payload_inertia(thread: Thread) -> list[float]:
 
 
 @_known
-def protective_stop(thread: Thread) -> None:
-    thread.robot.protective_stop()
-
-
-@_known
 def zero_ftsensor(thread: Thread) -> None:
     thread.robot.zero_wrench()
 
 
-def _without_effect(name: str, reason: str) -> Builtin:
-    """For a setting of what this emulator does not model: the log says so."""
-
-    def taken(thread: Thread, value: Value) -> None:
-        thread.robot.log(f"{name} has no effect: {reason}")
-
-    return taken
-
-
-# ur_rtde's script sets these two as it starts, whether it is ever asked for force mode or not
-for _name in ("force_mode_set_damping", "force_mode_set_gain_scaling"):
-    BUILTINS[_name] = _without_effect(_name, "force mode is not emulated")
-BUILTINS["set_gravity"] = _without_effect("set_gravity", "gravity is not modelled")
-
-
 # geometry
+
+
+@_known
+def norm(thread: Thread, a: Value) -> float:
+    values = a if isinstance(a, list) else [a]
+    return math.hypot(*(_finite(value) for value in values))
+
+
+@_known
+def pose_trans(thread: Thread, p_from: Value, p_from_to: Value) -> PoseValue:
+    first, second = (kinematics.frame(_numbers(pose)) for pose in (p_from, p_from_to))
+    return PoseValue(kinematics.pose(first @ second))
+
+
+@_known
+def pose_sub(thread: Thread, p_to: Value, p_from: Value) -> PoseValue:
+    """Positions and rotations subtracted each for itself, in the base frame."""
+    to, start = (kinematics.frame(_numbers(pose)) for pose in (p_to, p_from))
+    turn = kinematics.rotation_vector(to[:3, :3] @ start[:3, :3].T)
+    return PoseValue([*(to[:3, 3] - start[:3, 3]).tolist(), *turn])
+
+
+def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[float] | None:
+    """Joint angles for a pose, or None."""
+    q = thread.robot.motion.joints_for(pose, None if near is None else _numbers(near))
+    return None if q is None else list(q)
 
 
 @_known
@@ -272,7 +270,7 @@ def get_inverse_kin(
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
 ) -> list[float]:
-    q = _joints(thread, six(x), qnear)
+    q = _joints(thread, _numbers(x), qnear)
     if q is None:
         raise ScriptError("no inverse kinematics solution")
     return q
@@ -286,23 +284,35 @@ def get_inverse_kin_has_solution(
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
 ) -> bool:
-    return _joints(thread, six(pose), qnear) is not None
+    return _joints(thread, _numbers(pose), qnear) is not None
 
 
 @_known
 def get_forward_kin(thread: Thread, q: Value = None, tcp: Value = None) -> PoseValue:
     motion = thread.robot.motion
-    joints = motion.q if q is None else six(q)
-    return PoseValue(motion.pose_of(joints, None if tcp is None else six(tcp)))
+    joints = motion.q if q is None else _numbers(q)
+    return PoseValue(motion.pose_of(joints, None if tcp is None else _numbers(tcp)))
 
 
 @_known
 def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
     """Reach is the only limit that is modelled."""
-    values = six(pose)
+    values = _numbers(pose)
     if isinstance(pose, PoseValue):
         return _joints(thread, values) is not None
-    return all(abs(angle) <= 2.0 * math.pi for angle in values)
+    return all(abs(angle) <= kinematics.JOINT_RANGE for angle in values)
+
+
+# named by ur_rtde's script, and not emulated
+
+
+def _without_effect(name: str) -> Builtin:
+    """A setting of what is not modelled: the log says so."""
+
+    def taken(thread: Thread, value: Value) -> None:
+        thread.robot.log(f"{name} has no effect: it is not emulated")
+
+    return taken
 
 
 def _not_emulated(name: str) -> Builtin:
@@ -312,14 +322,12 @@ def _not_emulated(name: str) -> Builtin:
     return refuse
 
 
-# what ur_rtde's script names beside
+# the script sets the first two as it starts, whether it is ever asked for force mode or not
+_WITHOUT_EFFECT = "force_mode_set_damping force_mode_set_gain_scaling set_gravity"
 _NOT_EMULATED = (
-    "direct_torque enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode "
-    "force_mode freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history "
-    "get_coriolis_and_centrifugal_torques get_freedrive_status get_jacobian "
-    "get_jacobian_time_derivative get_mass_matrix get_target_joint_accelerations "
-    "get_target_waypoint movec movej movep servoc servoj speedj teach_mode tool_contact"
+    "enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode force_mode "
+    "freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history get_freedrive_status "
+    "get_target_waypoint movej servoc servoj speedj teach_mode tool_contact"
 )
-
-
-BUILTINS |= MATHS | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}
+BUILTINS |= {name: _without_effect(name) for name in _WITHOUT_EFFECT.split()}
+BUILTINS |= {name: _not_emulated(name) for name in _NOT_EMULATED.split()}
