@@ -10,6 +10,7 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
 
+_NOT_TAKEN = "the arm controller did not take the move", "look at the teach pendant"
 _SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
 
 
@@ -146,7 +147,7 @@ class ArmDriver:
         _require("arm.max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
         self._require_inside(position_m)
         if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
-            raise _not_taken()
+            raise Refused(*_NOT_TAKEN)
         self._target_m, self._driven_ns = position_m, None
         self._state = msgspec.structs.replace(state, moving=True)
 
@@ -161,7 +162,7 @@ class ArmDriver:
         (turned_rad,) = _at_worst((state.angle_rad,), (spin_radps,), acceleration_mps2)
         _require("the limit of turn", abs(turned_rad), 0.0, MAX_TURN_RAD, "rad")
         if not self._link.speed_l(velocity_mps, spin_radps, acceleration_mps2, self._now_ns):
-            raise _not_taken()
+            raise Refused(*_NOT_TAKEN)
         self._target_m = None
         self._driven_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
@@ -236,10 +237,6 @@ def _at_worst(at: Sequence[float], speed: Sequence[float], acceleration: float) 
     """Where a drive ends that is forgotten now: it runs until it times out, then it brakes."""
     braking_s = math.hypot(*speed) / (2.0 * acceleration)
     return [x + v * (DRIVE_TIMEOUT_S + braking_s) for x, v in zip(at, speed, strict=True)]
-
-
-def _not_taken() -> Refused:
-    return Refused("the arm controller did not take the move", "look at the teach pendant")
 
 
 def _require_up_to(what: str, value: float, most: float, unit: str) -> None:

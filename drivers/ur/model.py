@@ -85,9 +85,9 @@ class Turn(msgspec.Struct, frozen=True):
 class Pace:
     """The speed slider: at what share of its pace the arm moves along a line.
 
-    A line is planned at full pace, in its own time; the slider says how fast that time runs. Where
-    a share f holds, speeds are f times and accelerations f squared times those of the plan, so that
-    the path is the same and takes 1/f as long. The share changes evenly, a step a cycle.
+    A line is planned at full pace, in its own time; the slider says how fast that time runs: at a
+    share f, speeds are f times and accelerations f squared times the planned ones, on the same
+    path. The share changes evenly, a step a cycle.
     """
 
     def __init__(self, now_ns: int, period_ns: int) -> None:

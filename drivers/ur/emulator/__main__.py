@@ -51,7 +51,6 @@ def _serve(settings: EmulatorSettings) -> None:
             "ready": True,
             "host": settings.host,
             "fault_port": emulator.fault_port,
-            "version": settings.controller.polyscope,
         }
         sys.stdout.write(msgspec.json.encode(ready).decode() + "\n")
         sys.stdout.flush()

@@ -168,10 +168,6 @@ class Controller:
             self._run()
         self.motion.brake_if_unowned()
 
-    def skip(self, cycles: int) -> None:
-        """Cycles that nobody had the time to run."""
-        self.cycles += cycles
-
     def _watch(self, inputs: dict[str, Values]) -> None:
         """End a program whose watchdog's input has not been written for too long."""
         if self._watchdog is None:

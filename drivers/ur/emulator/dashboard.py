@@ -33,17 +33,17 @@ class Dashboard:
     """Answers lines; shared by all connections."""
 
     def __init__(self, settings: EmulatorSettings, controller: Controller) -> None:
-        self._profile = settings.controller
+        profile = settings.controller
         self._controller = c = controller
         self._answers: dict[str, Callable[[], str]] = {
-            "polyscopeversion": lambda: self._profile.polyscope,
+            "polyscopeversion": lambda: profile.polyscope,
             "get serial number": lambda: _SERIAL_NUMBER,
             "get robot model": lambda: "UR10",
             "robotmode": lambda: f"Robotmode: {c.robot_mode.name}",
             "safetymode": lambda: f"Safetymode: {c.safety_mode.name}",
             "safetystatus": lambda: f"Safetystatus: {c.safety_mode.name}",
             "programstate": lambda: f"{c.runtime_state.name} <unnamed>",
-            "running": lambda: f"Program running: {str(self._playing).lower()}",
+            "running": self._running,
             "stop": self._stop,
             "power off": self._power_off,
             "power on": lambda: _allowed(c.power_on(), "Powering on"),
@@ -52,7 +52,7 @@ class Dashboard:
             "close safety popup": lambda: "closing safety popup",
             "quit": lambda: "Disconnected",
         }
-        if self._profile.e_series:
+        if profile.e_series:
             self._answers["is in remote control"] = lambda: str(c.remote_control).lower()
 
     def answer(self, line: str) -> str:
@@ -60,9 +60,9 @@ class Dashboard:
         known = self._answers.get(" ".join(line.split()).lower())
         return known() if known else f"could not understand: '{line.strip():.200}'"
 
-    @property
-    def _playing(self) -> bool:
-        return self._controller.runtime_state is RuntimeState.PLAYING
+    def _running(self) -> str:
+        playing = self._controller.runtime_state is RuntimeState.PLAYING
+        return f"Program running: {str(playing).lower()}"
 
     def _stop(self) -> str:
         self._controller.stop_program("dashboard")

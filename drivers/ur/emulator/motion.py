@@ -14,7 +14,7 @@ import numpy as np
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.emulator.urscript import ScriptError, Thread
-from drivers.ur.kinematics import STILL, Frame, Joints, Pose, beyond, in_range, where
+from drivers.ur.kinematics import STILL, Frame, Joints, Pose, beyond, in_range
 from drivers.ur.model import ArmModel
 
 _TURN_TOLERANCE_RAD = 1e-4  # what is turned by less keeps its orientation
@@ -102,7 +102,7 @@ class RobotMotion:
             self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
         except np.linalg.LinAlgError:
             return "joints cannot follow the tool: singular"
-        return where(beyond(self.q, self.qd), self.q)
+        return beyond(self.q, self.qd)
 
     # state
 

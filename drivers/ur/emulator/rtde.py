@@ -44,7 +44,6 @@ class PacketType(IntEnum):
     START = ord("S")
     PAUSE = ord("P")
     DATA = ord("U")
-    TEXT = ord("M")
 
 
 STRUCT_CODES = {

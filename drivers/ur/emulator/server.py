@@ -34,14 +34,12 @@ _LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, no
 _CHUNK = 1024  # what is taken at a time: a millisecond's work at most
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
-_LEAST_S = 0.001  # of serving, however late a cycle is
 
 
 class Talk(Protocol):
     """One connection's dialogue: bytes in, bytes out."""
 
-    @property
-    def broken(self) -> bool: ...
+    broken: bool
 
     def feed(self, data: bytes) -> bytes: ...
 
@@ -66,33 +64,27 @@ class LineTalk:
     def close(self) -> None: ...
 
 
-class ScriptTalk:
+class ScriptTalk(LineTalk):
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
     def __init__(self, load: Callable[[str], None]) -> None:
+        super().__init__(lambda line: "")
         self._load = load
-        self._held = b""
-        self._program = bytearray()
+        self._program: list[str] = []
         self._depth = 0
-        self.broken = False
 
     def feed(self, data: bytes) -> bytes:
         *lines, self._held = (self._held + data).split(b"\n")
         for line in lines:
-            self._program += line + b"\n"
-            self._depth += depth_change(line.decode("utf-8", "replace"))
+            self._program.append(line.decode("utf-8", "replace"))
+            self._depth += depth_change(self._program[-1])
             if self._depth <= 0:
-                self._finish()
-        self.broken = len(self._held) + len(self._program) > MAX_CHARS
+                text = "\n".join(self._program)
+                self._program, self._depth = [], 0
+                if text.strip():
+                    self._load(text)
+        self.broken = len(self._held) + sum(map(len, self._program)) > MAX_CHARS
         return b""
-
-    def _finish(self) -> None:
-        text = self._program.decode("utf-8", "replace")
-        self._program, self._depth = bytearray(), 0
-        if text.strip():
-            self._load(text)
-
-    def close(self) -> None: ...
 
 
 class Connection:
@@ -131,7 +123,7 @@ class Server:
     """All listeners and connections; ``serve`` handles what is ready within a time."""
 
     def __init__(self) -> None:
-        self._selector = selectors.DefaultSelector()
+        self._selector = selectors.SelectSelector()  # epoll counts whole milliseconds
         self._connections: list[Connection] = []
 
     def listen(self, host: str, port: int, talk: Callable[[], tuple[Talk, bytes]]) -> int:
@@ -170,18 +162,15 @@ class Server:
         connection.sock.close()
         connection.talk.close()
 
-    def serve(self, seconds: float) -> None:
-        """Wait up to this long for something to come, and handle it."""
-        until_s = time.monotonic() + max(seconds, _LEAST_S)
-        ready = self._selector.select(_whole_ms(seconds))
-        if not ready and seconds > 0.0:
-            time.sleep(max(0.0, min(seconds, until_s - time.monotonic())))
-            ready = self._selector.select(0)
-        while ready and time.monotonic() < until_s:
-            for key, _ in ready:
+    def serve(self, until_ns: int) -> None:
+        """Handle what comes until then, and what is there already in any case."""
+        while True:
+            left_ns = until_ns - time.monotonic_ns()
+            for key, _ in self._selector.select(max(0.0, left_ns * 1e-9)):
                 if key.fileobj in self._selector.get_map():  # not closed by one before it
                     key.data()
-            ready = self._selector.select(0)
+            if left_ns <= 0:
+                return
 
     def broadcast(self, cycle: int, sample: Sample) -> None:
         """Send each RTDE client its fields of this cycle."""
@@ -202,12 +191,6 @@ class Server:
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]
         self._selector.close()
-
-
-def _whole_ms(seconds: float) -> float:
-    """Rounded down: epoll would round up, past the end of a cycle."""
-    milliseconds = int(seconds * 1e3)
-    return (milliseconds - 0.5) * 1e-3 if milliseconds > 0 else 0.0
 
 
 class UrEmulator:
@@ -265,22 +248,16 @@ class UrEmulator:
             if time.monotonic_ns() < self._frozen_until_ns:
                 time.sleep(self._period_ns * 1e-9)
                 continue
-            self._serve_until(self._now_ns + self._period_ns)
+            self._server.serve(self._now_ns + self._period_ns)
+            late_ns = time.monotonic_ns() - self._now_ns - self._period_ns
+            if late_ns > _LONGEST_LAG_NS:
+                self.controller.cycles += late_ns // self._period_ns
             self._cycle()
 
     @property
     def _now_ns(self) -> int:
         """Time of the last cycle."""
         return self._start_ns + self.controller.cycles * self._period_ns
-
-    def _serve_until(self, deadline_ns: int) -> None:
-        """Answer clients until the next cycle is due, once in any case."""
-        remaining_ns = deadline_ns - time.monotonic_ns()
-        self._server.serve(remaining_ns * 1e-9)
-        while (remaining_ns := deadline_ns - time.monotonic_ns()) > 0:
-            self._server.serve(remaining_ns * 1e-9)
-        if -remaining_ns > _LONGEST_LAG_NS:
-            self.controller.skip(-remaining_ns // self._period_ns)
 
     def _cycle(self) -> None:
         now_ns = self._now_ns + self._period_ns

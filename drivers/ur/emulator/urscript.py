@@ -187,53 +187,22 @@ class Name(Node):
         return scope[self.name]
 
 
-class MakeList(Node):
-    """``[a, b]``."""
+class Operation(Node):
+    """A function of the values of its parts alone."""
+
+    def __init__(self, function: Callable[..., Value], *parts: Node) -> None:
+        super().__init__(*parts)
+        self._function = function
 
     def apply(self, scope: Scope, *values: Value) -> Value:
-        return [element_for([], value) for value in values]
+        return self._function(*values)
 
 
-class MakePose(Node):
-    """``p[x, y, z, rx, ry, rz]``."""
-
-    def apply(self, scope: Scope, *values: Value) -> Value:
-        if len(values) != 6 or not all(isinstance(value, int | float) for value in values):
-            raise ScriptError("a pose is six numbers")
-        return PoseValue(map(float, values))
-
-
-class Index(Node):
+class Index(Operation):
     """``values[at]``."""
 
-    def apply(self, scope: Scope, *values: Value) -> Value:
-        base, at = values
-        return base[_position_in(base, at)]
-
-
-class Negative(Node):
-    """``-x``."""
-
-    def apply(self, scope: Scope, *values: Value) -> Value:
-        return _arithmetic(operator.sub)(0, values[0])
-
-
-class Not(Node):
-    """``not x``."""
-
-    def apply(self, scope: Scope, *values: Value) -> Value:
-        return not values[0]
-
-
-class Binary(Node):
-    """``left operator right``, other than ``and`` and ``or``."""
-
-    def __init__(self, sign: str, left: Node, right: Node) -> None:
-        super().__init__(left, right)
-        self._operation = OPERATORS[sign]
-
-    def apply(self, scope: Scope, *values: Value) -> Value:
-        return self._operation(*values)
+    def __init__(self, base: Node, at: Node) -> None:
+        super().__init__(_element, base, at)
 
 
 class Logical(Node):
@@ -445,6 +414,24 @@ OPERATORS: Mapping[str, Callable[[Value, Value], Value]] = {
     "!=": operator.ne,
     **{sign: _arithmetic(function) for sign, function in _ON_NUMBERS.items()},
 }
+
+
+def negative(value: Value) -> Value:
+    return OPERATORS["-"](0, value)
+
+
+def make_list(*values: Value) -> list[Value]:
+    return [element_for([], value) for value in values]
+
+
+def make_pose(*values: Value) -> PoseValue:
+    if len(values) != 6 or not all(isinstance(value, int | float) for value in values):
+        raise ScriptError("a pose is six numbers")
+    return PoseValue(map(float, values))
+
+
+def _element(values: Value, at: Value) -> Value:
+    return values[_position_in(values, at)]
 
 
 def _position_in(values: Value, at: Value) -> int:

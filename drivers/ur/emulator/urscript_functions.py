@@ -183,11 +183,6 @@ def get_target_tcp_speed(thread: Thread) -> list[float]:
 
 
 @_known
-def get_joint_torques(thread: Thread) -> list[float]:
-    return [0.0] * kinematics.JOINTS
-
-
-@_known
 def get_steptime(thread: Thread) -> float:
     return float(thread.robot.period_s)
 
@@ -223,16 +218,6 @@ def get_target_payload_cog(thread: Thread) -> list[float]:
     return list(thread.robot.payload_cog_m)
 
 
-@_known
-def get_target_payload_inertia(thread: Thread) -> list[float]:
-    return [0.0] * 6
-
-
-@_known
-def zero_ftsensor(thread: Thread) -> None:
-    thread.robot.zero_wrench()
-
-
 # geometry
 
 
@@ -264,11 +249,7 @@ def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[f
 
 @_known
 def get_inverse_kin(
-    thread: Thread,
-    x: Value,
-    qnear: Value = None,
-    maxPositionError: Value = 1e-10,
-    maxOrientationError: Value = 1e-10,
+    thread: Thread, x: Value, qnear: Value = None, *tolerances: Value
 ) -> list[float]:
     q = _joints(thread, _numbers(x), qnear)
     if q is None:
@@ -278,11 +259,7 @@ def get_inverse_kin(
 
 @_known
 def get_inverse_kin_has_solution(
-    thread: Thread,
-    pose: Value,
-    qnear: Value = None,
-    maxPositionError: Value = 1e-10,
-    maxOrientationError: Value = 1e-10,
+    thread: Thread, pose: Value, qnear: Value = None, *tolerances: Value
 ) -> bool:
     return _joints(thread, _numbers(pose), qnear) is not None
 
@@ -309,10 +286,15 @@ def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
 def _without_effect(name: str) -> Builtin:
     """A setting of what is not modelled: the log says so."""
 
-    def taken(thread: Thread, value: Value) -> None:
+    def taken(thread: Thread, *values: Value) -> None:
         thread.robot.log(f"{name} has no effect: it is not emulated")
 
     return taken
+
+
+def _zeros(thread: Thread) -> list[float]:
+    """Of the six joints or axes of what is not modelled."""
+    return [0.0] * 6
 
 
 def _not_emulated(name: str) -> Builtin:
@@ -323,11 +305,12 @@ def _not_emulated(name: str) -> Builtin:
 
 
 # the script sets the first two as it starts, whether it is ever asked for force mode or not
-_WITHOUT_EFFECT = "force_mode_set_damping force_mode_set_gain_scaling set_gravity"
+_WITHOUT_EFFECT = "force_mode_set_damping force_mode_set_gain_scaling set_gravity zero_ftsensor"
 _NOT_EMULATED = (
     "enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode force_mode "
     "freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history get_freedrive_status "
     "get_target_waypoint movej servoc servoj speedj teach_mode tool_contact"
 )
+BUILTINS |= dict.fromkeys(("get_joint_torques", "get_target_payload_inertia"), _zeros)
 BUILTINS |= {name: _without_effect(name) for name in _WITHOUT_EFFECT.split()}
 BUILTINS |= {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

@@ -7,38 +7,13 @@ assignments, lists, poses, calls with named arguments. Line ends separate nothin
 
 import functools
 import inspect
+import operator
 import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from drivers.ur.emulator.urscript import (
-    BREAK,
-    CONTINUE,
-    Assign,
-    AssignElement,
-    Binary,
-    Block,
-    Builtin,
-    Call,
-    Critical,
-    Evaluate,
-    Function,
-    If,
-    Index,
-    Kill,
-    Literal,
-    Logical,
-    MakeList,
-    MakePose,
-    Name,
-    Negative,
-    Node,
-    Not,
-    Return,
-    Run,
-    ScriptError,
-    While,
-)
+from drivers.ur.emulator import urscript as tree
+from drivers.ur.emulator.urscript import Builtin, Function, Node, ScriptError
 
 MAX_CHARS = 250_000
 MAX_NESTING = 60  # of blocks, brackets and chained operators
@@ -179,7 +154,7 @@ class _Parser:
 
     # statements
 
-    def _body(self, *ends: str) -> tuple[Block, list[Function]]:
+    def _body(self, *ends: str) -> tuple[tree.Block, list[Function]]:
         """Statements up to one of these words, and the functions that they define."""
         self._deeper()
         statements: list[Node] = []
@@ -190,9 +165,9 @@ class _Parser:
             else:
                 statements.append(self._statement())
         self._depth -= 1
-        return Block(*statements), defined
+        return tree.Block(*statements), defined
 
-    def _block(self, *ends: str) -> Block:
+    def _block(self, *ends: str) -> tree.Block:
         self._take(":")
         return self._body("end", *ends)[0]
 
@@ -224,22 +199,22 @@ class _Parser:
                 return self._if()
             case "while":
                 self._at += 1
-                loop = While(self._expression(), self._block())
+                loop = tree.While(self._expression(), self._block())
                 self._take("end")
                 return loop
             case "return":
                 self._at += 1
                 valued = self._same_line() and self._next.kind not in ("end", "end of program")
-                return Return(*([self._expression()] if valued else []))
+                return tree.Return(*([self._expression()] if valued else []))
             case "kill":
                 self._at += 1
-                return Kill(self._expression())
+                return tree.Kill(self._expression())
             case "enter_critical" | "exit_critical" as word:
                 self._at += 1
-                return Critical(word == "enter_critical")
+                return tree.Critical(word == "enter_critical")
             case "break" | "continue" as word:
                 self._at += 1
-                return Literal(BREAK if word == "break" else CONTINUE)
+                return tree.Literal(tree.BREAK if word == "break" else tree.CONTINUE)
             case "global":
                 self._at += 1
                 name = self._take("name").text
@@ -247,28 +222,28 @@ class _Parser:
                 return self._assign(name, True)
         return self._simple()
 
-    def _if(self) -> If:
-        branches: list[tuple[Node, Block]] = []
+    def _if(self) -> tree.If:
+        branches: list[tuple[Node, tree.Block]] = []
         while self._took("elif" if branches else "if"):
             condition = self._expression()
             branches.append((condition, self._block("elif", "else")))
         if self._took("else"):
-            branches.append((Literal(True), self._block()))
+            branches.append((tree.Literal(True), self._block()))
         self._take("end")
-        return If(branches)
+        return tree.If(branches)
 
-    def _assign(self, name: str, shared: bool) -> Assign:
+    def _assign(self, name: str, shared: bool) -> tree.Assign:
         self._assigned.add(name)
-        return Assign(name, self._expression(), shared)
+        return tree.Assign(name, self._expression(), shared)
 
     def _simple(self) -> Node:
         left = self._expression()
         if not self._took("="):
-            return Evaluate(left)
-        if isinstance(left, Name):
+            return tree.Evaluate(left)
+        if isinstance(left, tree.Name):
             return self._assign(left.name, False)
-        if isinstance(left, Index) and isinstance(left.parts[0], Name):
-            return AssignElement(left.parts[0].name, left.parts[1], self._expression())
+        if isinstance(left, tree.Index) and isinstance(left.parts[0], tree.Name):
+            return tree.AssignElement(left.parts[0].name, left.parts[1], self._expression())
         raise self._missing("a variable before =")
 
     # expressions
@@ -281,22 +256,27 @@ class _Parser:
             self._deeper()  # what is chained is nested in the tree, too
             sign = self._next.kind
             self._at += 1
-            make = Logical if sign in ("and", "or") else Binary
-            left = make(sign, left, self._expression(mine))
+            right = self._expression(mine)
+            logical = sign in ("and", "or")
+            left = (
+                tree.Logical(sign, left, right)
+                if logical
+                else tree.Operation(tree.OPERATORS[sign], left, right)
+            )
         self._depth = depth
         return left
 
     def _operand(self) -> Node:
         if self._took("not"):
-            return Not(self._expression(_NOT_BINDING))
+            return tree.Operation(operator.not_, self._expression(_NOT_BINDING))
         if self._took("-"):
-            return Negative(self._expression(_MINUS_BINDING))
+            return tree.Operation(tree.negative, self._expression(_MINUS_BINDING))
         base = self._primary()
         depth = self._depth
         while self._next.kind == "[" and self._same_line():
             self._deeper()
             self._at += 1
-            base = Index(base, self._expression())
+            base = tree.Index(base, self._expression())
             self._take("]")
         self._depth = depth
         return base
@@ -306,17 +286,17 @@ class _Parser:
         self._at += 1
         match token.kind:
             case "number":
-                return Literal(_number(token))
+                return tree.Literal(_number(token))
             case "text":
-                return Literal(token.text[1:-1])
+                return tree.Literal(token.text[1:-1])
             case "True" | "False":
-                return Literal(token.kind == "True")
+                return tree.Literal(token.kind == "True")
             case "(":
                 inner = self._expression()
                 self._take(")")
                 return inner
             case "[":
-                return MakeList(*self._items())
+                return tree.Operation(tree.make_list, *self._items())
             case "run":
                 return self._run()
             case "name":
@@ -324,12 +304,12 @@ class _Parser:
         self._at -= 1
         raise self._missing("an expression")
 
-    def _run(self) -> Run:
+    def _run(self) -> tree.Run:
         function = self._function(self._take("name").text)
         self._take("(")
         self._take(")")
         self._calls.append((function, None))
-        return Run(function)
+        return tree.Run(function)
 
     def _named(self, name: str) -> Node:
         """A variable, a call, or a pose: ``p[0]`` is an element of p, with six items it is one."""
@@ -340,12 +320,12 @@ class _Parser:
             self._at += 1
             items = self._items()
             if len(items) != 1:
-                return MakePose(*items)
+                return tree.Operation(tree.make_pose, *items)
             self._read.add(name)
-            return Index(Name(name), items[0])
+            return tree.Index(tree.Name(name), items[0])
         if self._next.kind != "=":
             self._read.add(name)
-        return Name(name)
+        return tree.Name(name)
 
     def _items(self) -> list[Node]:
         found: list[Node] = []
@@ -355,12 +335,12 @@ class _Parser:
                 self._take(",")
         return found
 
-    def _call(self, name: str) -> Call:
+    def _call(self, name: str) -> tree.Call:
         values: list[Node] = []
         keys: list[str] = []
         while not self._took(")"):
             value = self._expression()
-            if isinstance(value, Name) and self._took("="):
+            if isinstance(value, tree.Name) and self._took("="):
                 keys.append(value.name)
                 value = self._expression()
             elif keys:
@@ -372,12 +352,12 @@ class _Parser:
         if builtin is not None:
             _check_arguments(name, builtin, len(values) - len(keys), keys)
             waits = inspect.isgeneratorfunction(builtin)
-            return Call(builtin, *values, keys=tuple(keys), waits=waits)
+            return tree.Call(builtin, *values, keys=tuple(keys), waits=waits)
         function = self._function(name)
         if keys:
             raise ScriptError(f"{name} takes no named arguments")
         self._calls.append((function, len(values)))
-        return Call(function.call, *values, waits=True)
+        return tree.Call(function.call, *values, waits=True)
 
 
 _signature = functools.cache(inspect.signature)

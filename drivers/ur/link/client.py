@@ -5,7 +5,6 @@ Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts 
 
 import math
 import os
-from collections.abc import Callable
 from typing import Annotated, Self
 
 import msgspec
@@ -95,7 +94,17 @@ class UrLink:
         findings = preflight(s.host, s.step_timeout_s)
         require(findings)
         require_standing(s.host, s.step_timeout_s)
-        started = WorkerProcess(self._setup())
+        setup = messages.Setup(
+            host=s.host,
+            payload_kg=self._payload_kg,
+            cog_m=s.cog_m,
+            watchdog_hz=s.watchdog_hz,
+            heartbeat_timeout_s=s.heartbeat_timeout_s,
+            link_timeout_s=s.link_timeout_s,
+            leave_timeout_s=s.leave_timeout_s,
+            client_pid=os.getpid(),
+        )
+        started = WorkerProcess(setup)
         try:
             started.wait_ready(s.start_timeout_s)
         except BaseException:  # a signal among them: no program of ours may be left
@@ -127,33 +136,23 @@ class UrLink:
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
         """False in a safety stop; raises DeviceFault when no program runs on the controller."""
-        _, state = self._live()
+        process, state = self._live()
         rotation = state.pose[3:] if self._turned else self._rotation
-        return self._start(
-            lambda number: messages.Move(
-                number, (*target_m, *rotation), speed_mps, acceleration_mps2
-            ),
-            now_ns,
-        )
+        target = (*target_m, *rotation)
+        number = process.next_number()
+        return self._start(messages.Move(number, target, speed_mps, acceleration_mps2), now_ns)
 
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
         """As ``move_l``; the controller keeps the velocity for as long as ``read`` is called."""
-        _, state = self._live()
+        process, state = self._live()
         self._turned = self._turned or spin_radps != 0.0
-        axis = kinematics.rotation(state.pose[3:])[:, 2]
-        wx, wy, wz = (spin_radps * axis).tolist()
-        return self._start(
-            lambda number: messages.DriveArm(
-                number, (*velocity_mps, wx, wy, wz), acceleration_mps2
-            ),
-            now_ns,
-        )
+        wx, wy, wz = (spin_radps * kinematics.rotation(state.pose[3:])[:, 2]).tolist()
+        velocity, number = (*velocity_mps, wx, wy, wz), process.next_number()
+        return self._start(messages.DriveArm(number, velocity, acceleration_mps2), now_ns)
 
-    def _start(
-        self, motion: Callable[[int], messages.Move | messages.DriveArm], now_ns: int
-    ) -> bool:
+    def _start(self, motion: messages.Move | messages.DriveArm, now_ns: int) -> bool:
         process, state = self._live()
         if state.stopped_by_safety:
             return False
@@ -161,7 +160,7 @@ class UrLink:
             raise _program_ended()
         self._stop_number = None
         self._beat_ns = now_ns
-        process.post(motion(process.next_number()), self._settings.step_timeout_s)
+        process.post(motion, self._settings.step_timeout_s)
         return True
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
@@ -227,33 +226,30 @@ class UrLink:
         return process, state
 
     def _raise_trouble(self, process: WorkerProcess, state: State) -> None:
-        """The driver raises protective stops itself, so those are left to it."""
+        """Each once, when it begins. The driver raises protective stops itself."""
         failure = process.failure()
         stopped = state.stopped_by_safety
-        if self._begins("stop", state.emergency_stop):
-            raise DeviceFault(
-                f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
-                "release the emergency stop or close the safeguard, power the robot on at the "
-                "teach pendant, then start the run again",
-            )
-        if self._begins("mode", state.robot_mode != ROBOT_RUNNING and not stopped):
-            raise DeviceFault(
-                f"the arm's motors are off (robot mode {state.robot_mode})",
-                "power the robot on at the teach pendant, then start the run again",
-            )
-        if self._begins("program", not state.program_running and not stopped):
-            raise _program_ended()
+        safety_stop = DeviceFault(
+            f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
+            "release the emergency stop or close the safeguard, power the robot on at the "
+            "teach pendant, then start the run again",
+        )
+        no_power = DeviceFault(
+            f"the arm's motors are off (robot mode {state.robot_mode})",
+            "power the robot on at the teach pendant, then start the run again",
+        )
+        for name, present, fault in (
+            ("stop", state.emergency_stop, safety_stop),
+            ("mode", state.robot_mode != ROBOT_RUNNING and not stopped, no_power),
+            ("program", not state.program_running and not stopped, _program_ended()),
+        ):
+            if not present:
+                self._raised.discard(name)
+            elif name not in self._raised:
+                self._raised.add(name)
+                raise fault
         if failure is Outcome.NOT_TAKEN:
             raise Refused("the arm controller did not take a command", SEE_PENDANT)
-
-    def _begins(self, trouble: str, present: bool) -> bool:
-        """True when it was not there at the last look."""
-        if not present:
-            self._raised.discard(trouble)
-            return False
-        begins = trouble not in self._raised
-        self._raised.add(trouble)
-        return begins
 
     def _confirm_stop(self, process: WorkerProcess, state: State, now_ns: int) -> None:
         number = self._stop_number
@@ -269,19 +265,6 @@ class UrLink:
                 f"press the emergency stop if it still moves; {START_AGAIN}",
             )
 
-    def _setup(self) -> messages.Setup:
-        s = self._settings
-        return messages.Setup(
-            host=s.host,
-            payload_kg=self._payload_kg,
-            cog_m=s.cog_m,
-            watchdog_hz=s.watchdog_hz,
-            heartbeat_timeout_s=s.heartbeat_timeout_s,
-            link_timeout_s=s.link_timeout_s,
-            leave_timeout_s=s.leave_timeout_s,
-            client_pid=os.getpid(),
-        )
-
 
 def _program_ended() -> DeviceFault:
     return DeviceFault(
@@ -293,5 +276,4 @@ def _program_ended() -> DeviceFault:
 
 def _along_axis(state: State) -> float:
     """Spin about the tool's own axis, rad/s."""
-    axis = kinematics.rotation(state.pose[3:])[:, 2]
-    return float(sum(a * w for a, w in zip(axis.tolist(), state.turning_radps, strict=True)))
+    return float(kinematics.rotation(state.pose[3:])[:, 2] @ state.turning_radps)

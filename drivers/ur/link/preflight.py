@@ -25,7 +25,6 @@ TURN_UP = "set the speed slider to 100 % at the teach pendant"
 MOVES, END_IT = "the arm moves", "end the program that moves it"
 Version = tuple[int, ...]
 
-_UNCHECKED_HOSTS = ("localhost", "127.0.0.1", "192.168.56.101")  # ur_rtde asks no remote control
 _REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
     f"input_double_register_{i}" for i in range(18)
 ]  # what ur_rtde 1.6.5 writes to with its register offset 0
@@ -165,7 +164,6 @@ _ANSWERED = (
 def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
     """Ask everything; never raises on an unfit controller, and no step takes longer than told."""
     asked = _Questions(host, step_timeout_s)
-    asked.address()
     open_ports = [port for port in _PORTS if asked.port(port)]
     if RTDE_PORT in open_ports:
         asked.rtde()
@@ -198,17 +196,8 @@ class _Questions:
         self._host, self._timeout_s = host, timeout_s
 
     def _add(self, name: str, fine: str, trouble: str = "", remedy: str = "") -> None:
-        self.checks.append(
-            PreflightCheck(name, "fail", trouble, remedy)
-            if trouble
-            else PreflightCheck(name, "ok", fine)
-        )
-
-    def address(self) -> None:
-        trouble = f"at {self._host} ur_rtde does not check for remote control"
-        unchecked = PreflightCheck("address", "warn", trouble, "use the controller's own address")
-        fine = PreflightCheck("address", "ok", self._host)
-        self.checks.append(unchecked if self._host in _UNCHECKED_HOSTS else fine)
+        fit = PreflightCheck(name, "ok", fine)
+        self.checks.append(PreflightCheck(name, "fail", trouble, remedy) if trouble else fit)
 
     def port(self, port: int) -> bool:
         what, trouble = f"{_PORTS[port]} port {port}", ""
@@ -350,7 +339,6 @@ def _shortened(names: list[str]) -> str:
 
 
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
-MOST_RAD: Final = 2 * math.pi + 0.01  # of any joint; UR10 user manual: 360 degrees either way
 MOST_REACH_M: Final = 2.5  # of the tool from the base; UR20 manual: 1.75 m, and a long tool
 STANDS_MPS: Final = 0.001  # as `ur.standing_below_mps`
 _FIELDS: Final = {
@@ -427,9 +415,6 @@ def doubts(now: ArmLook, before: ArmLook) -> list[str]:
         return found
     if not all(map(math.isfinite, (*now.joints_rad, *now.pose, *now.speed))):
         return [*found, "joints or pose are no numbers"]
-    for name, q in zip(JOINTS, now.joints_rad, strict=True):
-        if abs(q) > MOST_RAD:
-            found.append(f"joint {name} at {math.degrees(q):.0f} degrees, and 360 is the most")
     if not any(now.joints_rad):
         found.append("all joints read exactly 0")
     away_m = math.hypot(*now.pose[:3])

@@ -47,10 +47,6 @@ class WorkerProcess:
             thread.start()
         self._send(setup)
 
-    @property
-    def running(self) -> bool:
-        return not self._ended
-
     def wait_ready(self, timeout_s: float) -> None:
         """Until states flow; kills the worker and raises what is wrong when they do not."""
         with self._changed:
@@ -62,7 +58,8 @@ class WorkerProcess:
                 return
         self.kill()
         reason = reason or f"ur_rtde did not start within {timeout_s:g} s"
-        raise _start_error(f"{reason}{self._last_words()}")
+        printed = [line for line in self.log if line.strip()][-1:]
+        raise _start_error(f"{reason} (ur_rtde: {printed[0]})" if printed else reason)
 
     def post(self, command: messages.Command, timeout_s: float) -> None:
         """Send without waiting; ``failure`` and ``check`` say what went wrong."""
@@ -159,25 +156,18 @@ class WorkerProcess:
             elif isinstance(said, State):
                 self.state = said
             elif isinstance(said, messages.Reply):
-                self._settle(said)
+                self._due.pop(said.number, None)
+                if said.number in self._calls:
+                    self._calls.discard(said.number)
+                    self._outcomes[said.number] = said.outcome
+                elif said.outcome is not Outcome.DONE:
+                    self._failures.append(said.outcome)
             elif isinstance(said, messages.Ready):
                 self._ready = True
             elif isinstance(said, messages.Failed):
                 self._ended = said.reason
             self._changed.notify_all()
         return said is not None
-
-    def _settle(self, reply: messages.Reply) -> None:
-        self._due.pop(reply.number, None)
-        if reply.number in self._calls:
-            self._calls.discard(reply.number)
-            self._outcomes[reply.number] = reply.outcome
-        elif reply.outcome is not Outcome.DONE:
-            self._failures.append(reply.outcome)
-
-    def _last_words(self) -> str:
-        lines = [line for line in list(self.log) if line.strip()]
-        return f" (ur_rtde: {lines[-1]})" if lines else ""
 
 
 def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes]":

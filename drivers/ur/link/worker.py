@@ -26,35 +26,13 @@ from typing import Any
 
 import msgspec
 
-from drivers.ur.link.messages import (
-    LONGEST_MESSAGE,
-    PROGRAM_RUNNING,
-    Command,
-    DriveArm,
-    Failed,
-    FromWorker,
-    Leave,
-    Move,
-    Outcome,
-    Ready,
-    Reply,
-    Request,
-    SetPayload,
-    Setup,
-    State,
-    Stop,
-)
+from drivers.ur.link import messages
+from drivers.ur.link.messages import PROGRAM_RUNNING, DriveArm, Move, Outcome, State
 
 _RECIPE = [
-    "timestamp",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "target_TCP_speed",
-    "robot_mode",
-    "safety_status_bits",
-    "runtime_state",
-    "target_speed_fraction",
-]
+    "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_mode",
+    "safety_status_bits", "runtime_state", "target_speed_fraction",
+]  # fmt: skip
 FREQUENCY_HZ = 125.0  # samples per s; RTDE guide: what a CB3 sends
 _PERIOD_S = 1.0 / FREQUENCY_HZ
 _STANDING_BELOW_MPS = 0.001  # assumed
@@ -72,28 +50,28 @@ class Channel:
 
     def __init__(self, peer: socket.socket) -> None:
         self._socket = peer
-        self._decoder = msgspec.msgpack.Decoder[Request](Request)
+        self._decoder = msgspec.msgpack.Decoder[messages.Request](messages.Request)
 
-    def send(self, said: FromWorker) -> None:
+    def send(self, said: messages.FromWorker) -> None:
         # full: the client sees a silent robot; closed: receive() says so
         with contextlib.suppress(OSError):
             self._socket.send(msgspec.msgpack.encode(said), socket.MSG_DONTWAIT)
 
-    def receive(self, timeout_s: float) -> Request | None:
+    def receive(self, timeout_s: float) -> messages.Request | None:
         """None when nothing came in time; raises EOFError when the client is gone."""
         if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
             return None
-        data = self._socket.recv(LONGEST_MESSAGE)
+        data = self._socket.recv(messages.LONGEST_MESSAGE)
         if not data:
             raise EOFError
-        request: Request = self._decoder.decode(data)
+        request: messages.Request = self._decoder.decode(data)
         return request
 
 
 class Robot:
     """The state side: reads and publishes; ends the process when the link is lost."""
 
-    def __init__(self, receive: Any, setup: Setup, channel: Channel) -> None:
+    def __init__(self, receive: Any, setup: messages.Setup, channel: Channel) -> None:
         self._receive = receive
         self._setup = setup
         self._channel = channel
@@ -139,7 +117,7 @@ class Robot:
                 if self.publishing:
                     self._channel.send(self.state())
             time.sleep(0.001)
-        self._channel.send(Failed("the arm controller sends no data any more"))
+        self._channel.send(messages.Failed("the arm controller sends no data any more"))
         os._exit(3)  # no destructor: ur_rtde's would wait, and can crash
 
     def outcome(self, taken: bool) -> Outcome:
@@ -175,7 +153,7 @@ class Commander:
         self,
         control: Any,
         robot: Robot,
-        setup: Setup,
+        setup: messages.Setup,
         channel: Channel,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -215,11 +193,11 @@ class Commander:
                 request = self._channel.receive(self._wait_s)
             except EOFError:
                 return
-            if isinstance(request, Leave) or os.getppid() != self._setup.client_pid:
+            if isinstance(request, messages.Leave) or os.getppid() != self._setup.client_pid:
                 return  # where others hold its end of the socket too, its death is not heard
             self.listened(request is not None)
-            if isinstance(request, Move | DriveArm | Stop | SetPayload):
-                self._channel.send(Reply(request.number, self.carry_out(request)))
+            if isinstance(request, Move | DriveArm | messages.Stop | messages.SetPayload):
+                self._channel.send(messages.Reply(request.number, self.carry_out(request)))
 
     def listened(self, heard: bool) -> None:
         """Silence is what a look at the socket did not find: where this process was held up, what
@@ -255,12 +233,12 @@ class Commander:
         running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
         return bool(running) or self._clock() - self._commanded_at < _SETTLE_S
 
-    def carry_out(self, command: Command) -> Outcome:
+    def carry_out(self, command: messages.Command) -> Outcome:
         """Tell ur_rtde, and what it said; no motion begins after the arm was left alone."""
-        if isinstance(command, SetPayload):
+        if isinstance(command, messages.SetPayload):
             taken = self._control.setPayload(command.mass_kg, list(command.cog_m))
             return self._robot.outcome(bool(taken))
-        if isinstance(command, Stop):
+        if isinstance(command, messages.Stop):
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
         if self._forsaken:  # its program is about to end
@@ -287,7 +265,7 @@ class Commander:
         self._waiting = None
         outcome = self._start(motion) if self._client_lives else Outcome.NOT_TAKEN
         if outcome is not Outcome.DONE:
-            self._channel.send(Reply(motion.number, outcome))
+            self._channel.send(messages.Reply(motion.number, outcome))
 
     def _start(self, motion: Move | DriveArm) -> Outcome:
         self._stopping = False
@@ -355,7 +333,7 @@ class Commander:
         return self._unheard_s <= self._setup.heartbeat_timeout_s
 
 
-def _start(setup: Setup, channel: Channel) -> Commander:
+def _start(setup: messages.Setup, channel: Channel) -> Commander:
     """Both interfaces of ur_rtde, the reading thread, and the program prepared."""
     receive_module = importlib.import_module("rtde_receive")
     control_class = importlib.import_module("rtde_control").RTDEControlInterface
@@ -382,7 +360,7 @@ def main() -> None:
     """Entry of the child process; its only argument is the socket's descriptor."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     setup = channel.receive(timeout_s=10.0)
-    if not isinstance(setup, Setup):
+    if not isinstance(setup, messages.Setup):
         os._exit(2)
     try:
         _die_with_client(signal.SIGKILL)
@@ -390,14 +368,10 @@ def main() -> None:
             os._exit(4)
         commander = _start(setup, channel)
         _die_with_client(0)  # from now on the arm is braked first
-        channel.send(Ready())
+        channel.send(messages.Ready())
         commander.serve()
         commander.leave()
     except Exception as error:  # ur_rtde raises what its C++ threw
-        channel.send(Failed(str(error)))
+        channel.send(messages.Failed(str(error)))
         os._exit(2)
     os._exit(0)  # no destructor: ur_rtde's takes half a second
-
-
-if __name__ == "__main__":
-    main()

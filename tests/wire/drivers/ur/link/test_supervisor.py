@@ -74,7 +74,8 @@ def test_child_that_answers_no_command_is_given_up():
             assert worker.state == state
             with pytest.raises(LinkLost, match="did not take a command in time"):
                 worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
-            assert not worker.running
+            with pytest.raises(LinkLost, match="link to the arm lost"):
+                worker.check()
 
 
 def test_command_that_failed_is_told_once():
