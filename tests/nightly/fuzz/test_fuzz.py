@@ -22,7 +22,7 @@ import pytest
 
 from drivers.takktile.emulator import hop
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
-from drivers.ur.emulator.rtde_wire import PacketType, packet
+from drivers.ur.emulator.rtde import PacketType, packet
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.cell_process import cell_process
 from tests.nightly.fuzz.grammars import GRAMMARS, pieces
