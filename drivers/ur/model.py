@@ -31,9 +31,7 @@ _HISTORY = 32  # past segments kept: a few commands, hence far more than one con
 class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The modelled controller."""
 
-    start_m: Annotated[
-        tuple[float, float, float], Meta(description="m, tool position at power-up, base frame")
-    ] = (0.5, 0.1, 0.3)
+    start_m: Vector3 = (0.5, 0.1, 0.3)  # tool position at power-up, base frame
     period_s: Annotated[
         float, Meta(ge=0.001, le=0.02, description="s, controller cycle; UR manual: CB3 125 Hz")
     ] = 0.008

@@ -15,7 +15,7 @@ from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
-from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, State
+from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
 from drivers.ur.link.preflight import PreflightFindings, preflight, require, require_standing
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
@@ -26,6 +26,9 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """How to reach the controller, what hangs on the flange, and how long to wait."""
 
     host: Annotated[str, Meta(description="address of the arm's controller; empty: not said")] = ""
+    tcp_offset: Annotated[
+        Pose, Meta(description="m and rad, tool centre point from the flange; assumed")
+    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     cog_m: Annotated[
         tuple[float, float, float],
         Meta(description="m, centre of gravity of the payload from the flange; assumed"),
@@ -96,6 +99,7 @@ class UrLink:
         require_standing(s.host, s.step_timeout_s)
         setup = messages.Setup(
             host=s.host,
+            tcp_offset=s.tcp_offset,
             payload_kg=self._payload_kg,
             cog_m=s.cog_m,
             watchdog_hz=s.watchdog_hz,

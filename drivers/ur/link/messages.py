@@ -31,9 +31,10 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class Setup(Message, frozen=True):
-    """First of all; payload_kg None: as the installation has it."""
+    """First of all; tcp_offset in m and rad, payload_kg None: as the installation has it."""
 
     host: str
+    tcp_offset: Pose
     payload_kg: float | None
     cog_m: Vector3
     watchdog_hz: float

@@ -38,7 +38,6 @@ _PERIOD_S = 1.0 / FREQUENCY_HZ
 _STANDING_BELOW_MPS = 0.001  # assumed
 _STANDING_BELOW_RADPS = 0.005  # assumed: the same at 0.2 m from the axis
 _BRAKE_AGAIN_S = 0.2  # a drive that still moves is braked again: a controller may miss a call
-_FLANGE = [0.0] * 6  # the tool centre point that is set: poses are the flange's
 _LONGEST_LOOK_S = 0.03  # 1 ms is to be slept; beyond that this process was not run
 _SETTLE_S = 4 * _PERIOD_S  # until a command shows in what the controller reports
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
@@ -178,7 +177,7 @@ class Commander:
     def prepare(self) -> bool:
         """What ends with every program: tool, payload and watchdog; then the first kick."""
         setup = self._setup
-        done = self._control.setTcp(_FLANGE)
+        done = self._control.setTcp(list(setup.tcp_offset))
         if setup.payload_kg is not None:
             done = done and self._control.setPayload(setup.payload_kg, list(setup.cog_m))
         return bool(

@@ -20,6 +20,7 @@ _NUMBERS = itertools.count(1)
 TARGET = (0.5, 0.1, 0.4, 3.1, 0.0, 0.0)
 SETUP = messages.Setup(
     host="127.0.0.2",
+    tcp_offset=(0.0,) * 6,
     payload_kg=2.6,
     cog_m=(0.0, 0.0, 0.05),
     watchdog_hz=10.0,
