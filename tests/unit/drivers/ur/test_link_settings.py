@@ -12,8 +12,8 @@ from drivers.ur.link.client import UrLink, UrSettings
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Setup, State
 
 SETTINGS = UrSettings(
-    host="10.0.0.9", tcp_offset=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6), cog_m=(0.01, 0.02, 0.03), watchdog_hz=11.0, heartbeat_timeout_s=0.31,
-    step_timeout_s=1.7,
+    host="10.0.0.9", tcp_offset=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6), cog_m=(0.01, 0.02, 0.03),
+    watchdog_hz=11.0, heartbeat_timeout_s=0.31, step_timeout_s=1.7,
 )  # fmt: skip
 SPEED_MPS, BRAKING_MPS2 = 0.2, 0.5
 MOVING = State(
