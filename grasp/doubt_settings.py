@@ -115,7 +115,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.0001  # fmt: skip
     arm_standing_mps: Annotated[
         float, Meta(ge=1e-5, le=0.05, description="an arm that stands reports no more; assumed, as "
-                    "ur.standing_below_mps")
+                    "the arm's link")
     ] = 0.001  # fmt: skip
     arm_line_m: Annotated[
         float, Meta(ge=1e-5, le=0.05, description="a target that is no further aside from where "

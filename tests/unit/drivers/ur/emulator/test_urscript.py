@@ -4,13 +4,8 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from drivers.ur.emulator.urscript.compile import compile_program
-from drivers.ur.emulator.urscript.parse import MAX_CHARS, ScriptError, parse
-from drivers.ur.emulator.urscript.run import MAX_THREADS, PoseValue, Program
-from drivers.ur.emulator.urscript.syntax import (
-    Assign,
-    Literal,
-)
+from drivers.ur.emulator.urscript import MAX_THREADS, PoseValue, Program, ScriptError
+from drivers.ur.emulator.urscript_parser import MAX_CHARS, parse
 
 
 class Robot:
@@ -44,7 +39,7 @@ def run(body, cycles=20):
     """What a program says within so many cycles."""
     robot = Robot()
     text = "def main():\n" + body + "\nend\n"
-    program = Program(compile_program(text, KNOWN), robot)
+    program = Program(parse(text, KNOWN), robot)
     try:
         for _ in range(cycles):
             if not program.step():
@@ -59,11 +54,8 @@ def run(body, cycles=20):
 
 def test_a_comment_may_stand_between_sign_and_value():
     """So does ur_rtde's upload: its register offsets are filled in on the next line."""
-    body = parse("global a = # offset\n0    global b = # offset\n24\n")
-    assert body == (
-        Assign("a", Literal(0), None, "global"),
-        Assign("b", Literal(24), None, "global"),
-    )
+    body = "global a = # offset\n0    global b = # offset\n24\nsay(a)\nsay(b)"
+    assert run(body) == [0, 24]
 
 
 def test_what_is_no_program():
@@ -81,7 +73,7 @@ def test_what_is_no_program():
         "\x00",
     ]:
         with pytest.raises(ScriptError):
-            parse(text)
+            parse(text, KNOWN)
 
 
 def test_excess_is_refused():
@@ -96,13 +88,13 @@ def test_excess_is_refused():
         " " * (MAX_CHARS + 1),
     ]:
         with pytest.raises(ScriptError):
-            parse(text)
+            parse(text, KNOWN)
 
 
 @given(st.text(st.sampled_from('ab p[](),=+-*"#\n:1.5endifwhiltru'), max_size=200))
 def test_any_text_is_parsed_or_refused(text):
     try:
-        parse(text)
+        parse(text, KNOWN)
     except ScriptError as error:
         assert str(error)
 
@@ -117,8 +109,7 @@ def test_expressions():
         ("(1 + 2) * 3 / 2", 4.5),
         ("1 < 2 and not 3 >= 4", True),
         ("False or 1 == 1.0", True),
-        ("True xor True", False),
-        ('"a" + "b"', "ab"),
+        ('"a"', "a"),
         ("p[1, 2, 3, 4, 5, 6]", PoseValue([1, 2, 3, 4, 5, 6])),
         ("[1, [2][0]]", [1, 2]),
         ("2147483647", 2147483647),
@@ -206,7 +197,7 @@ def test_unknown_names_never_start():
         "def f(a):\n end\n f()",
     ]:
         with pytest.raises(ScriptError):
-            compile_program("def main():\n" + body + "\nend", KNOWN)
+            parse("def main():\n" + body + "\nend", KNOWN)
 
 
 def test_what_ends_a_program():
@@ -221,7 +212,7 @@ def test_what_ends_a_program():
         ("x = [1]\n x = [x, x]", "list"),
         ("x = p[0,0,0,0,0,0]\n x[0] = True\n x[0] = [1]", "list"),
         ('x = "a" * 100000', "number"),
-        ('x = "a"\n while True:\n x = x + x\n end', "too long"),
+        ('x = "a" + "a"', "number"),
         ("if False:\n x = 1\n end\n say(x)", "no value"),
         (
             f"thread t():\n sync()\n end\n i = 0\n while i < {MAX_THREADS + 1}:\n h = run t()\n"
