@@ -13,10 +13,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.heads import Teller, read_heads
-from detector.layout import check_layout
 from detector.motion import Motion
 from detector.network_file import (
     LoadedNetwork,
+    check_layout,
     is_weights,
     packaged_networks,
     read_network,

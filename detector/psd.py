@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.layout import check_layout
+from detector.network_file import check_layout
 from drivers.interfaces import KIT_TAXELS
 
 PAPER_WINDOW = 100

@@ -42,7 +42,7 @@ def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
 @pytest.fixture(params=["gru", "tcn"])
 def weights(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A network that streams, with heads beside it."""
-    path = write_network(tmp_path, request.param, "stream")
+    path = write_network(tmp_path, request.param)
     heads_path(path).write_bytes(msgspec.json.encode(heads_of(path)))
     return path
 
