@@ -28,7 +28,7 @@ from drivers.interfaces import FINGERS
 THRESHOLD = 0.5  # of a calibrated probability: the likelier class
 OPSET = 17
 # the one operator of ours that this exporter does not know
-torch.onnx.register_custom_op_symbolic("aten::asinh", lambda g, x: g.op("Asinh", x), OPSET)
+torch.onnx.register_custom_op_symbolic("aten::asinh", lambda g, x: g.op("Asinh", x), OPSET)  # type: ignore[attr-defined]
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:

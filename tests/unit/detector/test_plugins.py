@@ -7,9 +7,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from detector import own
+from detector import plugins
 from detector.interface import SlipDetector, load_detector
-from detector.own import OwnSettings, code_digest
+from detector.plugins import OwnSettings, code_digest
 from drivers.errors import BadFile
 
 RAISING = """
@@ -172,7 +172,7 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
           "gone = acme_none.part:Mine\n"
           "energy = acme_slip:Mine\n", "entry_points.txt")  # fmt: skip
     monkeypatch.syspath_prepend(str(tmp_path))
-    own.offered.cache_clear()
+    plugins.offered.cache_clear()
     try:
         assert load("acme").threshold == 0.4
         assert len(code_digest("acme")) == 64
@@ -184,7 +184,7 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
         packaged = load_detector("energy", {}, 3)  # nobody takes the place of a packaged one
         assert packaged.threshold == 0.5
     finally:
-        own.offered.cache_clear()
+        plugins.offered.cache_clear()
 
 
 # Weights without our card
