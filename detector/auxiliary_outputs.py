@@ -105,7 +105,7 @@ def inputs_of(states: Mapping[str, Float32s], counts: Counts) -> Float32s:
     energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(LEAST_ENERGY))
     if FOUND in states:  # a gated tcn: its features of now, and the greatest of those it holds
         found = states[FOUND].reshape(len(states[FOUND]), HELD, -1)
-        summary = (found[:, -1], found.max(axis=1))
+        summary: tuple[Float32s, ...] = (found[:, -1], found.max(axis=1))
     else:
         summary = (states[SUMMARY],)
     return np.concatenate([*summary, counts / np.float32(COUNTS_SCALE), energy], axis=1)

@@ -30,7 +30,7 @@ from detector.auxiliary_outputs import (
 from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
 from detector.recordings import Recording
-from detector.scores.intervals import HIGH, LOW, RESAMPLES_OF_A_SET
+from detector.scores.evaluation import HIGH, LOW, RESAMPLES_OF_A_SET
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
