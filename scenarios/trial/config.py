@@ -14,7 +14,7 @@ from detector.energy import EnergySettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
 from detector.network_file import is_weights, weights_digest, weights_path
-from detector.own import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
+from detector.plugins import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
 from detector.psd import PsdFairSettings, PsdSettings
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from detector.network_file import is_weights
-from detector.own import is_code
+from detector.plugins import is_code
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration

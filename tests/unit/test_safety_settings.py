@@ -134,7 +134,6 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      else "mean", 0),
     ("RuleSettings.consecutive", (2, 5), on_rule.sure_samples, 0),
     ("RuleSettings.release", (1, 6), on_rule.quiet_samples, 0),
-    ("RuleSettings.fingers", (1, 2), on_rule.fingers_that_agree, 0),
     ("GripperCalibration.least_force_n", (2.0, 9.0),
      lambda v: on_driver.calibrated(least_force_n=v).force_n(0), 1e-12),
     ("GripperCalibration.most_force_n", (20.0, 70.0),

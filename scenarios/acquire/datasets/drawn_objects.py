@@ -1,5 +1,5 @@
-"""What training touches: objects and surfaces drawn from stated ranges, none of them near an object
-of the experiments.
+"""Objects that training touches, drawn from stated ranges, none of them near an object of the
+experiments; and how near a surface is to one.
 
 How near is a distance in the space of normalised properties (``SCALES``): the root of the summed
 squares of differences, each as a share of its property's stated span, some of them in the
@@ -24,6 +24,7 @@ from scenarios.world.objects import GraspObject, Name
 from scenarios.world.press_settings import FixedSurface
 
 Range = tuple[float, float]
+Forces = tuple[float, float, float]  # of each finger, N
 MARGIN = 0.35  # as the can and the box are apart, the two most alike of the six
 # Span of each property, and whether in the logarithm; curvatures 1/m, upwards and around.
 SCALES = {
@@ -37,15 +38,10 @@ SCALES = {
     "curved_around": (0.0, 30.0, False),
 }
 MASS = "mass_kg"
-NEAR_COUNTS, ASIDE_COUNTS = (
-    6,
-    1,
-)  # grips that are tried: past first contact; of a finger from another
+NEAR_COUNTS, ASIDE_COUNTS = 6, 1  # grips tried: past first contact; a finger from another
 LEAST_N = (0.75, 0.3, 0.3)  # of a first grip: variation between trials takes some of it away
 CARRIED = 1.5  # times its weight, by a full grip, so that a blow does not simply knock it out
 MOST_TRIES = 1000
-
-
 LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
 
 
@@ -69,12 +65,13 @@ class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     grip_height_m: Range = (0.0, 0.0)
     body_above_grip_m: Range = (0.15, 0.15)
 
+    def ranges(self) -> dict[str, Range]:
+        return {k: v for k, v in msgspec.structs.asdict(self).items() if isinstance(v, tuple)}
+
     def __post_init__(self) -> None:
-        for name, bounds in msgspec.structs.asdict(self).items():
-            if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
-                raise ValueError(f"{name}: {bounds[0]:g} is above {bounds[1]:g}")
-            if name in (*LOGARITHMIC, "thumb_n") and bounds[0] <= 0.0:
-                raise ValueError(f"{name}: {bounds[0]:g} has no logarithm")
+        for name, (low, high) in self.ranges().items():
+            if low > high or (name in (*LOGARITHMIC, "thumb_n") and low <= 0.0):
+                raise ValueError(f"{name}: {low:g} to {high:g} is no range, or has no logarithm")
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -136,13 +133,6 @@ def far(properties: dict[str, Range]) -> bool:
     return all(distance(properties, of_object(body)) >= MARGIN for body in kept_away())
 
 
-class Grip(msgspec.Struct, frozen=True):
-    """Finger positions of a first grip and what the pads press with once they have relaxed, N."""
-
-    counts: Counts3
-    relaxed_n: tuple[float, float, float]
-
-
 def draw_object(
     ranges: BodyRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
     full_grip_n: float, rng: np.random.Generator,
@@ -154,11 +144,12 @@ def draw_object(
         grip = first_grip(body, hand, m_per_count, _between(ranges.thumb_n, rng, True))
         if grip is None:
             continue
+        counts, pressed_n = grip
         mass_kg = body.mass_kg
         if load_share is not None:
-            carries_n = body.friction_static * sum(grip.relaxed_n)
+            carries_n = body.friction_static * sum(pressed_n)
             mass_kg = _between(load_share, rng) * carries_n / contact.GRAVITY_MPS2
-        body = msgspec.structs.replace(body, grip_counts=grip.counts, mass_kg=mass_kg)
+        body = msgspec.structs.replace(body, grip_counts=counts, mass_kg=mass_kg)
         firm = full_grip_n * body.friction_kinetic >= CARRIED * mass_kg * contact.GRAVITY_MPS2
         if (firm or load_share is not None) and far(of_object(body)):
             return body
@@ -171,9 +162,7 @@ def draw_object(
 
 def _drawn(ranges: BodyRanges, rng: np.random.Generator) -> GraspObject:
     values: dict[str, Any] = {
-        name: _between(bounds, rng, name in LOGARITHMIC)
-        for name, bounds in msgspec.structs.asdict(ranges).items()
-        if isinstance(bounds, tuple)
+        name: _between(bounds, rng, name in LOGARITHMIC) for name, bounds in ranges.ranges().items()
     }
     values["friction_kinetic"] = values["friction_static"] * values.pop("kinetic_share")
     del values["thumb_n"]
@@ -188,7 +177,7 @@ def _between(bounds: Range, rng: np.random.Generator, logarithmic: bool = False)
 
 def relaxed_n(
     body: GraspObject, hand: ContactSettings, m_per_count: float, counts: Counts3
-) -> tuple[float, float, float]:
+) -> Forces:
     """What the pads press with at those counts once they have relaxed, N."""
     p, pressed = contact.parameters(hand, body), np.zeros(contact.FINGERS)
     width_m, _ = laws.width_and_slope(p, 0.0)
@@ -200,19 +189,19 @@ def relaxed_n(
 
 def first_grip(
     body: GraspObject, hand: ContactSettings, m_per_count: float, thumb_n: float
-) -> Grip | None:
-    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N; None
-    where none do."""
+) -> tuple[Counts3, Forces] | None:
+    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N, and what
+    the pads press with once they have relaxed; None where none do."""
     p = contact.parameters(hand, body)
     width_m, _ = laws.width_and_slope(p, 0.0)
     first = int((hand.half_aperture_m - width_m) / m_per_count)
     near = range(max(0, first - 1), min(255, first + NEAR_COUNTS) + 1)
-    best: tuple[float, Grip] | None = None
+    least_off, best = math.inf, None
     for a, b, c in itertools.product(near, near, near):
         if not c <= b <= c + ASIDE_COUNTS or abs(2 * a - b - c) > 2:
             continue
         relaxed = relaxed_n(body, hand, m_per_count, (a, b, c))
         off = abs(relaxed[0] - thumb_n)
-        if min(np.subtract(relaxed, LEAST_N)) >= 0.0 and (best is None or off < best[0]):
-            best = off, Grip((a, b, c), relaxed)
-    return None if best is None else best[1]
+        if min(np.subtract(relaxed, LEAST_N)) >= 0.0 and off < least_off:
+            least_off, best = off, ((a, b, c), relaxed)
+    return best

@@ -1,6 +1,9 @@
-"""What three fingers feel of an object that was drawn for the recording: in the lift's own cell
-(contact of level L1, or L3 from a blow on that may turn it), nobody reacting unless it is said.
+"""Recordings in which something shakes or moves what is touched, which the paper's data set lacks.
 
+A fixed surface is pressed as in the acquisition, without strokes, while a script disturbs it; both
+labels of slip say whether the contact truly moves, and `slip` leaves out what slides and goes
+nowhere. Or three fingers grasp an object that was drawn for the recording, in the lift's own cell
+(contact of level L1, or L3 from a blow on that may turn it), and nobody reacts unless it is said;
 `slip` says whether the object slides, as a detector can feel it (``as_felt``).
 """
 
@@ -19,19 +22,20 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.settings import Layer, load
 from grasp.states import OPEN_STATES
-from scenarios.acquire.config import SamplingSettings
-from scenarios.acquire.datasets.acts import Acts, Done, Performer
-from scenarios.acquire.datasets.bench import Bench
-from scenarios.acquire.datasets.bodies import relaxed_n
-from scenarios.acquire.datasets.draws import layout_file, with_values
-from scenarios.acquire.labels import slip_label
-from scenarios.acquire.rest import TURN_LEVER_M, moved
+from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.datasets.disturbances import Disturbances, Done, GripTrials, Performer
+from scenarios.acquire.datasets.drawn_objects import relaxed_n
+from scenarios.acquire.datasets.named_settings import layout_file, with_values
+from scenarios.acquire.labels import TURN_LEVER_M, Floats, moved, recording, slip_label
+from scenarios.acquire.press import PressController, StrokeMotion
+from scenarios.acquire.session import Script, Session, open_acquire_rig
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import PadFrames
+from scenarios.world.pressed_cell import PressedCell
 from scenarios.world.truth import Truth
 
 GraspedCause = Literal[
@@ -60,43 +64,45 @@ NOTHING = {  # stands in for an object that is not drawn yet
 }  # fmt: skip
 
 
+def _config(body: dict[str, Any], layout: str) -> LiftConfig:
+    held = Layer("drawn", {"object": body})
+    return load(LiftConfig, trial_layers(held, "simulated", "energy", layout_file(layout)))
+
+
 @cache
 def bare_config(layout: str) -> LiftConfig:
     """Settings of a lift before any object or number is drawn."""
     return _config(NOTHING, layout)
 
 
-def _config(body: dict[str, Any], layout: str) -> LiftConfig:
-    held = Layer("drawn", {"object": body})
-    return load(LiftConfig, trial_layers(held, "simulated", "energy", layout_file(layout)))
-
-
-def lift_config(metadata: Metadata, acts: Acts | None, turns: bool) -> LiftConfig:
+def lift_config(metadata: Metadata, asked: Disturbances | None, turns: bool) -> LiftConfig:
     """A lift of the object that was drawn. An eager detector where the hand is to tighten, else one
     that never speaks."""
     tightens = metadata.cause == "grasped_closing_and_tightening"
     fixed: dict[str, Any] = TRUSTED | {
         "energy.threshold_counts": EAGER_COUNTS if tightens else SILENT_COUNTS,
-        "controller.hold_s": HOLDS_S if acts is None else HOLDS_LONG_S,
+        "controller.hold_s": HOLDS_S if asked is None else HOLDS_LONG_S,
     }
     if metadata.cause == "grasped_set_down":
         fixed["controller.hold_s"] = HOLDS_SHORTLY_S
-    if acts is not None and acts.firm:
+    if asked is not None and asked.firm:
         fixed |= {"controller.firm": True, "controller.reactions": False}
     fixed["world.blow_level"] = "L3" if turns else "L1"  # L4 costs more than it adds to a signal
     return with_values(_config(metadata.object, metadata.layout), fixed | metadata.parameters)
 
 
-def make_grasped(metadata: Metadata, samples: int, acts: Acts | None, source: str) -> Recording:
+def make_grasped(
+    metadata: Metadata, samples: int, asked: Disturbances | None, source: str
+) -> Recording:
     """The last so many samples of a lift and of what is done on the way; fewer where it ends."""
     rng = np.random.default_rng([metadata.seed, 3])
-    turns = acts is not None and bool(rng.random() < acts.turning)
-    config = lift_config(metadata, acts, turns)
+    turns = asked is not None and bool(rng.random() < asked.turning)
+    config = lift_config(metadata, asked, turns)
     seen: list[tuple[Tick, Truth]] = []
     with open_rig(config, metadata.seed, paced=False) as rig:
         performer = None
-        if acts is not None and isinstance(rig.cell, SimulatedCell):
-            performer = Performer(acts, _bench(config, acts, turns, rng), rig.cell, rng)
+        if asked is not None and isinstance(rig.cell, SimulatedCell):
+            performer = Performer(asked, _trials(config, asked, turns, rng), rig.cell, rng)
 
         def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
             if tick.frame is not None and truth is not None:
@@ -107,20 +113,20 @@ def make_grasped(metadata: Metadata, samples: int, acts: Acts | None, source: st
 
         run_trial(config, rig, make_guard(config), watch, follow)
     frames = PadFrames.at(math.radians(config.fingertip.slip_direction_deg))
-    made = _of_lift(seen[-samples:], frames, metadata, source)
-    done = performer.done if performer is not None else []
-    return msgspec.structs.replace(
-        made, metadata=msgspec.structs.replace(metadata, acts=_acts(done, seen[-samples:]))
-    )
+    acts = _acts(performer.done if performer is not None else [], seen[-samples:])
+    metadata = msgspec.structs.replace(metadata, acts=acts)
+    return _of_lift(seen[-samples:], frames, metadata, source)
 
 
-def _bench(config: LiftConfig, acts: Acts, turns: bool, rng: np.random.Generator) -> Bench:
+def _trials(
+    config: LiftConfig, asked: Disturbances, turns: bool, rng: np.random.Generator
+) -> GripTrials:
     grip_n = config.guard.full_grip_n
-    if not acts.firm:
+    if not asked.firm:
         grip_n = relaxed_n(
             config.object, config.contact, config.hand.m_per_count, config.object.grip_counts
         )
-    return Bench(config.object, config.contact, grip_n, turns, rng)
+    return GripTrials(config.object, config.contact, grip_n, turns, rng)
 
 
 def _acts(done: Sequence[Done], seen: Sequence[tuple[Tick, Truth]]) -> tuple[Act, ...]:
@@ -141,7 +147,7 @@ def _acts(done: Sequence[Done], seen: Sequence[tuple[Tick, Truth]]) -> tuple[Act
     return tuple(acts)
 
 
-def _places(truths: Sequence[Truth]) -> NDArray[np.float64]:
+def _places(truths: Sequence[Truth]) -> Floats:
     """Where the object is in the hand, (n, 3), m: down, across, and how far it has turned."""
     return np.array([
         (truth.slip_distance_m, truth.across_m, TURN_LEVER_M * truth.turn_rad) for truth in truths
@@ -160,7 +166,7 @@ def _of_lift(
     steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
     speed, turn = np.hypot(*steps[:, :2].T), abs(steps[:, 2]) / TURN_LEVER_M
     velocity, spin = _of_thumb(steps, frames)
-    slides = slip_label(speed, turn, SamplingSettings())
+    slides = slip_label(speed, turn)
     return Recording(
         t_s=t_s,
         counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
@@ -176,9 +182,7 @@ def _of_lift(
     )
 
 
-def _of_thumb(
-    steps_mps: NDArray[np.float64], frames: PadFrames
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _of_thumb(steps_mps: Floats, frames: PadFrames) -> tuple[Floats, Floats]:
     """Velocity (n, 2) along x and y of the thumb's fingertip, and spin (n,), of that fingertip over
     the object, whose own motion down, across and round the hand is ``steps_mps`` (n, 3).
 
@@ -189,7 +193,7 @@ def _of_thumb(
     return velocity, -frames.turns[0] * turn / TURN_LEVER_M
 
 
-def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def as_felt(slides: NDArray[np.bool_], places_m: Floats) -> NDArray[np.bool_]:
     """The label `slip` (n,) of an object with those places in the hand (n, d): what moves it less
     than half a millimetre for good is none (the pads give and swing back), and a short slip lasts
     until its traces have been read and felt.
@@ -203,3 +207,89 @@ def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray
         if np.linalg.norm(after - before) >= LEAST_SLIP_M:
             label[first : max(end, first + FELT_SAMPLES)] = True
     return label
+
+
+# Pressed on what is fixed
+
+FixedCause = Literal[
+    "contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift",
+    "lost_samples", "steady",
+]  # fmt: skip
+SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
+MOST_LOST = 20  # samples in a row that do not end a session in which samples are lost
+
+# Drawn evenly between these bounds; all assumed.
+PAUSES_S = {  # from one act to the next
+    "contact_made_and_broken": (2.0, 4.0),
+    "force_steps": (0.4, 1.5),
+    "tap": (0.4, 1.5),
+    "arm_vibration": (0.5, 2.0),
+}
+STEPS_N = (1.2, 7.0)  # forces that are pressed with
+KNOCKS_N_S = (0.005, 0.06)  # on a pressed pad
+KNOCKS_S = (0.004, 0.015)
+
+
+def make_pressed(
+    bare: AcquireConfig, metadata: Metadata, samples: int, motion: StrokeMotion | None, source: str
+) -> Recording:
+    """So many samples of a pressed fingertip. ``bare``: before anything is drawn."""
+    values = dict(metadata.parameters)
+    if metadata.cause == "lost_samples":
+        values["tactile.stale_after_missed"] = MOST_LOST
+    config = with_values(bare, values)
+    rng = np.random.default_rng([metadata.seed, 3])
+    script = _script(metadata.cause, rng)
+    with open_acquire_rig(config, metadata.seed, paced=False) as rig:
+        session = Session(config, motion, metadata.seed, rig, script=script)
+        session.run(samples, from_start=metadata.cause == "contact_made_and_broken")
+    return _by_truth(recording(session.ticks, config, metadata, source))
+
+
+def _script(cause: str, rng: np.random.Generator) -> Script:
+    """What happens on the way; a cause that is all in the parameters has no script."""
+
+    def lift_off(controller: PressController, cell: PressedCell) -> None:
+        controller.lift_off()
+
+    def step_force(controller: PressController, cell: PressedCell) -> None:
+        controller.target_n = float(rng.uniform(*STEPS_N))
+
+    def knock(controller: PressController, cell: PressedCell) -> None:
+        cell.pad.knock(float(rng.uniform(*KNOCKS_N_S)), float(rng.uniform(*KNOCKS_S)))
+
+    def shake(controller: PressController, cell: PressedCell) -> None:
+        cell.shaken = not cell.shaken
+
+    acts = {
+        "contact_made_and_broken": lift_off,
+        "force_steps": step_force,
+        "tap": knock,
+        "arm_vibration": shake,
+    }
+    if cause not in acts:
+        return lambda t_s, controller, cell: None
+    act, pauses_s = acts[cause], PAUSES_S[cause]
+    due_s = SETTLED_S
+
+    def script(t_s: float, controller: PressController, cell: PressedCell | None) -> None:
+        nonlocal due_s
+        if t_s >= due_s and cell is not None:
+            due_s = t_s + float(rng.uniform(*pauses_s))
+            act(controller, cell)
+
+    return script
+
+
+def _by_truth(made: Recording) -> Recording:
+    """Static unless the contact truly moves, whatever the fingertip does: what slides less than
+    LEAST_SLIP_M on end is a pad that is shaken where it is."""
+    if made.slip_true is None or made.contact_speed_mps is None or made.contact_turn_radps is None:
+        raise ValueError("a recording without truth cannot be labelled by it")
+    speed_mps = np.hypot(made.contact_speed_mps, TURN_LEVER_M * made.contact_turn_radps)
+    way_m = speed_mps * np.diff(made.t_s, prepend=made.t_s[0] - PERIOD_S)
+    label = made.slip_true.copy()
+    edges = np.flatnonzero(np.diff(label, prepend=False, append=False))
+    for first, end in edges.reshape(-1, 2):
+        label[first:end] = way_m[first:end].sum() >= LEAST_SLIP_M
+    return msgspec.structs.replace(made, slip=label)

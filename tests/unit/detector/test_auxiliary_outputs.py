@@ -1,4 +1,5 @@
-"""Heads beside a network: what they tell, what they leave as it is, and what is refused."""
+"""Auxiliary outputs beside a network: what they say, that the probability stays as it is, and what
+is refused."""
 
 from pathlib import Path
 
@@ -6,13 +7,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.heads import (
+from detector.auxiliary_outputs import (
     OUTPUTS,
+    AuxiliaryOutputs,
     Dense,
-    Heads,
-    Teller,
-    heads_path,
+    OutputsFile,
     inputs_of,
+    outputs_path,
     width_of,
 )
 from detector.interface import load_detector, motion_told_by
@@ -24,8 +25,8 @@ from tests.unit.detector.networks import walk, write_network
 HIDDEN = 7
 
 
-def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
-    """Random heads of that network."""
+def outputs_of(weights: Path, seed: int = 0, **changes: object) -> OutputsFile:
+    """Random outputs of that network."""
     rng = np.random.default_rng(seed)
 
     def dense(width: int, out: int) -> Dense:
@@ -36,14 +37,14 @@ def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
         "commit": "", "samples": 1, "scores": {},
         "layers": (dense(width_of(read_network(weights)), HIDDEN), dense(HIDDEN, OUTPUTS)),
     }  # fmt: skip
-    return Heads(**(fields | changes))  # type: ignore[arg-type]
+    return OutputsFile(**(fields | changes))  # type: ignore[arg-type]
 
 
 @pytest.fixture(params=["gru", "tcn"])
 def weights(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A network that streams, with heads beside it."""
-    path = write_network(tmp_path, request.param, "stream")
-    heads_path(path).write_bytes(msgspec.json.encode(heads_of(path)))
+    """A network that streams, with auxiliary outputs beside it."""
+    path = write_network(tmp_path, request.param)
+    outputs_path(path).write_bytes(msgspec.json.encode(outputs_of(path)))
     return path
 
 
@@ -62,13 +63,13 @@ def probabilities(detector: StreamingNetwork, counts: np.ndarray, ask: bool) -> 
     return np.array(said)
 
 
-def test_probability_of_slip_is_the_same_with_heads_bit_for_bit(weights: Path) -> None:
+def test_probability_of_slip_is_the_same_with_outputs_bit_for_bit(weights: Path) -> None:
     counts = walk(300)
-    with_heads = loaded(weights)
-    assert with_heads.motion() is None  # nothing has been felt yet
-    said = probabilities(with_heads, counts, ask=True)
-    assert with_heads.motion() is not None
-    heads_path(weights).unlink()
+    with_outputs = loaded(weights)
+    assert with_outputs.motion() is None  # nothing has been felt yet
+    said = probabilities(with_outputs, counts, ask=True)
+    assert with_outputs.motion() is not None
+    outputs_path(weights).unlink()
     without = loaded(weights)
     assert (said == probabilities(without, counts, ask=False)).all()
     assert without.motion() is None
@@ -85,9 +86,9 @@ def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: 
         fed = {"counts": frame, "previous": counts[max(t - 1, 0)].astype(np.float32), **states}
         found = network.session.run([f"next_{name}" for name in states], fed)
         states = dict(zip(states, found, strict=True))
-    teller = Teller(heads_of(weights))
-    assert detector.motion() == teller.tell(states, counts[-1])
-    out = teller.outputs(inputs_of(states, counts[-1]))
+    auxiliary = AuxiliaryOutputs(outputs_of(weights))
+    assert detector.motion() == auxiliary.motion(states, counts[-1])
+    out = auxiliary.outputs(inputs_of(states, counts[-1]))
     motion = detector.motion()
     assert motion is not None
     assert motion.speed_mps == pytest.approx(np.exp(out[:, 0]))
@@ -95,7 +96,7 @@ def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: 
     assert motion.turning == pytest.approx(1.0 / (1.0 + np.exp(-out[:, 1])))
 
 
-def test_detector_without_heads_goes_on_and_tells_nothing() -> None:
+def test_detector_without_auxiliary_outputs_goes_on_and_tells_nothing() -> None:
     for name in ["freq-cnn-paper", "tcn-paper", "energy"]:
         detector = load_detector(name, {}, 3)
         tell = motion_told_by(detector)
@@ -104,7 +105,7 @@ def test_detector_without_heads_goes_on_and_tells_nothing() -> None:
         assert tell() is None, name
 
 
-def test_heads_are_told_by_the_detector_that_has_them(weights: Path) -> None:
+def test_outputs_are_told_by_the_detector_that_has_them(weights: Path) -> None:
     detector = load_detector(weights.stem.partition("-")[0], {"weights": str(weights)}, 3)
     tell = motion_told_by(detector)
     detector.update(walk(1)[0])
@@ -113,23 +114,23 @@ def test_heads_are_told_by_the_detector_that_has_them(weights: Path) -> None:
     assert tell() is None
 
 
-def test_heads_of_another_network_are_refused(weights: Path) -> None:
-    other = heads_of(weights, network="0" * 64)
-    heads_path(weights).write_bytes(msgspec.json.encode(other))
+def test_outputs_of_another_network_are_refused(weights: Path) -> None:
+    other = outputs_of(weights, network="0" * 64)
+    outputs_path(weights).write_bytes(msgspec.json.encode(other))
     with pytest.raises(BadFile, match="another network"):
         loaded(weights)
 
 
-def test_a_file_that_holds_no_heads_is_refused(weights: Path) -> None:
-    whole = heads_path(weights).read_bytes()
+def test_a_file_that_holds_no_outputs_is_refused(weights: Path) -> None:
+    whole = outputs_path(weights).read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"{}", whole.replace(b"layers", b"lawyers")):
-        heads_path(weights).write_bytes(damaged)
-        with pytest.raises(BadFile, match="no heads"):
+        outputs_path(weights).write_bytes(damaged)
+        with pytest.raises(BadFile, match="no auxiliary outputs"):
             loaded(weights)
 
 
 def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) -> None:
-    first, last = heads_of(weights).layers
+    first, last = outputs_of(weights).layers
     wrong = [
         (Dense([row[:-1] for row in first.weight], first.bias), last),
         (first, Dense(last.weight[:-1], last.bias[:-1])),
@@ -137,7 +138,7 @@ def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) 
         (first, Dense(last.weight, last.bias[:-1])),
     ]
     for layers in wrong:
-        made = heads_of(weights, layers=layers)
-        heads_path(weights).write_bytes(msgspec.json.encode(made))
-        with pytest.raises(BadFile, match="do not lead"):
+        made = outputs_of(weights, layers=layers)
+        outputs_path(weights).write_bytes(msgspec.json.encode(made))
+        with pytest.raises(BadFile, match=r"does not lead|holds no"):
             loaded(weights)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from detector.heads import FORMAT, OUTPUTS, Dense, Heads
+from detector.auxiliary_outputs import OUTPUTS, Dense, OutputsFile
 
 WIDTH, BATCH = 32, 1024
 LEARNING_RATE, FINAL_RATE, WEIGHT_DECAY = 3e-3, 1e-5, 1e-5
@@ -26,9 +26,9 @@ class Wanted(msgspec.Struct, frozen=True, eq=False):
     sector: NDArray[np.intp]  # (n,)
 
 
-def train_heads(
+def train_outputs(
     sets: Sequence[Wanted], seed: int, steps: int, network: str, data_digest: str, commit: str
-) -> Heads:
+) -> OutputsFile:
     """Outputs of the network with that digest, without scores; each set weighs the same."""
     torch.set_num_threads(1)
     torch.manual_seed(seed)
@@ -57,8 +57,8 @@ def train_heads(
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    return Heads(
-        format=FORMAT, network=network, data_digest=data_digest, seed=seed,
+    return OutputsFile(
+        network=network, data_digest=data_digest, seed=seed,
         commit=commit, samples=len(inputs), scores={}, layers=_layers(heads, middle, spread),
     )  # fmt: skip
 

@@ -7,9 +7,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from detector import own
+from detector import plugins
 from detector.interface import SlipDetector, load_detector
-from detector.own import OwnSettings, code_digest
+from detector.plugins import OwnSettings, code_digest
 from drivers.errors import BadFile
 
 RAISING = """
@@ -172,7 +172,7 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
           "gone = acme_none.part:Mine\n"
           "energy = acme_slip:Mine\n", "entry_points.txt")  # fmt: skip
     monkeypatch.syspath_prepend(str(tmp_path))
-    own.offered.cache_clear()
+    plugins.offered.cache_clear()
     try:
         assert load("acme").threshold == 0.4
         assert len(code_digest("acme")) == 64
@@ -184,7 +184,7 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
         packaged = load_detector("energy", {}, 3)  # nobody takes the place of a packaged one
         assert packaged.threshold == 0.5
     finally:
-        own.offered.cache_clear()
+        plugins.offered.cache_clear()
 
 
 # Weights without our card
@@ -228,7 +228,7 @@ def test_weights_without_a_card_are_told_by_their_tensors(tmp_path: Path) -> Non
 def test_weights_that_cannot_be_used_are_refused_by_name(tmp_path: Path) -> None:
     for shape, last, told in [
         ([3, 6], "Sigmoid", "input 'counts' is"),
-        (["n", "m"], "Sigmoid", "no input `counts` of a frame or a window"),
+        (["n", "m"], "Sigmoid", "input 'counts' is"),
         (["n", 6], "Exp", "not a probability"),
     ]:
         path = weights(tmp_path / "lab.onnx", shape, "Identity" if last == "Exp" else last)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from grasp.settings import config_dir, names
-from scenarios.acquire.datasets.bodies import (
+from scenarios.acquire.datasets.causes import GRASPED, bare_config
+from scenarios.acquire.datasets.drawn_objects import (
     MARGIN,
     body_ranges,
     distance,
@@ -14,8 +15,7 @@ from scenarios.acquire.datasets.bodies import (
     of_object,
     of_surface,
 )
-from scenarios.acquire.datasets.draws import with_values
-from scenarios.acquire.datasets.grasped import GRASPED, bare_config
+from scenarios.acquire.datasets.named_settings import with_values
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pressing
 from scenarios.world.objects import GraspObject
 
