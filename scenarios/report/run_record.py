@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
@@ -27,9 +27,9 @@ from grasp.messages import (
     ControlMessage,
     TactileMessage,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load
+from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
 from scenarios.lift.result import LiftResult
 from scenarios.report.run_settings import scenario_of

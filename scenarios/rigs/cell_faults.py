@@ -9,9 +9,9 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
-from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.server import UrEmulator
 
 
 class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -79,7 +79,7 @@ KNOWN = {
     "gripper_fault": Known(
         "gripper", ("code",),
         "this gFLT is reported; code=0 takes it back, but 13 to 15, which an activation ends",
-        lambda gripper, order: gripper.hand.model.inject_fault(order.code),
+        lambda gripper, order: gripper.model.inject_fault(order.code),
     ),
     "unplug": Known(
         "board", (), "the fingertips' board is off the USB bus, until replug",
@@ -111,7 +111,7 @@ KNOWN = {
     "speed_slider": Known(
         "arm", ("fraction",),
         "the arm's speed slider is turned: moves go on at that share of their pace",
-        lambda arm, order: arm.controller.ports.set_speed(order.fraction),
+        lambda arm, order: arm.controller.set_speed(order.fraction),
     ),
     "arm_disconnect": Known(
         "arm", (), "the connections that are open to the arm are closed, if any",

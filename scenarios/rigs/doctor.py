@@ -104,7 +104,7 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
 def _detectors(load: Load, more: Sequence[str]) -> list[Check]:
     try:
         from detector.interface import DETECTORS
-        from detector.own import offered
+        from detector.plugins import offered
     except ImportError as error:
         return [Check("detectors", "fail", str(error), "run `make install`")]
     names = dict.fromkeys([*DETECTORS, *offered(), *more])
@@ -127,7 +127,7 @@ def _detector(load: Load, name: str) -> Finding:
 
 def _usb() -> Finding:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
-    from drivers.takktile.link.sysfs import DEVICES, IDS, INSTALL, boards
+    from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 
     if not DEVICES.is_dir():
         return "warn", "no USB bus on this machine"
