@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS, Vector3
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.link import ReadingThread
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
-from scenarios.rigs.opening import board_finder
+from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import board_address
 
 REST_S = 5.0  # within which the rest is taken
@@ -71,10 +70,7 @@ def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[T
     if config.devices.fingertips:
         raise Refused("fingertips of another package are not read by this verb", "unset devices")
     board_address(config)
-    reading = ReadingThread(
-        board_finder(config, lambda: clock.now_ns), config.tactile, lambda: clock.now_ns
-    )
-    with TakkTileDriver(reading, config.tactile) as tips:
+    with open_board(config, lambda: clock.now_ns) as tips:
         rest = config.tactile.rest_reference
         touch = Touch(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
         if unloaded:

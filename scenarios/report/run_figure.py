@@ -13,10 +13,8 @@ from scenarios.report.run_view import decided
 from scenarios.trial.result import spelt
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
-LIMIT_COLOUR, TURN_COLOUR = "#b00020", "#7a4a9e"
+LIMIT_COLOUR = "#b00020"
 LOWERING_SHOWN_S = 0.3
-LEAST_TURN_DEG = 0.1
-LEAST_ACROSS_MM = 0.1
 NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
 SHADES = {
     "grasp.brace": "#eef3f8", "grasp.close": "#e8eff5", "grasp.settle": "#eef3f8",
@@ -25,25 +23,44 @@ SHADES = {
 }  # fmt: skip
 
 
-def draw_run(path: Path, out: Path) -> None:
-    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``.
-    Raises BadFile as ``read_run``."""
+def _pyplot() -> Any:
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    run = read_run(path)
     plt.rcParams["svg.hashsalt"] = "grasp"  # the same run gives the same file
+    return plt
+
+
+def draw_run(path: Path, out: Path) -> None:
+    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``.
+    Raises BadFile as ``read_run``."""
+    plt, run = _pyplot(), read_run(path)
     figure, (force, p, slip) = plt.subplots(
         3, 1, sharex=True, figsize=(9, 6.4), height_ratios=(3, 2, 2), layout="constrained"
     )
     figure.suptitle(title(run), fontsize=10)
-    _draw_force(force, run)
+    limit_n = run.config.guard.force_limit_n
+    known = run.truth is not None
+    for i, name in enumerate(FINGER_NAMES):
+        line: dict[str, Any] = {"color": COLOURS[name]}
+        label = f"{name} (thumb)" if i == 0 else name
+        force.plot(run.t_s, run.felt_n[:, i], lw=0.7, alpha=0.6, label="" if known else label,
+                   **line)  # fmt: skip
+        if run.truth is not None:
+            force.plot(run.t_s, run.truth.normal_n[:, i], lw=1.4, label=label, **line)
+        p.plot(run.t_s, run.probabilities[:, i], lw=0.8, **line)
+    force.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
+    force.set_ylabel(f"grip force, N\n{'(thin: felt, thick: true)' if known else '(felt)'}")
+    p.set(ylabel="slip probability", ylim=(0, 1.05))
     _draw_decision(p, run)
-    _draw_slip(slip, run)
+    if run.truth is not None:
+        slip.plot(run.t_s, 1e3 * run.truth.slip_m, color="black", lw=1.2)
+        first, last = _shown(run)
+        seen = (run.t_s >= first) & (run.t_s <= last)
+        slip.set_ylim(-1.0, 1.15 * max(2.0, float(1e3 * run.truth.slip_m[seen].max())))
     slip.set(ylabel="slip, mm (true)", xlabel="time, s")
-    _draw_turn(slip, run)
     for axes in (force, p, slip):
         _shade(axes, run, named=axes is force)
     force.legend(loc="lower right", ncols=5, fontsize=8, frameon=False)
@@ -55,69 +72,21 @@ def title(run: RunRecord) -> str:
     """What was run, and what came of it."""
     config = run.config
     told = f"{run.scenario} of {config.object.name}, seed {run.seed}, {config.detector_name}"
-    if run.verdict is None:
-        return told
-    return f"{told}: {spelt(run.verdict.outcome)}"
-
-
-def _draw_force(axes: Any, run: RunRecord) -> None:
-    for i, name in enumerate(FINGER_NAMES):
-        label = f"{name} (thumb)" if i == 0 else name
-        felt = None if run.truth is not None else label
-        axes.plot(run.t_s, run.felt_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6, label=felt)
-        if run.truth is not None:
-            axes.plot(run.t_s, run.truth.normal_n[:, i], color=COLOURS[name], lw=1.4, label=label)
-    limit_n = run.config.guard.force_limit_n
-    axes.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
-    known = "(thin: felt, thick: true)" if run.truth is not None else "(felt)"
-    axes.set_ylabel(f"grip force, N\n{known}")
+    return told if run.verdict is None else f"{told}: {spelt(run.verdict.outcome)}"
 
 
 def _draw_decision(axes: Any, run: RunRecord) -> None:
-    """Probabilities, and what the rule made of them beside what it had to pass."""
+    """What the rule made of the probabilities, beside what it had to pass."""
     by_rule = decided(run.config.rule, run.probabilities, run.armed, run.masked)
-    for i, name in enumerate(FINGER_NAMES):
-        axes.plot(run.t_s, run.probabilities[:, i], color=COLOURS[name], lw=0.8)
-    axes.set(ylabel="slip probability", ylim=(0, 1.05))
-    judged, what = axes, "threshold"
+    what = "threshold"
     if not by_rule.probable:
-        judged, what = axes.twinx(), "limit"
-        judged.set(ylabel="summed log-odds", ylim=(0, 4 * by_rule.limit))
-    if by_rule.values.shape[1] == 1:
-        judged.plot(run.t_s, by_rule.values, color="black", lw=1.2, label=by_rule.label)
-    elif not by_rule.probable:
-        for i, name in enumerate(FINGER_NAMES):
-            judged.plot(run.t_s, by_rule.values[:, i], color=COLOURS[name], lw=1.2, ls="--")
+        axes, what = axes.twinx(), "limit"
+        axes.set(ylabel="summed log-odds", ylim=(0, 4 * by_rule.limit))
+    if by_rule.values.shape[1] == 1 or not by_rule.probable:
+        axes.plot(run.t_s, by_rule.values.max(axis=1), color="black", lw=1.2, label=by_rule.label)
     label = f"{what} {by_rule.limit:g}"
-    judged.axhline(by_rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
-    judged.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
-
-
-def _draw_slip(axes: Any, run: RunRecord) -> None:
-    """How far the object slid down through the fingers, and aside where it did."""
-    if run.truth is None:
-        return
-    down_mm, across_mm = 1e3 * run.truth.slip_m, 1e3 * run.truth.across_m
-    axes.plot(run.t_s, down_mm, color="black", lw=1.2, label="down")
-    first, last = _shown(run)
-    seen = (run.t_s >= first) & (run.t_s <= last)
-    least, most = -1.0, max(2.0, float(down_mm[seen].max()))
-    aside = across_mm[seen]
-    if np.abs(aside).max() >= LEAST_ACROSS_MM:
-        axes.plot(run.t_s, across_mm, color="black", lw=1.2, ls="--", label="aside")
-        axes.legend(loc="upper left", fontsize=8, frameon=False)
-        least, most = min(least, 1.15 * float(aside.min())), max(most, float(aside.max()))
-    axes.set_ylim(least, 1.15 * most)
-
-
-def _draw_turn(slip: Any, run: RunRecord) -> None:
-    """Rotation in the hand, on a scale of its own, where there is any."""
-    turned = None if run.truth is None else np.degrees(run.truth.turn_rad)
-    if turned is None or np.abs(turned).max() < LEAST_TURN_DEG:
-        return
-    axes = slip.twinx()
-    axes.plot(run.t_s, turned, color=TURN_COLOUR, lw=1.2)
-    axes.set_ylabel("turned, deg (true)", color=TURN_COLOUR)
+    axes.axhline(by_rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
+    axes.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
 
 
 def _shown(run: RunRecord) -> tuple[float, float]:
@@ -161,12 +130,7 @@ def simulated(clips: Any) -> list[Clip]:
 def draw_clips(out: Path, clips: list[Clip]) -> None:
     """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
     (n,) times, (n, 6) counts and (n,) labels."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    plt.rcParams["svg.hashsalt"] = "grasp"
+    plt = _pyplot()
     figure, rows = plt.subplots(
         len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
         layout="constrained",

@@ -26,7 +26,7 @@ from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.doctor import Check, Finding, checked
-from scenarios.rigs.opening import board_finder, open_board
+from scenarios.rigs.opening import open_board
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.permission import (
     HARDWARE,
@@ -214,16 +214,8 @@ def _foreign(device: str, config: Any) -> Finding:
 
 
 def other_devices(config: GraspRigConfig) -> dict[str, str]:
-    """How the arm and the fingertips are, in words, for a hand that was opened without them; moves
-    and raises nothing."""
-    told = [check for check in arm_checks(config) if check.status != "ok"]
-    arm = "; ".join(check.detail for check in told) or "answers, ready"
-    try:
-        board_address(config)
-        if config.devices.fingertips:
-            return {"arm": arm, "fingertips": "of another package: not asked"}
-        board = board_finder(config, time.monotonic_ns)(None)
-        board.close()
-    except (GraspError, ValueError) as error:
-        return {"arm": arm, "fingertips": str(error)}
-    return {"arm": arm, "fingertips": f"board {board.serial} is there"}
+    """How the arm and the fingertips are, in words, once a hand was opened without them; moves and
+    raises nothing."""
+    arm = "; ".join(check.detail for check in arm_checks(config) if check.status != "ok")
+    board = checked("fingertips", partial(_board, config))
+    return {"arm": arm or "answers, ready", "fingertips": board.detail}

@@ -254,12 +254,12 @@ class EmulatedCell:
 
         return {
             "load": load,
-            "take": take,
-            "home": self._home,
             "place": lambda request: cell.place_object(),
+            "take": take,
             "tap": lambda request: cell.tap(msgspec.convert(request, Blow)),
             "press": lambda request: cell.press(msgspec.convert(request, PadPress)),
             "lay": lambda request: cell.lay(msgspec.convert(request, LaidWeight)),
+            "home": self._home,
         }
 
     def _home(self, request: Request) -> Request:
