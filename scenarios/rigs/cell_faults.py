@@ -40,9 +40,13 @@ class Known(NamedTuple):
     happens, and how."""
 
     device: str
-    settings: tuple[str, ...]
+    takes: str
     does: str
     strike: Callable[[Any, FaultOrder], object]
+
+    @property
+    def settings(self) -> list[str]:
+        return self.takes.split()
 
 
 def _on_wire(trouble: Trouble) -> Callable[[GripperEmulator, FaultOrder], object]:
@@ -57,70 +61,43 @@ def _disconnect(gripper: GripperEmulator, order: FaultOrder) -> None:
         gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
 
 
+_AFTER = "pressed=false releases the button, and its dashboard takes power on and brake release"
 KNOWN = {
-    "gripper_drop": Known(
-        "gripper", ("times", "skip"), "requests get no reply", _on_wire(Trouble.DROP)
-    ),
-    "gripper_delay": Known(
-        "gripper", ("times", "skip", "seconds"), "replies come later by so long",
-        _on_wire(Trouble.DELAY),
-    ),
-    "gripper_garble": Known(
-        "gripper", ("times", "skip"), "replies are damaged", _on_wire(Trouble.GARBLE)
-    ),
-    "gripper_freeze": Known(
-        "gripper", ("seconds", "skip"), "nothing is answered for so long, from a request on",
-        _on_wire(Trouble.FREEZE),
-    ),
-    "gripper_disconnect": Known(
-        "gripper", ("times",), "the connection is cut; with more, whoever connects again",
-        _disconnect,
-    ),
-    "gripper_fault": Known(
-        "gripper", ("code",),
+    "gripper_drop": Known("gripper", "times skip", "requests get no reply", _on_wire(Trouble.DROP)),
+    "gripper_delay": Known("gripper", "times skip seconds", "replies come later by so long",
+        _on_wire(Trouble.DELAY)),
+    "gripper_garble": Known("gripper", "times skip", "replies are damaged",
+        _on_wire(Trouble.GARBLE)),
+    "gripper_freeze": Known("gripper", "seconds skip",
+        "nothing is answered for so long, from a request on", _on_wire(Trouble.FREEZE)),
+    "gripper_disconnect": Known("gripper", "times",
+        "the connection is cut; with more, whoever connects again", _disconnect),
+    "gripper_fault": Known("gripper", "code",
         "this gFLT is reported; code=0 takes it back, but 13 to 15, which an activation ends",
-        lambda gripper, order: gripper.model.inject_fault(order.code),
-    ),
-    "unplug": Known(
-        "board", (), "the fingertips' board is off the USB bus, until replug",
-        lambda board, order: board.unplug(),
-    ),
-    "replug": Known(
-        "board", (), "the board is plugged in anew, stopped and without faults",
-        lambda board, order: board.replug(),
-    ),
-    "usb_timeout": Known(
-        "board", ("times",), "so many reads of the board bring nothing; replug ends it",
-        lambda board, order: board.time_out(order.times),
-    ),
-    "protective_stop": Known(
-        "arm", (), "the arm stops by its own safety system",
-        lambda arm, order: arm.controller.protective_stop(),
-    ),
-    "emergency_stop": Known(
-        "arm", ("pressed",),
-        "the arm brakes and loses power; pressed=false releases the button, and its dashboard "
-        "takes power on and brake release, from its next cycle on",
-        lambda arm, order: arm.controller.emergency_stop(order.pressed),
-    ),
-    "remote_control": Known(
-        "arm", ("on",),
+        lambda gripper, order: gripper.model.inject_fault(order.code)),
+    "unplug": Known("board", "", "the fingertips' board is off the USB bus, until replug",
+        lambda board, order: board.unplug()),
+    "replug": Known("board", "", "the board is plugged in anew, stopped and without faults",
+        lambda board, order: board.replug()),
+    "usb_timeout": Known("board", "times",
+        "so many reads of the board bring nothing; replug ends it",
+        lambda board, order: board.time_out(order.times)),
+    "protective_stop": Known("arm", "", "the arm stops by its own safety system",
+        lambda arm, order: arm.controller.protective_stop()),
+    "emergency_stop": Known("arm", "pressed",
+        f"the arm brakes and loses power; {_AFTER}, from its next cycle on",
+        lambda arm, order: arm.controller.emergency_stop(order.pressed)),
+    "remote_control": Known("arm", "on",
         "on=false: the pendant is turned to Local, e-Series alone; the program ends, none is taken",
-        lambda arm, order: arm.controller.set_remote_control(order.on),
-    ),
-    "speed_slider": Known(
-        "arm", ("fraction",),
+        lambda arm, order: arm.controller.set_remote_control(order.on)),
+    "speed_slider": Known("arm", "fraction",
         "the arm's speed slider is turned: moves go on at that share of their pace",
-        lambda arm, order: arm.controller.set_speed(order.fraction),
-    ),
-    "arm_disconnect": Known(
-        "arm", (), "the connections that are open to the arm are closed, if any",
-        lambda arm, order: arm.drop_links(),
-    ),
-    "arm_freeze": Known(
-        "arm", ("seconds",), "the arm's controller does and answers nothing for so long",
-        lambda arm, order: arm.freeze(order.seconds),
-    ),
+        lambda arm, order: arm.controller.set_speed(order.fraction)),
+    "arm_disconnect": Known("arm", "", "the connections that are open to the arm are closed",
+        lambda arm, order: arm.drop_links()),
+    "arm_freeze": Known("arm", "seconds",
+        "the arm's controller does and answers nothing for so long",
+        lambda arm, order: arm.freeze(order.seconds)),
 }  # fmt: skip
 
 

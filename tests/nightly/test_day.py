@@ -148,7 +148,6 @@ def _calibrates(day: Day) -> None:
         day.word(f"lay A {load_n:g}")
         return f"{load_n:g} N" if load_n else ""
 
-    day.run("release", *MOVES)
     day.run("calibrate", "force", "--out", "force.toml", *LAB, answer=loaded)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", *MOVES)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", "--open", *MOVES)
