@@ -124,18 +124,14 @@ class Robot:
         if taken:
             return Outcome.DONE
         deadline = time.monotonic() + _SETTLE_S
-        state = self.state()
-        while not (state.stopped_by_safety or not state.program_running):
-            if time.monotonic() > deadline:
+        while True:
+            state = self.state()
+            stopped = state.stopped_by_safety or not state.program_running
+            if stopped or time.monotonic() > deadline:
                 break
             time.sleep(_PERIOD_S)
-            state = self.state()
         self._channel.send(state)
-        if state.emergency_stop:
-            return Outcome.EMERGENCY_STOP
-        if state.stopped_by_safety:
-            return Outcome.PROTECTIVE_STOP
-        return Outcome.NOT_TAKEN if state.program_running else Outcome.PROGRAM_ENDED
+        return Outcome.STOPPED if stopped else Outcome.NOT_TAKEN
 
 
 class Commander:
@@ -241,7 +237,7 @@ class Commander:
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
         if self._forsaken:  # its program is about to end
-            return Outcome.PROGRAM_ENDED
+            return Outcome.STOPPED
         self._acceleration_mps2 = command.acceleration_mps2
         if self._driving and isinstance(command, DriveArm):
             return self._start(command)

@@ -176,9 +176,9 @@ def test_stop_forgets_the_move_that_waits(commander, rtde, ours, later):
 @pytest.mark.parametrize(
     ("bits", "runtime_state", "outcome"),
     [
-        (1 << 2 | 1 << 10, 1, Outcome.PROTECTIVE_STOP),
-        (1 << 6 | 1 << 7 | 1 << 10, 1, Outcome.EMERGENCY_STOP),
-        (1, 1, Outcome.PROGRAM_ENDED),
+        (1 << 2 | 1 << 10, 1, Outcome.STOPPED),
+        (1 << 6 | 1 << 7 | 1 << 10, 1, Outcome.STOPPED),
+        (1, 1, Outcome.STOPPED),
         (1, 2, Outcome.NOT_TAKEN),
     ],
 )
@@ -255,7 +255,7 @@ def test_nothing_begins_once_the_arm_has_been_left_alone(commander, rtde, ours, 
     commander.turn()
     rtde.speed_mps = 0.0
     commander.listened(True)
-    assert commander.carry_out(request_) is Outcome.PROGRAM_ENDED
+    assert commander.carry_out(request_) is Outcome.STOPPED
     assert rtde.names() == ["moveL", "stopL"]
 
 
