@@ -56,9 +56,8 @@ class RobotiqDriver(TrackedHand):
 
     def activate(self, dropping: bool = False) -> Applied:
         """Make the hand ready, in basic mode. One that is so and without fault is taken over as it
-        is; one that holds something, or is active and not open, for who holds by position feels no
-        contact, is left alone, unless it may drop that. One that is ready in another mode is told
-        the basic one, for which it opens first."""
+        is; one that may hold something is left alone, unless it may drop that. One that is ready in
+        another mode is told the basic one, for which it opens first."""
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -82,7 +81,7 @@ class RobotiqDriver(TrackedHand):
         return self._of(ACTIVATE)
 
     def _holds(self, state: GripperState) -> bool:
-        """Whether it may hold something."""
+        """Whether it may hold something; who holds by position feels no contact."""
         met = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
         met = met or (self._status is not None and pinches(self._status))
         return met or (state.active and not state.is_open)
@@ -107,7 +106,7 @@ class RobotiqDriver(TrackedHand):
         """Close some fingers to their limits, within a force; the others hold where they are.
 
         Nothing opens: a limit behind a finger leaves it where it is. Where that is doubtful it goes
-        on to where it was told to, and no faster than it was told.
+        on to where it was told to, no faster than before.
         """
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
@@ -128,11 +127,10 @@ class RobotiqDriver(TrackedHand):
     def hold(self) -> Applied:
         """Stay: every target becomes the position the finger has. Never refused once connected.
 
-        Where the reported positions may be those of some time ago the fingers are stopped instead
-        (rGTO cleared), for a target that has been passed would move them back. That writes rACT,
-        though, which a hand that has lost power would take for its activation. So it is done only
-        while the status is seen to change; a finger goes on by what it may have moved at most
-        where it is not.
+        Where the reported positions may be old the fingers are stopped instead (rGTO cleared): a
+        target that has been passed would move them back. But that writes rACT, which activates a
+        hand that has lost power, so it is done only while the status is seen to change. Where it is
+        not, a finger goes on by what it may have moved at most.
         """
         state = self._known()
         if not state.active or self._exchange.lost or self._step is not Step.NONE:

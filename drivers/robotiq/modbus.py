@@ -27,7 +27,7 @@ _WRITE: Final = 16
 _READ_INPUT: Final = 4
 _READ_HOLDING: Final = 3
 
-# What pymodbus lets through: its own errors, those of the socket, and those of its decoder.
+# What pymodbus lets through: errors of its own, of the socket and of its decoder.
 _FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.error)
 
 # pymodbus tells of lost links and odd replies in its own log, unasked; here they are errors.
