@@ -15,7 +15,7 @@ from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import FAULTS, REGISTERS, TCP, StatusRegisters
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import UsbLink, boards
-from drivers.ur.link import look as arm_look
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import DASHBOARD_PORT, RTDE_PORT, Dashboard, peek
 
 MODBUS_PORT: Final = 502

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
-from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.server import UrEmulator
 
 MOST_WAITING = 1000  # faults that are to strike later, or for which a frozen arm has no time
 
@@ -105,7 +105,7 @@ class CellFaults:
             "protective_stop": lambda order: arm.controller.protective_stop(),
             "emergency_stop": lambda order: arm.controller.emergency_stop(order.pressed),
             "remote_control": lambda order: arm.controller.set_remote_control(order.on),
-            "speed_slider": lambda order: arm.controller.ports.set_speed(order.fraction),
+            "speed_slider": lambda order: arm.controller.set_speed(order.fraction),
             "arm_disconnect": lambda order: arm.drop_links(),
             "arm_freeze": lambda order: arm.freeze(order.seconds),
         }

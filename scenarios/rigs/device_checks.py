@@ -21,7 +21,7 @@ from drivers.robotiq.protocol import (
 )
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.link import ReadingThread
-from drivers.ur.link import look as arm_look
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim

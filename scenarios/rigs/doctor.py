@@ -99,7 +99,7 @@ def _detectors(load: Load, more: Sequence[str]) -> Iterator[Check]:
 
     try:
         from detector.interface import DETECTORS
-        from detector.own import offered
+        from detector.plugins import offered
     except ImportError as error:
         yield Check("detectors", "fail", str(error), "run `make install`")
         return

@@ -24,8 +24,8 @@ import msgspec
 
 from drivers.robotiq.emulator import GripperEmulator, RtuEmulator
 from drivers.takktile.emulator.server import BoardServer
-from drivers.ur.emulator.robot import SWITCH_S, UrEmulator
-from drivers.ur.emulator.settings import EmulatorSettings
+from drivers.ur.emulator.controller import EmulatorSettings
+from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part

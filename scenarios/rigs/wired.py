@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import TypeVar
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import GraspError
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link import ThreadedGripper
@@ -64,12 +64,6 @@ def open_arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
         with own_device(config.devices, "arm", now) as arm:
             yield arm
         return
-    if config.arm.arrived_below_mps < config.ur.standing_below_mps:
-        raise UsageError(
-            f"arm.arrived_below_mps {config.arm.arrived_below_mps:g} is less than "
-            f"ur.standing_below_mps {config.ur.standing_below_mps:g}: no move would ever be over",
-            "raise arm.arrived_below_mps",
-        )
     with UrLink(config.ur) as link:
         yield ArmDriver(link, config.arm)
 

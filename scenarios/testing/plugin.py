@@ -144,7 +144,7 @@ class EmulatedArm:
         raise OSError(f"no emulated arm in {ADDRESS_TRIES} tries: see its messages above")
 
     def fault(self, name: str, *, after_s: float = 0.0, **arguments: Any) -> None:
-        """A verb of ``drivers.ur.emulator.faults``; raises ValueError when it is refused."""
+        """A verb of ``drivers.ur.emulator.dashboard``; raises ValueError when it is refused."""
         self._later.do(after_s, lambda: self._ask(do=name, **arguments))
 
     def state(self) -> dict[str, Any]:

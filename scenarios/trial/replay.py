@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from detector.network_file import is_weights
-from detector.own import is_code
+from detector.plugins import is_code
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration
@@ -37,9 +37,9 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load
+from grasp.states import PhaseChange
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step

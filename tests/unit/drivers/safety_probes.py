@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from drivers.errors import Refused, Stale
@@ -76,27 +75,10 @@ def moves_along_any(x: float, **settings: Any) -> bool:
     return verdicts.pop()
 
 
-def turns(spin_radps: float, **settings: Any) -> bool:
-    return taken(lambda: arm_driver(**settings)[0].drive(ZERO, spin_radps, 1.0))
-
-
-def turns_as_far_as(x: float, v: float) -> bool:
-    """A spin whose worst end, timed out and braked at 1 rad/s2, is x."""
-    return turns(math.sqrt(0.01 + 2 * x) - 0.1, max_turn_rad=v, max_spin_radps=3.0)
-
-
 def hardest_stop_mps2(v: float) -> float:
     driver, link = arm_driver(max_stop_mps2=v)
     driver.stop(9.0)
     return link.braked_mps2
-
-
-def drives_on(v: float, after_s: float) -> bool:
-    driver, link = arm_driver(drive_timeout_s=v)
-    driver.drive((0.1, 0.0, 0.0), 0.0, 1.0)
-    link.sample = msgspec.structs.replace(link.sample, t_ns=1)
-    driver.pump(round(after_s * 1e9))
-    return not link.stopped
 
 
 def trusted(v: float, age_s: float) -> bool:
@@ -106,24 +88,6 @@ def trusted(v: float, age_s: float) -> bool:
     except Stale:
         return False
     return True
-
-
-def arrived(v: float, away_m: float) -> bool:
-    driver, link = arm_driver(arrived_within_m=v)
-    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
-    link.sample = msgspec.structs.replace(link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1 - away_m))
-    driver.pump(MS)
-    return not driver.state.moving
-
-
-def arrived_at_speed(v: float, speed_mps: float) -> bool:
-    driver, link = arm_driver(arrived_below_mps=v)
-    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
-    link.sample = msgspec.structs.replace(
-        link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1), velocity_mps=(0.0, 0.0, speed_mps)
-    )
-    driver.pump(MS)
-    return not driver.state.moving
 
 
 # Fingertips

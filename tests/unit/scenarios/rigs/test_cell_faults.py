@@ -5,8 +5,7 @@ from unittest.mock import Mock
 import pytest
 
 from drivers.robotiq.emulator import WireFaults
-from drivers.ur.emulator.controller import Controller
-from drivers.ur.emulator.settings import PROFILES
+from drivers.ur.emulator.controller import PROFILES, Controller
 from scenarios.rigs.cell_faults import KNOWN, CellFaults
 
 
