@@ -72,9 +72,8 @@ class RobotiqDriver(TrackedHand):
                 "open first; switch the hand off and on if it cannot",
             )
         status = self._status
-        if well or (
-            status is not None and status.active and status.initialization == 1 and not state.fault
-        ):
+        begun = status is not None and status.active and status.initialization == 1
+        if well or (begun and not state.fault):
             self._begin(Step.ACTIVATING, ACTIVATE)  # in another mode, or begun by another master
         else:
             self._begin(Step.RESTARTING, RESET)

@@ -310,7 +310,13 @@ class GripperModel:
     def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
         going = stage is Stage.READY and command.go_to
-        a, b, c = self._finger_statuses()
+        a, b, c = (request.position for request in command.fingers)
+        if not self._one_by_one:
+            b = c = 0  # in simple mode only finger A echoes (manual p. 68)
+        fingers = [self._fingers.status(i, echo) for i, echo in enumerate((a, b, c))]
+        echo = command.scissor.position if command.individual_scissor else 0
+        rests = going and self._scissor.at_rest(now_ns)
+        scissor = AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
         fault = self._injected or _STAGE_FAULT.get(stage, 0)
         if not fault and command.go_to:
             fault = _DELAYED.get(stage, 0)
@@ -322,26 +328,13 @@ class GripperModel:
             mode=command.mode,
             going=going,
             initialization=initialization,
-            stopped=_stopped(a.detection, b.detection, c.detection) if going else 0,
+            stopped=_stopped([finger.detection for finger in fingers]) if going else 0,
             fault=fault,
-            axes=(a, b, c, self._scissor_status(now_ns, going)),
+            axes=(*fingers, scissor),
         )
 
-    def _finger_statuses(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
-        """In simple mode only finger A echoes (manual p. 68)."""
-        a, b, c = (request.position for request in self._command.fingers)
-        if not self._one_by_one:
-            b = c = 0
-        fingers = self._fingers
-        return fingers.status(0, a), fingers.status(1, b), fingers.status(2, c)
 
-    def _scissor_status(self, now_ns: int, going: bool) -> AxisStatus:
-        echo = self._command.scissor.position if self._command.individual_scissor else 0
-        rests = going and self._scissor.at_rest(now_ns)
-        return AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
-
-
-def _stopped(*detections: int) -> int:
+def _stopped(detections: Sequence[int]) -> int:
     """gSTA: 0 some finger moves, 1 some stopped short, 2 all stopped short, 3 all at target."""
     if 0 in detections:
         return 0

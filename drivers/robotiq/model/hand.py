@@ -108,7 +108,7 @@ class HandStatus(msgspec.Struct, frozen=True):
     initialization: int  # gIMC
     stopped: int  # gSTA
     fault: int  # gFLT
-    axes: tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]
+    axes: Sequence[AxisStatus]  # A, B, C, scissor
 
 
 def decode(words: Sequence[int]) -> Command:
