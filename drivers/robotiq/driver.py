@@ -135,18 +135,13 @@ class RobotiqDriver(TrackedHand):
         if not state.active or self._exchange.lost or self._step is not Step.NONE:
             return self._nothing("the hand does not obey motion commands: nothing was sent")
         targets: Sequence[int] = held_targets(state.fingers, self._exchange.wanted)
-        go_to = self._tells_positions(state)
-        if not go_to and not self._alive:
+        go_to = state.fresh and not self._doubtful(state)
+        if not go_to and self._now_ns - self._changed_ns > STATUS_OLD_NS:
             targets, go_to = self._reached_at_most(state), True
         command = self._image(targets, 0, (0, 0, 0))
         command = msgspec.structs.replace(command, go_to=go_to)
         self._exchange.want(command)
         return self._of(command)
-
-    @property
-    def _alive(self) -> bool:
-        """The status was seen to change lately: it is no old one."""
-        return self._now_ns - self._changed_ns <= STATUS_OLD_NS
 
     def _reached_at_most(self, state: GripperState) -> list[int]:
         """Where each finger may be by now, on its way to what it was told last."""
@@ -161,12 +156,9 @@ class RobotiqDriver(TrackedHand):
             here[i] += min(max(axis.position - here[i], -reach), reach)
         return here
 
-    def _tells_positions(self, state: GripperState) -> bool:
-        """Whether the fingers are where the status says: it speaks of the last command, and has
-        changed lately if a finger moves."""
-        return state.fresh and not self._doubtful(state)
-
     def _doubtful(self, state: GripperState) -> bool:
+        """Whether the fingers may be elsewhere: one moves, and the status has not changed lately.
+        Or one was where no motor can have brought it."""
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
         return self._leapt or (moving and self._now_ns - self._changed_ns > STATUS_OLD_NS)
 
@@ -180,21 +172,17 @@ class RobotiqDriver(TrackedHand):
     # Images
 
     def _move(
-        self,
-        targets: Sequence[int],
-        speed_mps: float,
-        force_bytes: Sequence[int],
-        spread: bool = False,
+        self, targets: Sequence[int], speed_mps: float, forces: Sequence[int], spread: bool = False
     ) -> Applied:
         speed = self._calibration.speed_byte_at_most(speed_mps)
         state = self._ready()
         if any(to > at for to, at in zip(targets, state.positions, strict=True)):
             check_closing(self.mode)
-        command = self._image(targets, speed, force_bytes, spread)
+        command = self._image(targets, speed, forces, spread)
         if self._exchange.lost:
             return self._nothing(_LOST)
         still = [self._why_still(i, command.axes[i], state) for i in range(FINGERS)]
-        for i, byte in enumerate(force_bytes):
+        for i, byte in enumerate(forces):
             if not still[i]:
                 self._grip_bytes[i] = byte
         self._exchange.want(command)

@@ -247,18 +247,14 @@ class TrackedHand:
     # Images
 
     def _image(
-        self,
-        targets: Sequence[int],
-        speed: int,
-        force_bytes: Sequence[int],
-        spread: bool = False,
+        self, targets: Sequence[int], speed: int, forces: Sequence[int], spread: bool = False
     ) -> CommandRegisters:
         """``spread``: in scissor mode, B and C apart; else that motor stays where it is.
 
         There it always has a place of its own (rICS), at the least force: without one a hand sends
         its scissor to finger A's place, and obeys no single finger.
         """
-        command = motion_image(self.mode, targets, speed, force_bytes)
+        command = motion_image(self.mode, targets, speed, forces)
         if self.mode != SCISSOR or self._status is None:
             return command
         to = AxisCommand(0, speed) if spread else AxisCommand(self._status.scissor.position)
@@ -298,14 +294,14 @@ def checked_counts(targets: Sequence[int]) -> Sequence[int]:
 
 
 def motion_image(
-    mode: int, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
+    mode: int, targets: Sequence[int], speed: int, forces: Sequence[int]
 ) -> CommandRegisters:
     """Fingers one by one (rICF), all targets given: nothing left from before can move them.
 
     ``mode`` must be the one that the hand is in: another one would open the fingers first.
     """
     a, b, c = (
-        AxisCommand(target, speed, byte) for target, byte in zip(targets, force_bytes, strict=True)
+        AxisCommand(target, speed, byte) for target, byte in zip(targets, forces, strict=True)
     )
     return CommandRegisters(
         activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c
