@@ -14,7 +14,7 @@ from scenarios.campaign.summary import Cell as Counted
 from scenarios.campaign.summary import Variant, paper_rate, summarize
 from scenarios.campaign.worker import Row
 from scenarios.report.run_settings import command_of, shell
-from scenarios.report.tables import Cell, Part, Plot, Rate, Section, Table, cells, rates, table_page
+from scenarios.report.tables import Cell, Part, Section, Table, cells, table_page
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 
@@ -37,8 +37,6 @@ def campaign_page(file: Path, out: Path) -> str:
                              if v.scenario == scenario])
         for scenario in dict.fromkeys(row.scenario for row in rows)
     ]  # fmt: skip
-    if swept := _swept(spec, rows):
-        sections.append(Section("Success against what was varied", plots=swept))
     failed = [row for row in rows if _failed(row)]
     shown = [_failure(spec, row, settings[row.config_hash], file, out)
              for row in failed[:MOST_FAILURES]]  # fmt: skip
@@ -170,44 +168,6 @@ def _three(quantiles: Any, form: str = "{:.0f}") -> str:
         return ""
     three = (quantiles.p10, quantiles.p50, quantiles.p90)
     return " / ".join("–" if math.isinf(value) else form.format(value) for value in three)
-
-
-# What was varied
-
-
-def _swept(spec: CampaignSpec, rows: Sequence[Row]) -> list[Plot]:
-    """Success against each thing that was varied, all others taken together."""
-    plots = []
-    for key in spec.sweep:
-        values = [json.loads(row.swept).get(key) for row in rows]
-        places = _places(values)
-        groups: dict[str, dict[float, list[Row]]] = {}
-        for row, value in zip(rows, values, strict=True):
-            if value is not None and _counts(row):
-                name = f"{row.scenario}, {row.profile}, {row.detector}"
-                at = places[json.dumps(value)]
-                groups.setdefault(name, {}).setdefault(at, []).append(row)
-        labels = {at: text for text, at in places.items()}
-        if groups:
-            named = [
-                (name, [_rated(at, labels[at], of) for at, of in by_place.items()])
-                for name, by_place in groups.items()
-            ]
-            plots.append(rates(key, named))
-    return plots
-
-
-def _rated(at: float, label: str, rows: Sequence[Row]) -> Rate:
-    won = sum(bool(row.success) for row in rows)
-    return Rate(at, label, won, len(rows), wilson(won, len(rows)))
-
-
-def _places(values: Sequence[Any]) -> dict[str, float]:
-    """Where each value stands, by its text: a number where all are, else its place in order."""
-    known = {json.dumps(value): value for value in values if value is not None}
-    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in known.values()):
-        return {text: float(value) for text, value in known.items()}
-    return {text: float(i) for i, text in enumerate(known)}
 
 
 # Failures

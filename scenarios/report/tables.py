@@ -11,7 +11,6 @@ from scenarios.report.page import render
 
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
-ASIDE = 2.0 / (RIGHT - LEFT)  # of an axis, so that intervals do not hide one another
 
 
 class Tick(msgspec.Struct, frozen=True):
@@ -21,23 +20,12 @@ class Tick(msgspec.Struct, frozen=True):
     text: str
 
 
-class Mark(msgspec.Struct, frozen=True):
-    """A dot with an interval of y, and its words."""
-
-    x: float
-    y: float
-    low: float
-    high: float
-    words: str
-
-
 class Line(msgspec.Struct, frozen=True):
-    """One of a plot: its name, `x,y x,y ...` of SVG, and dots on it. ``style``: a class of
-    `page.css`; empty: the next of its colours."""
+    """One of a plot: its name, `x,y x,y ...` of SVG. ``style``: a class of `page.css`; empty: the
+    next of its colours."""
 
     name: str
     points: str
-    dots: list[Mark]
     style: str
 
 
@@ -80,75 +68,27 @@ class Axis(msgspec.Struct, frozen=True):
 
 
 class Curve(msgspec.Struct, frozen=True):
-    """What `curves` draws as a line, with marks on it."""
+    """What `curves` draws as a line."""
 
     name: str
     points: Sequence[tuple[float, float]]
-    marks: Sequence[Mark] = ()
     style: str = ""
 
 
-class Rate(msgspec.Struct, frozen=True):
-    """Successes at one place of what was varied; ``interval`` is Wilson's, 95 %."""
-
-    x: float
-    label: str
-    successes: int
-    trials: int
-    interval: tuple[float, float]
-
-
 def curves(
-    title: str, x: Axis, y: Axis, drawn: Sequence[Curve],
-    spans: Sequence[tuple[float, float]] = (), places: dict[float, str] | None = None,
-) -> Plot:  # fmt: skip
-    """A plot. ``spans`` of x are shaded; ``places``: names of some x in place of numbers."""
-    named = places if places is not None else {at: f"{at:g}" for at in x.ticks()}
+    title: str, x: Axis, y: Axis, drawn: Sequence[Curve], spans: Sequence[tuple[float, float]] = ()
+) -> Plot:
+    """A plot. ``spans`` of x are shaded."""
+    lines = [
+        Line(c.name, " ".join(f"{x.x(at)},{y.y(value)}" for at, value in c.points), c.style)
+        for c in drawn
+    ]
     return Plot(
         title, x.label, y.label,
-        _apart([Tick(x.x(at), text) for at, text in sorted(named.items())]),
-        [Tick(y.y(at), f"{at:g}") for at in y.ticks()],
-        [_line(curve, x, y) for curve in drawn],
+        [Tick(x.x(at), f"{at:g}") for at in x.ticks()],
+        [Tick(y.y(at), f"{at:g}") for at in y.ticks()], lines,
         [(x.x(a), round(x.x(b) - x.x(a), 1)) for a, b in spans if b >= x.low and a <= x.high],
     )  # fmt: skip
-
-
-def _line(curve: Curve, x: Axis, y: Axis) -> Line:
-    points = [(x.x(at), y.y(value)) for at, value in curve.points]
-    dots = [Mark(x.x(m.x), y.y(m.y), y.y(m.low), y.y(m.high), m.words) for m in curve.marks]
-    return Line(curve.name, " ".join(f"{a},{b}" for a, b in points), dots, curve.style)
-
-
-def _apart(ticks: Sequence[Tick]) -> list[Tick]:
-    """Those that do not run into the one before."""
-    kept: list[Tick] = []
-    for tick in ticks:
-        room = 3.2 * (len(tick.text) + len(kept[-1].text)) + 4.0 if kept else 0.0
-        if not kept or tick.at - kept[-1].at >= room:
-            kept.append(tick)
-    return kept
-
-
-def rates(title: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
-    """Success over what was varied: by number, or by place where it is no number."""
-    known = {rate.x: rate.label for _, found in named for rate in found}
-    low, high = min(known), max(known)
-    margin = 0.04 * (high - low) or 0.5
-    low, high = low - margin, high + margin
-    drawn = []
-    for i, (name, found) in enumerate(named):
-        aside = ASIDE * (high - low) * (i - (len(named) - 1) / 2)
-        marks = [
-            Mark(
-                rate.x + aside, rate.successes / rate.trials, *rate.interval,
-                f"{name}, {rate.label}: {rate.successes} of {rate.trials}",
-            )
-            for rate in sorted(found, key=lambda rate: rate.x)
-            if rate.trials
-        ]  # fmt: skip
-        drawn.append(Curve(name, [(mark.x, mark.y) for mark in marks], marks))
-    success = Axis("share that succeeded, 95 %", 0.0, 1.0)
-    return curves(title, Axis("", low, high), success, drawn, places=known)
 
 
 # Tables
