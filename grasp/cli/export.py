@@ -71,7 +71,7 @@ def _table(run: Path, out: Path | None, table: bool) -> Path:
 
 def _picture(run: Path, out: Path | None) -> Path:
     need("charts", "matplotlib")
-    from scenarios.report.run_figure import draw_run
+    from scenarios.report.export import draw_run
     from scenarios.trial.run_folder import find_recording
 
     out = out or find_recording(run).with_name("run.svg")

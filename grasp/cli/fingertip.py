@@ -90,7 +90,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
 def _draw(out: Path, setup: Any, recording: Any) -> None:
     from scenarios.acquire.fingertip_fit import JUDGE_SEED
     from scenarios.acquire.strokes import simulate
-    from scenarios.report.run_figure import draw_clips, simulated
+    from scenarios.report.export import draw_clips, simulated
 
     clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
     real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)

@@ -86,8 +86,8 @@ def identify(args: argparse.Namespace) -> int:
     from drivers.takktile.identify import watch
     from drivers.takktile.link import UsbLink
     from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.opening import ANY_BOARD
     from scenarios.rigs.permission import HARDWARE
+    from scenarios.rigs.wired import ANY_BOARD
 
     config = load_for_devices("can", HARDWARE, args.config, args.set)
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial

@@ -24,9 +24,8 @@ from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
+from scenarios.rigs.checks import Check, Finding, checked
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.doctor import Check, Finding, checked
-from scenarios.rigs.opening import open_board
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.permission import (
     HARDWARE,
@@ -37,6 +36,7 @@ from scenarios.rigs.permission import (
     gripper_address,
 )
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
+from scenarios.rigs.wired import open_board
 
 APART_S = 0.1  # between two looks at the gripper
 FRAMES = 100  # of the fingertips, after those that the rest is taken from

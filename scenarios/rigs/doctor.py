@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from drivers.errors import GraspError
+from scenarios.rigs.checks import Check, Finding, checked
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
@@ -25,28 +25,6 @@ NOT_YET = "not looked at: the configuration comes first"
 # trial out; raises ConfigError
 Load = Callable[[str, str | None], Any]
 WouldRun = Callable[[Any], object]  # raises where a run with such settings would be refused
-Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
-
-
-class Check(NamedTuple):
-    """One finding: status is ok, warn or fail; the remedy is empty when all is well. ``kind``: of
-    the error that a run would end with, where that is no fault of a device."""
-
-    name: str
-    status: str
-    detail: str
-    remedy: str = ""
-    kind: str = ""
-
-
-def checked(name: str, look: Callable[[], Finding]) -> Check:
-    """The finding, or a failure made of whatever error came instead."""
-    try:
-        return Check(name, *look())
-    except GraspError as error:
-        return Check(name, "fail", error.message, error.remedy, error.kind)
-    except Exception as error:  # a doctor reports, whatever it meets
-        return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
 def examine(

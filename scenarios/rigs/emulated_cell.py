@@ -30,7 +30,7 @@ from drivers.ur.emulator.controller import EmulatorSettings
 from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
-from scenarios.rigs.world_of_seed import any_cell, cell_settings
+from scenarios.rigs.simulated import any_cell, cell_settings
 from scenarios.world.blow import Blow
 from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
 

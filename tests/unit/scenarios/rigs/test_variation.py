@@ -5,7 +5,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from scenarios.rigs.config import VariationSettings
-from scenarios.rigs.world_of_seed import Draw, draw
+from scenarios.rigs.simulated import Draw, draw
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
