@@ -35,10 +35,11 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
     def name(self, device: str) -> str:
         """Of the entry point; empty for a device of ours."""
-        return str(getattr(self, device))
+        return {"gripper": self.gripper, "arm": self.arm, "fingertips": self.fingertips}[device]
 
     def settings(self, device: str) -> dict[str, Scalar]:
-        return dict(getattr(self, f"{device}_settings"))
+        own = (self.gripper_settings, self.arm_settings, self.fingertips_settings)
+        return dict(zip(GROUPS, own, strict=True))[device]
 
     @property
     def chosen(self) -> dict[str, str]:
