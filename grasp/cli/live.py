@@ -30,7 +30,7 @@ _HAND = {  # where there is one
 
 
 class Live(Protocol):
-    """A page that follows a run: ``scenarios.report.live``."""
+    """A page that follows a run: ``scenarios.report.live_feed``."""
 
     @property
     def feed(self) -> Any: ...

@@ -126,7 +126,7 @@ def _follow(
     from grasp.cli.live import Display, physics_lines, trial_line, viewed
     from grasp.cli.operator import TerminalOperator
     from scenarios.campaign.experiment import run
-    from scenarios.report.live.feed import LiveTrials
+    from scenarios.report.live_feed import LiveTrials
     from scenarios.trial.result import Failure
     from scenarios.trial.series import Bench
 

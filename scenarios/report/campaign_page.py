@@ -13,7 +13,7 @@ from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import Cell as Counted
 from scenarios.campaign.summary import Variant, paper_rate, summarize
 from scenarios.campaign.worker import Row
-from scenarios.report.run_settings import command_of, shell
+from scenarios.report.run_settings import command_of
 from scenarios.report.tables import Cell, Part, Section, Table, cells, table_page
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
@@ -190,5 +190,5 @@ def _failure(
         Cell(spelt(row.outcome or "error"), error),
         *cells(str(row.seed), slip_mm),
         Cell(links=links),
-        Cell(shell(command_of(settings, str(row.seed), begun=False)), code=True),
+        Cell(command_of(settings, str(row.seed), begun=False), code=True),
     ]

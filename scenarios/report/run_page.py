@@ -15,7 +15,7 @@ from grasp.commands import describe
 from grasp.states import State
 from scenarios.report.page import render
 from scenarios.report.run_record import RunRecord, Sent, read_run
-from scenarios.report.run_settings import command_of, object_file, settings_of, shell
+from scenarios.report.run_settings import command_of, object_file, settings_of
 from scenarios.report.run_text import badge, remarks, sentence
 from scenarios.report.run_view import Decided, View, decided, scene
 from scenarios.trial.pictures import taxel_places
@@ -85,7 +85,7 @@ def run_page(path: Path) -> str:
         own_settings=[setting for setting in settings if setting.own],
         compared=any(setting.usual is not None for setting in settings),
         other_settings=[setting for setting in settings if not setting.own],
-        origins=_origins(run), command=shell(command_of(run.settings, run.seed)),
+        origins=_origins(run), command=command_of(run.settings, run.seed),
         object_file=object_file(run.settings), data=_data(run, by_rule),
     )  # fmt: skip
 

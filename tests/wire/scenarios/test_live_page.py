@@ -13,7 +13,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from scenarios.report.live.feed import Feed
+from scenarios.report.live_feed import Feed
 from scenarios.report.run_view import Bound, View
 
 VIEW = View(False, False, 10.0, Bound(0.5, True, "", ""))

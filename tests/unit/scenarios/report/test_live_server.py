@@ -8,7 +8,7 @@ from contextlib import suppress
 import msgspec
 import pytest
 
-from scenarios.report.live.server import Begin, Row, Story, read_lines
+from scenarios.report.live_server import Begin, Row, Story, read_lines
 
 BEGIN = msgspec.json.encode(Begin(1, 2, None, {}))
 ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]

@@ -17,8 +17,8 @@ from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.watch import Onlooker
-from scenarios.report.live import server
-from scenarios.report.live.server import Begin, Row, Said, Serve
+from scenarios.report import live_server as server
+from scenarios.report.live_server import Begin, Row, Said, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.pictures import taxel_places
