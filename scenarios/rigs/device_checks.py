@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
@@ -24,7 +24,6 @@ from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
-from scenarios.rigs.checks import Check, Finding, checked
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.permission import (
@@ -38,12 +37,34 @@ from scenarios.rigs.permission import (
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
 from scenarios.rigs.wired import open_board
 
+Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
 APART_S = 0.1  # between two looks at the gripper
 FRAMES = 100  # of the fingertips, after those that the rest is taken from
 FRAMES_S = 5.0  # for which a board may take to send them
 MOST_LOST = 0.2  # share of ticks without a frame; assumed: a run is stale after five in a row
 ASSUMED = "counts a newton and rule are assumed, not measured on these fingertips"
 STRANGE = "this is not what such a device says: is it another one, or its cable?"
+
+
+class Check(NamedTuple):
+    """One finding: status is ok, warn or fail; the remedy is empty when all is well. ``kind``: of
+    the error that a run would end with, where that is no fault of a device."""
+
+    name: str
+    status: str
+    detail: str
+    remedy: str = ""
+    kind: str = ""
+
+
+def checked(name: str, look: Callable[[], Finding]) -> Check:
+    """The finding, or a failure made of whatever error came instead."""
+    try:
+        return Check(name, *look())
+    except GraspError as error:
+        return Check(name, "fail", error.message, error.remedy, error.kind)
+    except Exception as error:  # a doctor reports, whatever it meets
+        return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
 def ask_devices(config: GraspRigConfig, would_run: Callable[[Any], object]) -> list[Check]:

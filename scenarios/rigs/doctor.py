@@ -1,24 +1,26 @@
-"""What `grasp doctor` looks at on this machine. Standard library at the top, so that it runs where
-packages are missing; a check returns its finding, whatever it meets, and nothing moves.
-"""
+"""What `grasp doctor` looks at on this machine; a check returns its finding, whatever it meets, and
+nothing moves."""
 
 import os
-import platform
-import re
 import shutil
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-from scenarios.rigs.checks import Check, Finding, checked
+import numpy as np
+
+from detector.interface import DETECTORS
+from detector.plugins import offered
+from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
+from grasp.files import against_writing, nearest
+from grasp.realtime import PRIORITY
+from grasp.settings import config_dir
+from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
-DISTRIBUTION = "grasp-controller"
 NOT_YET = "not looked at: the configuration comes first"
 
 # a rig's name and a detector's (None: that of the run which is asked about) in, the settings of a
@@ -33,12 +35,8 @@ def examine(
 ) -> list[Check]:  # fmt: skip
     """All checks of this machine, then those of the rig's devices if one is named. ``detectors``
     are looked at beside those that are installed; ``runs`` is where a run would be recorded."""
-    checks = [
-        checked("python", _python),
-        checked("packages", _packages),
-        checked("configuration", lambda: _configuration(rig, files, load)),
-    ]
-    readable = checks[-1].status == "ok"
+    checks = [checked("configuration", lambda: _configuration(rig, files, load))]
+    readable = checks[0].status == "ok"
     checks += _detectors(load, detectors) if readable else [Check("detectors", "warn", NOT_YET)]
     checks.append(checked("usb", _usb))
     checks += _devices(rig, load, would_run) if readable else [Check("devices", "warn", NOT_YET)]
@@ -47,32 +45,7 @@ def examine(
     return [*checks, checked("disk", lambda: _disk(runs))]
 
 
-def _python() -> Finding:
-    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    if (3, 11) <= sys.version_info[:2] <= (3, 12):
-        return "ok", detail
-    return "fail", detail, "use Python 3.11 or 3.12"
-
-
-def _packages() -> Finding:
-    try:
-        wanted = [r for r in requires(DISTRIBUTION) or [] if "extra ==" not in r]
-    except PackageNotFoundError:
-        return "warn", f"{DISTRIBUTION} is not installed", "run `make install`"
-    found, missing = [], []
-    for name in (re.split(r"[^\w.-]", requirement)[0] for requirement in wanted):
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            missing.append(name)
-    if missing:
-        return "fail", "missing: " + ", ".join(missing), "run `make install`"
-    return "ok", ", ".join(found)
-
-
 def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) -> Finding:
-    from grasp.settings import config_dir
-
     config = load(rig or "simulated", None)
     own = ", ".join(map(str, files or ()))
     extra = own or os.environ.get("GRASP_CONFIG") or "no further file"
@@ -80,18 +53,11 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
 
 
 def _detectors(load: Load, more: Sequence[str]) -> list[Check]:
-    try:
-        from detector.interface import DETECTORS
-        from detector.plugins import offered
-    except ImportError as error:
-        return [Check("detectors", "fail", str(error), "run `make install`")]
     names = dict.fromkeys([*DETECTORS, *offered(), *more])
     return [checked(f"detector {name}", partial(_detector, load, name)) for name in names]
 
 
 def _detector(load: Load, name: str) -> Finding:
-    import numpy as np
-
     config = load("simulated", name)
     detector = config.make_detector(3)
     shape = (200, 3, config.tactile.taxels)
@@ -105,8 +71,6 @@ def _detector(load: Load, name: str) -> Finding:
 
 def _usb() -> Finding:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
-    from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
-
     if not DEVICES.is_dir():
         return "warn", "no USB bus on this machine"
     found = list(boards())
@@ -126,8 +90,6 @@ def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
     def ask() -> Finding:
         if rig is None or (config := load(rig, None)).rig == "simulated":
             return "ok", ""
-        from scenarios.rigs.device_checks import ask_devices
-
         if config.rig != "emulated":
             found.extend(ask_devices(config, would_run))
             return "ok", ""
@@ -159,8 +121,6 @@ def _jitter() -> Finding:
 
 def _scheduling() -> Finding:
     """May this user ask for real-time scheduling? Tried in a child, so nothing changes here."""
-    from grasp.realtime import PRIORITY
-
     pid = os.fork()
     if pid == 0:
         try:
@@ -175,8 +135,6 @@ def _scheduling() -> Finding:
 
 
 def _disk(runs: Path) -> Finding:
-    from grasp.files import against_writing, nearest
-
     folder = nearest(runs)
     if against := against_writing(folder):
         remedy = "start `grasp` from another folder, or record elsewhere with --runs"
