@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from detector.scores.quantiles import quantile
 from scenarios.acquire.signal_statistics import FFT_HZ, signal_statistics
 from scenarios.acquire.strokes import StrokeSettings, simulate
-from scenarios.world.fingertip_settings import FingertipSettings
+from scenarios.world.settings import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice

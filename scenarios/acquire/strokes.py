@@ -10,9 +10,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_S
-from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.fingertip import Fingertips
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 
 ZEROING = 20  # samples
 SETTLED = 50  # samples at rest before the first one that counts

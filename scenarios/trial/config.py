@@ -44,7 +44,7 @@ from scenarios.rigs.calibration import (
 )
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import HARDWARE
-from scenarios.world.world_settings import ContactLevels
+from scenarios.world.settings import ContactLevels
 
 DEFAULT_PROFILE = "default"
 # detectors that are formulas, and their sections
