@@ -34,7 +34,7 @@ from grasp.settings import (
     read_toml,
     thing_layer,
 )
-from grasp.slip import SlipSettings
+from grasp.slip_monitor import SlipSettings
 from scenarios.rigs.calibration import (
     Files,
     calibration_layers,
@@ -62,7 +62,7 @@ NAMES = {
     "calibration": ("name", *EVIDENCE),
     "object": ("description",),
 }
-ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
+ADDRESSES = {"modbus": ("host", "port", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
 MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")
 
