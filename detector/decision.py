@@ -160,7 +160,7 @@ def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray
     evidence = log_odds(probabilities) - settings.drift
     sums = np.zeros_like(evidence)
     edges = np.flatnonzero(np.diff(quiet, prepend=True, append=True))
-    for first, after in edges.reshape(-1, 2):  # stretches in which nothing begins anew
+    for first, after in edges.reshape(-1, 2):  # stretches in which no sum restarts
         total = np.cumsum(evidence[first:after], axis=0)
         sums[first:after] = total - np.minimum(np.minimum.accumulate(total, axis=0), 0.0)
     return sums

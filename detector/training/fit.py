@@ -47,7 +47,7 @@ class TrainingProgress(msgspec.Struct, frozen=True):
     best: Score | None
 
 
-ANEW = "--force in place of --resume begins anew"
+RESTART = "--force in place of --resume starts from the beginning"
 
 
 class Training:
@@ -179,7 +179,7 @@ class Training:
             "waited": self._waited, "best": best, "network": self.network.state_dict(),
             "best_weights": self._best_weights, "optimiser": self._optimiser.state_dict(),
         }  # fmt: skip
-        written = BytesIO()  # to a full disk torch tells of a position, and not of the disk
+        written = BytesIO()  # on a full disk torch reports a position, and not the disk
         torch.save(state, written)
         write_whole(path, written.getvalue())
 
@@ -193,10 +193,10 @@ class Training:
         except FileNotFoundError:
             raise BadFile(path, "no such file", "leave --resume out to begin") from None
         except Exception as error:  # torch raises whatever the damage led it to
-            raise BadFile(path, f"cannot be read ({type(error).__name__})", ANEW) from None
+            raise BadFile(path, f"cannot be read ({type(error).__name__})", RESTART) from None
         begun = stored.get("identity") if isinstance(stored, dict) else None
         if begun != self._identity():
-            remedy = f"give what it was begun with, or {ANEW}"
+            remedy = f"give what it was begun with, or {RESTART}"
             raise BadFile(path, "is of other settings, data or another network", remedy)
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])

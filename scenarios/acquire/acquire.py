@@ -1,6 +1,6 @@
 """Acquisition of labelled slip data (paper, section III-B): one session, recorded and labelled.
 
-Like every run it leaves a folder with the recording of all that was read and told, and a result.
+Like every run it leaves a folder with the recording of all that was read and commanded, and a result.
 Beside them lie the labelled samples as training reads them (``detector.recordings``).
 """
 
@@ -124,7 +124,7 @@ PRESS = "/press"
 
 
 class PressMessage(msgspec.Struct, frozen=True):
-    """One step of the press controller: what it estimated, and what the arm was told."""
+    """One step of the press controller: what it estimated, and what the arm was commanded."""
 
     phase: str
     force_n: float  # estimated by the fingertip

@@ -3,7 +3,7 @@ statistics side by side with the real ones, and a search that brings the two tog
 
 The search is the cross-entropy method (Rubinstein 1999): draw parameter sets from a normal
 distribution, keep the best, fit the distribution to them, repeat. All sets are judged on the same
-seeds. What the recording cannot tell is left at its assumed value.
+seeds. What the recording does not show is left at its assumed value.
 """
 
 from collections.abc import Callable, Sequence
@@ -170,7 +170,7 @@ def fit(
     """Where the search has contracted to, as values by name and put into ``start``.
 
     All sets of a round are judged on the same clips, those of other rounds on others: no set wins
-    by luck twice. ``progress`` is told tries done, tries in all and the round's least misfit.
+    by luck twice. ``progress`` gets tries done, tries in all and the round's least misfit.
     """
     rng = np.random.default_rng(search.seed)
     low = np.log([p.low for p in PARAMETERS])

@@ -117,7 +117,7 @@ class SimulatedCell:
         self.contact.strike(blow, start_s)
 
     def push(self, down_n: float) -> None:
-        """A hand presses the object down from now on (up, below zero), until told otherwise."""
+        """A hand presses the object down from now on (up, below zero), until the next push."""
         self.contact.push(down_n, (self._now_ns - self._start_ns) * 1e-9)
 
     def press(self, by: PadPress) -> None:

@@ -14,7 +14,7 @@ from grasp.files import make_private_folder
 
 SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
 LEAST = 3  # recordings, one a split: the first of SHARED_OUT
-OWN: Final = "own"  # surface and motion of a file that tells of neither
+OWN: Final = "own"  # surface and motion of a file that names neither
 NO_MOTION: Final = "none"
 SAMPLES = f"samples*{SUFFIX}"  # of an acquisition's folder
 

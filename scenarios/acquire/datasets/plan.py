@@ -138,7 +138,7 @@ class Job(msgspec.Struct, frozen=True):
     surface: str  # its name or path, or that of what is held
     motion: StrokeMotion | None  # None: no strokes
     static: int
-    slip: int  # of a cause, static and slip are not told apart
+    slip: int  # of a cause, static and slip are not distinguished
     metadata: Metadata
     acts: Disturbances | None = None
 
