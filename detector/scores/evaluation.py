@@ -210,8 +210,8 @@ def evaluate_streams(
 
     A recording has one label for all fingers, so one probability stands for a sample (`spoken`).
     Samples are judged at the detector's own threshold, events at the rule's; by default an event
-    that detects the shear of the pad before `slip_true` is early, not false. Raises BadFile for a recording
-    of which nothing is left to score.
+    in the pad's shear before `slip_true` is early, not false. Raises BadFile for a recording of
+    which nothing is left to score.
     """
     _refuse_to_score_nothing(streams, first_sample)
     how = events or events_by_label(streams[0].label)

@@ -160,8 +160,8 @@ class SlipTcn(nn.Module):
 class GatedBlock(nn.Module):
     """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016).
 
-    The samples that a step depends on are laid side by side first: one product, several times quicker
-    to learn through than torch's dilated convolution of so few channels.
+    The samples that a step depends on are laid side by side first: one product, several times
+    quicker to learn through than torch's dilated convolution of so few channels.
     """
 
     def __init__(self, arch: Architecture) -> None:

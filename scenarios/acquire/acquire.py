@@ -1,6 +1,6 @@
 """Acquisition of labelled slip data (paper, section III-B): one session, recorded and labelled.
 
-Like every run it leaves a folder with the recording of all that was read and commanded, and a result.
+Like every run it leaves a folder with the recording of what was read and commanded, and a result.
 Beside them lie the labelled samples as training reads them (``detector.recordings``).
 """
 

@@ -54,9 +54,7 @@ SPRING = RELAXED + 3 * TERMS
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
-NARROW_MM2 = (
-    0.25  # load within half a millimetre of its middle cannot distinguish a turn from a shift
-)
+NARROW_MM2 = 0.25  # load within half a millimetre of its middle shows no turn
 CLEAR_MM = 0.1  # springs that stay further than this from the surface are not looked at closely
 FAR = -1e6  # reach of such a spring
 MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period

@@ -3,7 +3,7 @@
 A fixed surface is pressed as in the acquisition, without strokes, while a script disturbs it; both
 labels of slip say whether the contact truly moves, and `slip` leaves out what slides and goes
 nowhere. Or three fingers grasp an object that was drawn for the recording, in the lift's own cell
-(contact of level L1, or L3 from a blow on that may turn it), and the controller does not react unless it is said;
+(contact of level L1, or L3 from a blow on that may turn it), mostly without a reaction to slip;
 `slip` says whether the object slides, as a detector can feel it (``as_felt``).
 """
 
