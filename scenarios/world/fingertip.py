@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.world import disturbance
+from scenarios.world import pad_vibration
 from scenarios.world import spring_bed as bed
 from scenarios.world.settings import FingertipSettings, Surface
 
@@ -147,13 +147,13 @@ class Fingertips:
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
         self._numbers = _Numbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
-        jitters = (self._shaken, disturbance.JITTERS, 2)
+        jitters = (self._shaken, pad_vibration.JITTERS, 2)
         jitter = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
         self._jitter_numbers = _Numbers(jitter, jitters)
         self._t_s = 0.0
-        self._disturbance = np.zeros((disturbance.DISTURBANCE, self._shaken))
+        self._disturbance = np.zeros((pad_vibration.DISTURBANCE, self._shaken))
         self._jitter = np.zeros(jitters)
-        self._following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
+        self._following = np.zeros((pad_vibration.WAYS, pad_vibration.FOLLOWING))
         self._totals, self._turn = np.zeros(n), np.zeros(n)
         self._rocked, self._motion, self._centre = (np.zeros((n, 2)) for _ in range(3))
         self._given = np.zeros(n)  # no mount: the load is what it is said to be
@@ -193,12 +193,12 @@ class Fingertips:
             self._jitter, normal_n,
         )  # fmt: skip
         if self._held is None:
-            disturbance.shake(
+            pad_vibration.shake(
                 *shaker, mount_npmm is not None, mounts, self._stiffness, motion_mm,
                 self._shaking, totals, motion, rocked,
             )  # fmt: skip
         else:
-            disturbance.shake_held(
+            pad_vibration.shake_held(
                 *shaker, self._stiffness, self._pull, self._held.sides, self._following,
                 motion_mm, self._shaking, totals, motion, rocked,
             )  # fmt: skip
