@@ -15,7 +15,8 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli.options import add_settings, add_workers, progress, whole, workers
+from grasp.cli.options import add_settings, add_workers, whole, workers
+from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.files import save_figure, write_whole
 from scenarios.rigs.workers import results

@@ -1,4 +1,4 @@
-"""The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
+"""The `grasp` command. Heavy imports are inside the commands, so that `--help` answers at once."""
 
 import argparse
 import os
@@ -11,42 +11,53 @@ from pathlib import Path
 from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
 from grasp import interruption
 from grasp.cli import (
-    arm,
     calibrate,
     campaign,
-    completion,
     config,
     dataset,
     detector,
-    doctor,
+    devices,
     emulate,
-    examples,
     exits,
-    export,
-    gripper,
-    replay,
-    report,
+    fingertips,
+    recordings,
     run,
-    runs,
-    tactile,
 )
-from grasp.cli.output import known_streams, only_json, open_standard_streams
-from grasp.cli.parser import EXAMPLES, Parser, RootParser
+from grasp.cli.output import guarded_streams, only_json, open_standard_streams
+from grasp.cli.parser import COMPLETING, Parser, complete
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
-VERBS = (
-    run, campaign, replay, runs, report, export, dataset, detector, tactile, config, doctor,
-    gripper, arm, calibrate, emulate,
+# section of the help, command, its help, and what adds its options or its own commands
+TRY, MEASURE, LAB, SET_UP = "try", "measure", "a lab's devices", "set up"
+COMMANDS = (
+    (TRY, "run", "run a scenario", run.add_scenarios),
+    (TRY, "replay", "feed a recording through detector, slip monitor and controller",
+     recordings.add_replay),
+    (TRY, "runs", "list recorded runs with their verdicts; summarise a campaign as the paper's "
+     "Table IV", recordings.add_runs),
+    (TRY, "report", "one page that shows a run, a campaign or an evaluation, in one file that "
+     "opens from disk", recordings.add_report),
+    (TRY, "export", "a run or a campaign as a CSV table, a run as a picture, or a viewer's layout",
+     recordings.add_export),
+    (MEASURE, "campaign", "run a grid of trials in parallel; sum it up as the paper's Table IV",
+     campaign.add_commands),
+    (MEASURE, "dataset", "build and collect data sets of labelled fingertip recordings",
+     dataset.add_commands),
+    (MEASURE, "detector", "score, tune and train slip detectors", detector.add_commands),
+    (LAB, "doctor", "check this machine and the devices, or which devices answer at addresses; "
+     "moves nothing", devices.add_doctor),
+    (LAB, "status", "what a lab's gripper or arm reports, and what prevents a run; moves nothing",
+     devices.add_status),
+    (LAB, "gripper", "activate a lab's gripper, move it slowly", devices.add_gripper),
+    (LAB, "arm", "move a lab's arm by one slow step, stop it", devices.add_arm),
+    (LAB, "tactile", "fingertips: wiring, rest and noise", fingertips.add_commands),
+    (LAB, "calibrate", "calibrate counts and force bytes on a scale; fit the simulated fingertip",
+     calibrate.add_commands),
+    (LAB, "release", "open all fingers of a hand slowly, at its least force", devices.add_release),
+    (LAB, "emulate", "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, "
+     "arm on RTDE", emulate.add_options),
+    (SET_UP, "config", "show the resolved settings, check files of your own", config.add_options),
 )  # fmt: skip
-GROUPS = {
-    "try": ("run", "replay", "runs", "report", "export"),
-    "measure": ("campaign", "dataset", "detector"),
-    "a lab's devices": (
-        "doctor", "status", "gripper", "arm", "tactile", "calibrate", "release", "emulate",
-    ),
-    "set up": ("config",),
-}  # fmt: skip
-
 MORE_FILES = "let this program open more files at once: ulimit -n 1024"
 NUMBA_CACHE = ("numba", "core", "caching.py")
 BAD_CACHE = (
@@ -55,32 +66,21 @@ BAD_CACHE = (
 )
 
 
-def build_parser() -> Parser:
-    """The whole command line; builds no device and imports nothing heavy."""
-    parser = RootParser(
+def build_parser(only: str = "") -> Parser:
+    """The whole command line, or of its commands the ``only`` one with what it takes."""
+    parser = Parser(
         prog="grasp",
-        groups=GROUPS,
         description="Closed-loop grasp controller: feels slip with barometric fingertips and "
         "closes a Robotiq 3-Finger gripper as fast as it can within a force limit.",
         epilog="`grasp VERB --help` has a verb's options and examples. Exit codes: 0 success, 1 "
         "trial failed, 2 usage or configuration, 3 device, 4 safety stop, 5 could not record or "
         "internal error, 130 interrupted (143 told to end, 129 terminal closed).",
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
-    verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=Parser)
-    for verb in VERBS:
-        verb.add_parser(verbs)
-    gripper.add_release(verbs)
-    arm.add_status(verbs)
-    for name, lines in examples.EXAMPLES.items():
-        _leaf(parser, name).epilog = EXAMPLES + "\n".join(f"  {line}" for line in lines)
-    return parser
-
-
-def _leaf(parser: Parser, name: str) -> Parser:
-    """The parser of a verb, by the words that lead to it."""
-    for word in name.split():
-        parser = parser.verbs()[word]
+    parser.add_argument("--version", action="store_true", help="show the version and exit")
+    for section, name, text, add in COMMANDS:
+        command = parser.command(name, text, section, "VERB")
+        if only in ("", name):
+            add(command)
     return parser
 
 
@@ -95,17 +95,23 @@ def _version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
-    if completion.ASKED in os.environ:
-        completion.complete(build_parser())
+    if COMPLETING in os.environ:
+        complete(build_parser())
     open_standard_streams()
     words = sys.argv[1:] if argv is None else argv
+    if words[:1] == ["--version"]:
+        print(f"grasp {_version()}")
+        return exits.SUCCESS
     as_json = "--json" in words
-    asked = {"-h", "--help", "--version"} & set(words)
+    json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
     try:
-        json = only_json() if as_json and not asked else nullcontext()
-        with interruption.taken(lambda f: exits.report_failure(f, as_json)), known_streams(), json:
+        with (
+            interruption.taken(lambda failure: exits.report_failure(failure, as_json)),
+            guarded_streams(),
+            json,
+        ):
             return _run(words, as_json)
-    except KeyboardInterrupt:  # before or after all that could be told of it
+    except KeyboardInterrupt:  # before or after all that could be reported of it
         return exits.INTERRUPTED
     except OSError as error:  # of what --json had still to write
         return exits.report(*_of_the_system(error, words), as_json=False)
@@ -114,7 +120,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(words: Sequence[str], as_json: bool) -> int:
     try:
         _check_text(words)
-        args = build_parser().parse_args(words)
+        named = {name for _, name, *_ in COMMANDS}
+        args = build_parser(next((w for w in words if w in named), "-")).parse_args(words)
     except UsageError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     code = _done(args, words, as_json)
@@ -124,7 +131,7 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         signalled = exits.nobody_reads()
         return code or signalled
     except OSError as error:
-        return code or _told(error, words, as_json)
+        return code or _failed(error, words, as_json)
     return code
 
 
@@ -135,11 +142,11 @@ def _done(args: argparse.Namespace, words: Sequence[str], as_json: bool) -> int:
     except UnreadError:
         return exits.nobody_reads()
     except BaseException as error:  # some of somebody's library, as its sys.exit()
-        return _told(error, words, as_json)
+        return _failed(error, words, as_json)
     return code
 
 
-def _told(error: BaseException, words: Sequence[str], as_json: bool) -> int:
+def _failed(error: BaseException, words: Sequence[str], as_json: bool) -> int:
     if isinstance(error, KeyboardInterrupt):
         with interruption.sealed():
             return exits.report("interrupted", "interrupted", "", as_json)
@@ -147,14 +154,21 @@ def _told(error: BaseException, words: Sequence[str], as_json: bool) -> int:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
         return exits.report(*_of_the_system(error, words), as_json)
-    if isinstance(error, Exception) and _of_the_compiled(error):
+    frames = traceback.extract_tb(error.__traceback__)
+    if isinstance(error, Exception) and any(
+        Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames
+    ):
         return exits.report("config", *BAD_CACHE, as_json)
-    return _bug(error, as_json)
+    if as_json:
+        text = in_words(error)
+        return exits.report("internal", text, "a bug: run without --json and report it", True)
+    traceback.print_exc()
+    return exits.INTERNAL
 
 
 def _check_text(words: Sequence[str]) -> None:
-    """Raises UsageError for what no file can be called, before anything is done in its name: a
-    result that tells of it could not be written either."""
+    """Raises UsageError for what no file can be called: a message that names it could not be
+    written either."""
     for word in words:
         if "\0" in word:
             raise UsageError(f"{word}: holds a NUL character", "leave it out")
@@ -177,7 +191,7 @@ def _of_the_system(error: OSError, words: Sequence[str]) -> tuple[str, str, str]
 
 
 def _leads_nowhere(error: OSError, words: Sequence[str]) -> bool:
-    """Whether a name that was given is what is wrong, and no disk nor right."""
+    """Whether the user named what is wrong, and neither disk nor permissions are."""
     if error.errno in NO_NAMES:  # no name of ours is that long
         return True
     if error.errno not in LEADS_NOWHERE or not isinstance(error.filename, str):
@@ -185,19 +199,3 @@ def _leads_nowhere(error: OSError, words: Sequence[str]) -> bool:
     path = Path(error.filename)
     given = {Path(part) for word in words for part in (word, word.rpartition("=")[2]) if part}
     return not given.isdisjoint((path, *path.parents))
-
-
-def _of_the_compiled(error: Exception) -> bool:
-    """Whether it came from where numba keeps compiled functions: no folder can be written, or a
-    file there was cut off."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return any(Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames)
-
-
-def _bug(error: BaseException, as_json: bool) -> int:
-    """A bug keeps its traceback, unless JSON was asked for."""
-    if as_json:
-        text = in_words(error)
-        return exits.report("internal", text, "a bug: run without --json and report it", True)
-    traceback.print_exc()
-    return exits.INTERNAL

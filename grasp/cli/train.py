@@ -1,44 +1,39 @@
 """`grasp detector train`: fit a network and write its weights. Needs the extra `train`."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.options import decimal, need, progress, seed, whole
-from grasp.cli.parser import verb
-from grasp.cli.places import file_with_folders, must_be_writable, must_have_room
+from grasp.cli.options import check_writable, decimal, file_with_folders, need, seed, share, whole
+from grasp.cli.output import progress, show
+from grasp.cli.parser import Parser
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
 TELL_S = 10.0  # at least so often how far it is
-ROOM_BYTES = 2_000_000  # two checkpoints, weights and log of the largest network
 # options that are settings of a training
-ASKED = (
+SETTINGS = (
     *("seed", "steps", "augmentation", "balance", "label", "moved_m"),
     *("validations", "patience"),
 )
 
 
-def add_parser(actions: Any) -> None:
-    parser = verb(actions, "train", train, "train a network on data sets and write its weights "
-        "(extra `train`)", ". One thread. Trains on the split `train`, stops early and calibrates "
-        "on the split `validation`, never uses `test`.")  # fmt: skip
+def add_options(parser: Parser) -> None:
+    parser.runs(train, ". One thread. Trains on the split `train`, stops early and calibrates on "
+        "the split `validation`, never uses `test`.")  # fmt: skip
     parser.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
     parser.option("--data DIR", "folders of `grasp dataset build`, or `collect`", Path, nargs="+",
         required=True)  # fmt: skip
     parser.option("--out FILE.onnx", "weights to write (default: NAME.onnx here); checkpoint and "
         "log are beside it, and start again without --resume", file_with_folders)  # fmt: skip
-    parser.flag("--force", "overwrite --out, and the files of an unfinished training beside "
-        "it")  # fmt: skip
+    parser.flag("--force", "overwrite --out, and the files of an unfinished training beside it")
     parser.option("--seed N", "", seed, default=0)
     parser.option("--steps N", "optimiser steps", whole(1, 10**9))
-    parser.option("--validations N", "validations, evenly over the steps (default: the "
-        "network's)", whole(1, 1000))  # fmt: skip
+    parser.option("--validations N", "validations, evenly over the steps (default: the network's)",
+        whole(1, 1000))  # fmt: skip
     parser.option("--patience N", "stop after this many validations without improvement (default: "
         "8)", whole(1, 1000))  # fmt: skip
     parser.option("--minutes M", "processor minutes after which it ends with what it has (default: "
@@ -57,7 +52,7 @@ def add_parser(actions: Any) -> None:
     parser.option("--moved-m M", "of the label moved: further than this, in metres (default: "
         "0.001)", decimal(1e-5, 0.1))  # fmt: skip
     parser.flag("--resume", "continue from the checkpoint beside --out")
-    parser.flag("--json", "the network's card as one JSON object")
+    share(parser, "json")
 
 
 def train(args: argparse.Namespace) -> int:
@@ -68,7 +63,7 @@ def train(args: argparse.Namespace) -> int:
     if out.suffix != SUFFIX:
         raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
     checkpoint = out.with_suffix(".checkpoint")
-    _check_places(args, out, checkpoint)
+    _check_files(args, out, checkpoint)
     training, validation = _prepare(args)
     if args.resume:
         training.resume(checkpoint)
@@ -81,73 +76,31 @@ def train(args: argparse.Namespace) -> int:
         how = "the same command with --resume goes on from there"
         return exits.report("interrupted", f"{told} in {checkpoint}", how, args.json)
     checkpoint.unlink(missing_ok=True)
-    _tell(args, card, training, out)
+    show(args, card, f"{out}: {card.parameters} parameters, {card.steps} steps, "
+        f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
+        f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is any; the "
+        "log's is of all recordings)")  # fmt: skip
+    if training.step < training.settings.steps:
+        why = "its minutes were spent (--minutes)"
+        if training.stands_still:
+            why = "validation improved no more (--patience)"
+        exits.say(f"ended before its {training.settings.steps} steps: {why}")
+    if (rule := out.with_suffix(".toml")).is_file():
+        exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
     return exits.SUCCESS
 
 
-def _check_places(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
-    """Whether weights, log and checkpoint may be written, before any data are read."""
+def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
+    """Whether weights and checkpoint may be written, before any data are read."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    must_be_writable(out)
-    if out.is_file() and not (args.force or args.resume):
-        raise UsageError(f"{out} is there already", "name another with --out, or --force")
-    if checkpoint.is_file() and not (args.force or args.resume):
-        raise UsageError(
-            f"{checkpoint} is of a training that did not end",
-            "--resume goes on with it, --force begins anew",
-        )
-    must_have_room(checkpoint, ROOM_BYTES)
-
-
-def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
-    """Train to the end and write the weights; gives their card. An interruption waits for the end
-    of a step, so that the checkpoint is of whole ones."""
-    from detector.training.export import export
-    from scenarios.trial.result import versions
-
-    with (
-        _log(out.with_suffix(".log"), "a" if args.resume else "w") as log,
-        progress("training", hidden=args.json, every_s=TELL_S) as show,
-        interruption.watched(),
-    ):
-        reporter = Reporter(log, show, args.minutes)
-        training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
-    interruption.check()
-    return export(training, validation, out, versions()["commit"])
-
-
-@contextmanager
-def _log(path: Path, mode: str) -> Iterator[Any]:
-    """The log of a training; where that fails, none that is empty stays. Raises OSError with its
-    name: a full disk says none of its own."""
-    try:
-        with path.open(mode, encoding="utf-8") as log:
-            yield log
-    except BaseException as error:
-        if path.is_file() and path.stat().st_size == 0:
-            path.unlink()
-        if isinstance(error, OSError) and error.filename is None:
-            raise OSError(error.errno, error.strerror, str(path)) from None
-        raise
-
-
-def _tell(args: argparse.Namespace, card: Any, training: Any, out: Path) -> None:
-    import msgspec
-
-    if args.json:
-        print(msgspec.json.encode(card).decode())
+    check_writable(out)
+    if args.force or args.resume:
         return
-    print(f"{out}: {card.parameters} parameters, {card.steps} steps, "
-          f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
-          f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is "
-          "any; the log's is of all recordings)")  # fmt: skip
-    if training.step < training.settings.steps:
-        why = "validation stood still" if training.stands_still else "its minutes were spent"
-        option = "--patience" if training.stands_still else "--minutes"
-        exits.say(f"ended before its {training.settings.steps} steps: {why} ({option})")
-    rule = out.with_suffix(".toml")
-    if rule.is_file():
-        exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
+    if out.is_file():
+        raise UsageError(f"{out} is there already", "name another with --out, or --force")
+    if checkpoint.is_file():
+        raise UsageError(f"{checkpoint} is of a training that did not end",
+                         "--resume goes on with it, --force begins again")  # fmt: skip
 
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
@@ -164,30 +117,45 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
     learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
     validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
-    asked = {name: getattr(args, name) for name in ASKED if getattr(args, name) is not None}
+    given = {name: getattr(args, name) for name in SETTINGS if getattr(args, name) is not None}
     if args.windows:
-        asked = WINDOWS | asked
-    table = msgspec.structs.asdict(DEFAULTS[args.network]) | asked
+        given = WINDOWS | given
+    table = msgspec.structs.asdict(DEFAULTS[args.network]) | given
     settings = msgspec.convert(table, TrainSettings)
     used = digest([*learnt, *validation])
     return Training(args.network, settings, learnt, validation, used), validation
 
 
+def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
+    """Train to the end and write the weights; returns their card. An interruption waits for the end
+    of a step, so that the checkpoint is of whole ones."""
+    from detector.training.export import export
+    from scenarios.trial.result import versions
+
+    with (
+        out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
+        progress("training", hidden=args.json, every_s=TELL_S) as bar,
+        interruption.watched(),
+    ):
+        reporter = Reporter(log, bar, args.minutes)
+        training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
+    interruption.check()
+    return export(training, validation, out, versions()["commit"])
+
+
 class Reporter:
     """How far it is for a person, one plain line a validation for the log."""
 
-    def __init__(self, log: Any, show: Any, minutes: float = NO_LIMIT_MINUTES) -> None:
+    def __init__(self, log: Any, bar: Any, minutes: float = NO_LIMIT_MINUTES) -> None:
         """``minutes``: of the processor, after which the training ends."""
-        self._log = log
-        self._show = show
-        self._minutes = minutes
-        self._smooth: float | None = None  # none yet, of a training that is resumed too
+        self._log, self._bar, self._minutes = log, bar, minutes
+        self._smooth: float | None = None
 
     def tell(self, p: Any) -> None:
         before = p.loss if self._smooth is None else self._smooth
         self._smooth = 0.98 * before + 0.02 * p.loss
         best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-        self._show(p.step, self._last_step(p), f"training, loss {self._smooth:.3f}{best}")
+        self._bar(p.step, self._last_step(p), f"training, loss {self._smooth:.3f}{best}")
         if p.score is not None:
             s = p.score
             self._log.write(

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import Refused
-from grasp.cli import dry
 from grasp.cli.main import main
+from grasp.cli.run import dry_code
 from scenarios.rigs.checks import Check
 from tests.calibrations import PRESSED
 
@@ -115,4 +115,4 @@ def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first(
     against: list[Check], code: int
 ) -> None:
     """It looks at the hand once all devices are opened."""
-    assert dry._code(against) == code  # noqa: SLF001
+    assert dry_code(against) == code

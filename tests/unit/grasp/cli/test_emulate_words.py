@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.cli import emulate_words
-from grasp.cli.emulate_words import Words
+from grasp.cli import emulate
+from grasp.cli.emulate import Console
 from scenarios.campaign.config import load_config
 
 TRUTH = {
@@ -42,7 +42,7 @@ class Cell:
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Where to write what is typed."""
     reading, writing = os.pipe()
-    monkeypatch.setattr(emulate_words, "STDIN", reading)
+    monkeypatch.setattr(emulate, "STDIN", reading)
     yield writing
     os.close(reading)
 
@@ -57,8 +57,8 @@ def said(
     cell = Cell()
     config = load_config("can", "emulated", "energy", None, settings).for_tap()
     cell.homeward = list(homeward)
-    words = Words(config, 0)
-    words.listen(cell)  # type: ignore[arg-type]
+    console = Console(config, 0)
+    console.listen(cell)  # type: ignore[arg-type]
     os.write(typed, lines.encode())
     os.close(typed)  # the end of the input ends the listening, and nothing else
     answers: list[str] = []

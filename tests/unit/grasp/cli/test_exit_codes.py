@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from grasp.cli import runs
+from grasp.cli import recordings
 from grasp.cli.main import main
 from scenarios.lift import lift
 from scenarios.trial.execution import FinishedTrial
@@ -29,7 +29,7 @@ def test_what_no_code_of_ours_may_raise_is_a_bug(
     def raises(args: object) -> int:
         raise raised
 
-    monkeypatch.setattr(runs, "run", raises)
+    monkeypatch.setattr(recordings, "runs", raises)
     assert main(["runs", *more]) == 5
     told = capsys.readouterr()
     assert type(raised).__name__ in (told.out if more else told.err)

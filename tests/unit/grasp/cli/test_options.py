@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from grasp.cli.main import build_parser, main
-from grasp.cli.options import progress
-from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, picture
+from grasp.cli.options import file_to_write, file_with_folders, folder_to_fill, picture
+from grasp.cli.output import progress
 
 PLACES = (file_to_write, file_with_folders, folder_to_fill)
 

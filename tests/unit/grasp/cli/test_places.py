@@ -2,32 +2,23 @@
 settings of one's own go by the same options everywhere."""
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
-from grasp.cli.parser import Parser
-from grasp.cli.places import (
+from grasp.cli.options import (
+    check_writable,
     file_to_write,
     file_with_folders,
     folder_to_fill,
-    must_be_writable,
     picture,
 )
+from grasp.cli.parser import Parser
 
 WRITTEN = ("--out", "--write", "--figure")
 MAKE_FOLDERS = (file_with_folders, folder_to_fill)
-
-
-def verbs(parser: Parser) -> Iterator[Parser]:
-    within = parser.verbs()
-    for verb in dict.fromkeys(within.values()):
-        yield from verbs(verb)
-    if not within:
-        yield parser
 
 
 def options(verb: Parser) -> dict[str, argparse.Action]:
@@ -42,7 +33,7 @@ def test_a_place_that_cannot_be_written_is_refused_as_a_word_of_the_command_line
         (tmp_path / name).mkdir()
     before = sorted(tmp_path.rglob("*"))
     asked = 0
-    for verb in verbs(build_parser()):
+    for verb in build_parser().leaves():
         found = options(verb)
         for option in found.keys() & WRITTEN:
             kind = found[option].type
@@ -75,4 +66,4 @@ def test_a_name_that_no_disk_takes_is_refused(tmp_path: Path) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="File name too long"):
         file_to_write(str(tmp_path / ("x" * 300)))
     with pytest.raises(UsageError, match="there is no folder"):
-        must_be_writable(tmp_path / "nowhere" / "a")
+        check_writable(tmp_path / "nowhere" / "a")

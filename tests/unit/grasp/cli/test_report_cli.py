@@ -30,7 +30,7 @@ def test_a_page_that_cannot_be_written_changes_no_verdict(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("grasp.cli.report.write_whole", full)
+    monkeypatch.setattr("grasp.cli.recordings.write_whole", full)
     assert main([*LIFT, "--runs", str(tmp_path / "more"), "--report"]) == code
     assert "no page of seed 0" in capsys.readouterr().err
 
