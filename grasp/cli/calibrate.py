@@ -1,18 +1,27 @@
 """`grasp calibrate`: what a count of the fingertips, a byte of the hand and a still hold are worth,
-measured on a lab's own devices and written into files for `--config` and `gripper.calibration`."""
+measured on a lab's own devices and written into files, and a fit of the simulated fingertip; `grasp
+tactile`: what the fingertips measure, and how their board is wired."""
 
 import argparse
 import math
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
-from grasp.cli import fingertips
+import msgspec
+
+from detector.recordings import read
+from drivers.errors import BadFile, ConfigError, UsageError
+from drivers.takktile.emulator.bus import backend
+from drivers.takktile.identify import watch
+from drivers.takktile.link.usb import UsbLink
+from grasp.cli import exits
+from grasp.cli.detector import rule_lines
 from grasp.cli.lab import (
-    FINGERS,
     Done,
     TerminalOperator,
-    add_command,
     confirm,
     lab_config,
     perform,
@@ -20,130 +29,58 @@ from grasp.cli.lab import (
     tell_mode,
     tell_weak,
 )
-from grasp.cli.options import check_new, decimal, file_to_write, whole
-from grasp.cli.output import aside
-from grasp.cli.parser import Parser
+from grasp.cli.options import check_new, check_writable, need
+from grasp.cli.output import aside, progress, show
 from grasp.files import write_whole
+from scenarios.campaign.config import load_config, load_for_devices
+from scenarios.lab import fingertips, ready, scale, sessions
+from scenarios.lab.hand import guard_of
+from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
     "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "
     "over it, and no object in the hand?"
 )
-MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
-HOLD_S, SHORTEST_S = 180.0, 30.0
 CLOSED = (255, 255, 255)
-
-
-def add_commands(parser: Parser) -> None:
-    force = _measurement(parser, "force", "counts of a fingertip to newtons: put weights on it or "
-        "press it on a scale, and type what they say; with --press the finger presses by itself, a "
-        "count at a time", calibrate_force,
-        "grasp calibrate force --finger B --out force-B.toml --config lab.toml")  # fmt: skip
-    _add_scale(force, required=False)
-    force.flag("--press", "the finger presses on the scale")
-    hand = _measurement(parser, "hand", "force bytes to newtons (an upper bound) and counts to "
-        "millimetres: the finger presses on a scale, and you type what it says", calibrate_hand,
-        "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
-        "grasp calibrate hand --up-to 16 --places 10 30 50 70 90 --out hand3.toml "
-        "--dry-run")  # fmt: skip
-    _add_scale(hand, required=True)
-    hand.option("--presses N", "presses per byte; a byte that presses with less than the manual "
-        "states (15 N for byte 0) gets at least ten", whole(4, 100), default=10)  # fmt: skip
-    hand.option("--bytes BYTE", "force bytes to press with; 0 is always included (default: 0)",
-        whole(0, 255), nargs="+", default=[0])  # fmt: skip
-    hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
-        "none; travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
-    noise = _measurement(parser, "noise", "the rule on slip that your fingertips allow, without "
-        "labels: the hand holds something still for three minutes and lets it go; never below the "
-        "rule that is there", calibrate_noise,
-        "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion")  # fmt: skip
-    noise.option("--detector NAME", "", default="tcn")
-    noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
-    noise.option("--seconds N", "duration of the hold", decimal(SHORTEST_S + 5, 3600),
-        default=HOLD_S)  # fmt: skip
-    fingertips.add_fit(parser.command("fingertip", "fit the simulated fingertip to a real "
-        "recording, and show both side by side"))  # fmt: skip
-
-
-def _measurement(
-    parser: Parser, name: str, text: str, handler: Callable[..., int], *examples: str
-) -> Parser:
-    command = add_command(parser, name, text, handler, examples=examples)
-    command.option("--out FILE", "new .toml file to write, with date, spread and source",
-        file_to_write, required=True)  # fmt: skip
-    command.option("--note TEXT", "text to add to the source in the file", default="")
-    return command
-
-
-def _add_scale(parser: Parser, required: bool) -> None:
-    parser.option("--finger", "", choices=FINGERS, default="A")
-    end = "" if required else " (default: the limit of a run, guard.force_limit_n)"
-    parser.option("--up-to N", "largest force, N; it may exceed the limit of a run, up to the "
-        f"manual's {MANUAL_MOST_N:g}; by the manual byte 0 may press with {MANUAL_LEAST_N:g}{end}",
-        decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
-    parser.flag("--scale", "one fingertip over a scale, and no object in the hand: do not ask")
+WATCH_S, REST_S = 3600.0, 5.0
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
-    from scenarios.lab.ready import check_hearing, check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_force as by_weights
-    from scenarios.lab.sessions import press_force
-
     config = lab_config(args)
     check_new(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
-    if args.press:
-        asked = "--up-to" if args.up_to is not None else "the limit of a run, without --up-to,"
-        check_force(up_to_n, called=asked)
-
-    def plan() -> str:
-        return f"move finger {args.finger} by single counts, up to {up_to_n:g} N on the scale"
 
     def look() -> str:
-        if not args.press:
-            check_hearing(config)
-            return "move nothing"
-        check_pressing(config, hearing=True)
-        tell_mode(config)
-        return plan()
+        ready.check_hearing(config)
+        return "move nothing"
 
     def act(permit: Any, operator: Any) -> str:
-        if args.press:
-            return press_force(config, permit, args.finger, up_to_n, operator, aside, args.note)
-        return by_weights(config, args.finger, up_to_n, operator, aside, args.note)
+        return sessions.calibrate_force(config, args.finger, up_to_n, operator, aside, args.note)
 
-    return _measure(args, config, plan, look, act, scale=True, moves=args.press)
+    return _measure(args, config, look, look, act, moves=False)
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
-    from scenarios.lab.fit import check_places
-    from scenarios.lab.ready import check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_hand as press
-
     config = lab_config(args)
     check_new(args.out)
-    check_force(args.up_to, {0, *args.bytes})
-    if args.places:
-        check_places(args.places)
+    scale.check_force(args.up_to)
 
     def plan() -> str:
-        bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
-        then = f", then to {args.places} counts in free air" if args.places else ""
-        return (f"move finger {args.finger}, {args.presses} times with each of the force bytes "
-                f"{bytes_}, onto the scale, with {args.up_to:g} N at most by the "
-                f"manual{then}")  # fmt: skip
+        return (
+            f"move finger {args.finger}, {args.presses} times with force byte 0, onto the scale, "
+            f"with {args.up_to:g} N at most by the manual"
+        )
 
     def look() -> str:
-        check_pressing(config, hearing=False)
+        ready.check_pressing(config, hearing=False)
         tell_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        return press(
-            config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
-            operator, aside, args.note,
+        return sessions.calibrate_hand(
+            config, permit, args.finger, [0], args.presses, args.up_to, [], operator, aside,
+            args.note,
         )  # fmt: skip
 
     def how_to_use(text: str) -> str:
@@ -156,16 +93,12 @@ def calibrate_hand(args: argparse.Namespace) -> int:
                      f"[controller]\ngrip_force_n = {least_n}")  # fmt: skip
         return told
 
-    return _measure(args, config, plan, look, act, scale=True, afterwards=how_to_use)
+    return _measure(args, config, plan, look, act, on_scale=True, afterwards=how_to_use)
 
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.benchmark.label_free import rule_of
-    from scenarios.campaign.config import load_config
-    from scenarios.lab.hand import guard_of
-    from scenarios.lab.ready import active_hand, check_close
-    from scenarios.lab.sessions import held_still
 
     config = lab_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -178,12 +111,12 @@ def calibrate_noise(args: argparse.Namespace) -> int:
         return f"move the fingers, {held}; the arm stands"
 
     def look() -> str:
-        check_close(config, active_hand(config), CLOSED)
+        ready.check_close(config, ready.active_hand(config), CLOSED)
         tell_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        counts = held_still(config, permit, args.seconds, operator, aside)
+        counts = sessions.held_still(config, permit, args.seconds, operator, aside)
         found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
         return _rule_file(args, found, found.rule == judged.rule)
 
@@ -192,17 +125,17 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
 def _measure(
     args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
-    act: Callable[[Any, Any], str], scale: bool = False, moves: bool = True,
+    act: Callable[[Any, Any], str], on_scale: bool = False, moves: bool = True,
     afterwards: Callable[[str], str] = lambda text: "",
 ) -> int:  # fmt: skip
     """As ``perform``, with a person who answers: ``act`` returns the text of the file, which is
-    written and shown. ``scale``: a finger presses on one; ``afterwards``: says how to use it."""
+    written and shown. ``on_scale``: a finger presses on one; ``afterwards``: says how to use it."""
     operator = TerminalOperator()
 
     def ask() -> None:
         if moves:
             tell_mode(config)
-            if scale:
+            if on_scale:
                 confirm(ON_SCALE, "scale", args.scale)
         operator.expect()
         if moves:
@@ -219,9 +152,6 @@ def _measure(
 
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
-    from grasp.cli.detector import rule_lines
-    from scenarios.lab.scale import noted, now
-
     low, high = found.interval
     why, how = "higher than the packaged rule", "taken"
     if kept:
@@ -229,13 +159,158 @@ def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
                "lifting or of taps")  # fmt: skip
         how = "below the packaged rule"
     source = (
-        f"a hold of {found.minutes:.1f} minutes, {now()}, {args.detector}: level {found.level:.2f} "
-        f"({low:.2f} to {high:.2f}, 95 %), {how}"
+        f"a hold of {found.minutes:.1f} minutes, {scale.now()}, {args.detector}: level "
+        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %), {how}"
     )
     return (
-        f"# Rule for {args.detector}, {now()}: {found.minutes:.1f} minutes of hold, "
+        f"# Rule for {args.detector}, {scale.now()}: {found.minutes:.1f} minutes of hold, "
         f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
         f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {why}.\n"
-        f"[source]\nrule = {noted(source, args.note)}\n"
+        f"[source]\nrule = {scale.noted(source, args.note)}\n"
         + "\n".join(rule_lines(found.rule)) + "\n"
     )  # fmt: skip
+
+
+def tactile_watch(args: argparse.Namespace) -> int:
+    if args.rest:
+        return _measure_rest(args)
+    if args.out is not None:
+        raise UsageError("--out writes the rest codes", "give --rest with it")
+    report, seconds, most = None, 0, args.seconds or WATCH_S
+    with suppress(KeyboardInterrupt):  # the seconds until then are reported
+        for report in fingertips.listen(lab_config(args), most):
+            seconds += 1
+            if not args.json and seconds <= most:
+                print(report.in_words(), flush=True)
+    if report is None:
+        return exits.report("interrupted", "interrupted", "", args.json)
+    return show(args, {**msgspec.to_builtins(report), "exit_code": 0}, report.table())
+
+
+def _measure_rest(args: argparse.Namespace) -> int:
+    check_new(args.out)
+    report, text = fingertips.rest_file(lab_config(args), args.seconds or REST_S)
+    if args.out is not None:
+        write_whole(args.out, text.encode())
+    if not args.json:
+        aside(report.in_words())
+    value = {"rest": report.codes, "samples": report.samples, "noise_counts": report.noise_counts}
+    return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
+
+
+def tactile_identify(args: argparse.Namespace) -> int:
+    config = load_for_devices("can", HARDWARE, args.config, args.set)
+    named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
+    strongest: dict[tuple[int, int], Any] = {}
+    last, whole = None, False
+    link = UsbLink.find(args.serial or named or None, _bus(args.url or config.usb.url))
+    watched = watch(link, config.tactile, args.seconds, lambda: aside(
+        f"press one pad after the other, for {args.seconds:g} s"), args.least_fall)  # fmt: skip
+    try:
+        with suppress(KeyboardInterrupt):  # what was pressed until then is reported
+            for press in watched:
+                cell = press.row, press.column
+                if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
+                    strongest[cell] = press
+                if not args.json and cell != last:
+                    print(_taxel(press), flush=True)
+                last = cell
+            whole = True
+    finally:
+        watched.close()  # stops the board
+        link.close()
+    if not (whole or strongest):
+        return exits.report("interrupted", "interrupted", "", args.json)
+    presses = sorted(strongest.values(), key=lambda press: -press.fall_counts)
+    code, text = exits.TRIAL_FAILED, "no pad was pressed"
+    if presses:
+        text = f"strongest: {_taxel(presses[0])}, {presses[0].fall_counts} counts below its rest"
+        code = exits.SUCCESS
+    return show(args, {"presses": presses, "exit_code": code}, text, code)
+
+
+def _bus(url: str) -> Any:
+    """pyusb back end: of an emulated board, or None for the machine's own USB."""
+    if not url:
+        return None
+    try:
+        return backend(url)
+    except ValueError as error:
+        raise ConfigError("--url", url, str(error), "tcp://HOST:PORT") from error
+
+
+def _taxel(press: Any) -> str:
+    cell = f"row {press.row}, column {press.column}"
+    if press.finger is None:
+        return f"no finger has this cell in `cells`: {cell}"
+    return f"finger {press.finger} taxel {press.taxel} ({cell})"
+
+
+def calibrate_fingertip(args: argparse.Namespace) -> int:
+    from scenarios.acquire import fingertip_fit as fitting
+    from scenarios.acquire.signal_statistics import signal_statistics
+
+    if args.figure:
+        need("charts", "matplotlib")
+    if args.check and args.out:
+        raise UsageError("--out writes fitted values, but --check fits none",
+                         "leave out --out or --check")  # fmt: skip
+    recording = read(args.recording)
+    if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
+        raise BadFile(args.recording, "needs one fingertip with samples of slip and of rest",
+                      "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
+    if args.out:
+        check_writable(args.out, fitting.WRITTEN)
+    real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
+    setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
+    simulated = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
+    rows = fitting.compare(real, simulated)
+    misfit = fitting.misfit(real, fitting.mean(simulated))
+    if args.out:
+        write_whole(args.out, fitting.as_toml(fitted, args.recording.name).encode())
+    if args.figure:
+        _draw(args.figure, setup, recording)
+    parameters = fitting.parameter_values(setup)
+    value = {"recording": args.recording.name, "misfit": misfit, "statistics": rows,
+             "parameters": parameters, "fitted": not args.check}  # fmt: skip
+    return show(args, value, _comparison(rows, misfit, parameters))
+
+
+def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
+    from scenarios.acquire.fingertip_fit import FitSetup, Search, fit
+
+    search = Search(seed=args.seed)
+    if args.rounds is not None:
+        search = msgspec.structs.replace(search, close_rounds=args.rounds)
+    with progress("fitting", hidden=args.json) as bar:
+
+        def tell(done: int, total: int, best: float) -> None:
+            bar(done, total, f"fitting, misfit {best:.2f}")
+
+        return fit(real, FitSetup(), search, tell)
+
+
+def _draw(out: Path, setup: Any, recording: Any) -> None:
+    from scenarios.acquire.fingertip_fit import JUDGE_SEED
+    from scenarios.acquire.strokes import simulate
+    from scenarios.report.run_figure import draw_clips, simulated
+
+    clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
+    real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)
+    draw_clips(out, [real, *simulated(clips)[:2]])
+
+
+def _comparison(rows: list[Any], misfit: float, parameters: list[Any]) -> str:
+    lines = [f"{'statistic':28}{'real':>9}{'simulated':>11}{'10-90 % of clips':>20}{'ratio':>8}"]
+    for r in rows:
+        ratio = f"{r.simulated / r.real:8.2f}" if r.real else " " * 8
+        lines.append(
+            f"{r.name:28}{r.real:9.3g}{r.simulated:11.3g}{r.low:10.3g}{r.high:10.3g}{ratio}"
+            f"{'' if r.within_aim else '  beyond the aim'}"
+        )
+    lines.append(f"misfit {misfit:.2f} (1: on average just within the aims)\n")
+    lines.append(f"{'parameter':34}{'value':>9}  range searched")
+    lines += [
+        f"{name:34}{value:9.3g}  {low:g} to {high:g}" for name, value, low, high in parameters
+    ]
+    return "\n".join(lines)

@@ -5,48 +5,30 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from detector.scores.quantiles import Quantiles
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import file_with_folders, share, whole, workers
+from grasp.cli.options import workers
 from grasp.cli.output import print_json, progress
-from grasp.cli.parser import Parser
-
-if TYPE_CHECKING:
-    from detector.scores.quantiles import Quantiles
-    from scenarios.campaign.spec import CampaignSpec
-    from scenarios.campaign.summary import Cell, Summary, Variant
+from grasp.settings import file_of
+from scenarios.campaign.config import load_config
+from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
+from scenarios.campaign.run import default_path, run
+from scenarios.campaign.spec import CampaignSpec, read_spec
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.summary import Cell, Summary, Variant, paper_rate, summarize
 
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
 WIDTH_WITHOUT_TERMINAL = 160
 
 
-def add_commands(parser: Parser) -> None:
-    run = parser.command("run", "run the trials of a campaign file").runs(
-        run_campaign, ". Runs every trial of a campaign file and writes each as a row of an SQLite "
-        "file when it finishes. Exit code 0 when every trial ran, whatever its verdict; 1 if any "
-        "errored; 130 when interrupted, with all finished rows kept.", (
-        "grasp campaign run paper", "grasp campaign run mine.toml --jobs 4 --config lab.toml",
-        "grasp campaign run mine.toml --resume"))  # fmt: skip
-    run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
-    share(run, "jobs cluster")
-    run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
-        file_with_folders)  # fmt: skip
-    run.option("--detector NAME", "use this instead of the detectors of the campaign file")
-    run.option("--profile NAME", "use this instead of the profiles of the campaign file")
-    share(run, "config set")
-    run.option("--repetitions N", "use this instead of the campaign file's", whole(1, 10_000))
-    run.flag("--resume", "continue an existing file: run the missing and errored trials")
-    share(run, "json")
-
-
-def _spec(args: argparse.Namespace) -> "CampaignSpec":
-    import msgspec
-
-    from grasp.settings import file_of
-    from scenarios.campaign.spec import read_spec
-
+def _spec(args: argparse.Namespace) -> CampaignSpec:
     changes = {
         "detectors": (args.detector,) if args.detector is not None else None,
         "profiles": (args.profile,) if args.profile is not None else None,
@@ -61,11 +43,9 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
     return msgspec.structs.replace(spec, settings=(*spec.settings, *args.set))
 
 
-def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
+def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
     """Raises ConfigError that names `--set` for a wrong one, UsageError for what the campaign
     itself sets in each trial: it would be ignored."""
-    from scenarios.campaign.config import load_config
-
     for key in (assignment.partition("=")[0].strip() for assignment in assignments):
         if key in spec.sweep:
             raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")
@@ -74,9 +54,7 @@ def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
     load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
 
 
-def run_campaign(args: argparse.Namespace) -> int:
-    from scenarios.campaign.run import default_path, run
-
+def campaign_run(args: argparse.Namespace) -> int:
     spec = _spec(args)
     out, last = args.out or default_path(spec), None
     with progress(spec.name, hidden=args.json) as bar:
@@ -103,9 +81,6 @@ def run_campaign(args: argparse.Namespace) -> int:
 
 def show_summary(args: argparse.Namespace, path: Path) -> int:
     """Show Table IV of a campaign's file."""
-    from scenarios.campaign.store import CampaignStore
-    from scenarios.campaign.summary import summarize
-
     with CampaignStore.open(path) as store:
         found = summarize(store.spec.name, store.rows())
     if args.json:
@@ -115,10 +90,8 @@ def show_summary(args: argparse.Namespace, path: Path) -> int:
     return exits.SUCCESS
 
 
-def print_summary(summary: "Summary") -> None:
+def print_summary(summary: Summary) -> None:
     """Table IV, one table a scenario: the paper beside every variant."""
-    from rich.console import Console
-
     width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
     console = Console(width=width, highlight=False)
     for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
@@ -137,17 +110,9 @@ def _plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _table(title: str, headings: Sequence[str]) -> Any:
-    from rich.table import Table
-
-    return Table(*headings, title=title, title_justify="left")
-
-
-def _rates(scenario: str, variants: "list[Variant]") -> Any:
-    from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
-    from scenarios.campaign.summary import paper_rate
-
-    table = _table(TITLES[scenario], ("object", "paper, n = 20", *map(_heading, variants)))
+def _rates(scenario: str, variants: list[Variant]) -> Table:
+    headings = ("object", "paper, n = 20", *map(_heading, variants))
+    table = Table(*headings, title=TITLES[scenario], title_justify="left")
     known_rates = []
     for name in dict.fromkeys(cell.object for v in variants for cell in v.cells):
         rate, paper = paper_rate(scenario, name), "-"
@@ -165,14 +130,14 @@ def _rates(scenario: str, variants: "list[Variant]") -> Any:
     return table
 
 
-def _average(variant: "Variant") -> str:
+def _average(variant: Variant) -> str:
     text = f"{variant.average:.1%}"
     if any(cell.apart for cell in variant.cells):
         text += f"\n{variant.average_of_all:.1%} of all, those apart counted as failed"
     return text
 
 
-def _heading(variant: "Variant") -> str:
+def _heading(variant: Variant) -> str:
     swept = "" if variant.swept == "{}" else f"\n{variant.swept}"
     return f"{variant.profile}, {variant.detector}{swept}"
 
@@ -183,7 +148,7 @@ def _rate(rate: float, interval: tuple[float, float]) -> str:
     return f"{rate:4.0%} ({interval[0] * 100:.0f}-{interval[1] * 100:.0f})"
 
 
-def _shown(cell: "Cell | None") -> str:
+def _shown(cell: Cell | None) -> str:
     if cell is None:
         return "-"
     text = _rate(cell.rate, cell.interval)
@@ -201,13 +166,13 @@ def _shown(cell: "Cell | None") -> str:
     return text + (f"\n{cell.alarms_stayed} held, alarm stayed" if cell.alarms_stayed else "")
 
 
-def _times(variants: "list[Variant]") -> Any:
+def _times(variants: list[Variant]) -> Any:
     tap = variants[0].scenario == "tap"
-    table = _table(
-        "50, 90 and 99 % of all trials; inf: that many did not get there",
-        ("variant", "object", "registered after onset, ms",
-         "nominal after motion, ms" if tap else "force rises after onset, ms",
-         "moved, mm" if tap else "slip, mm", "turned, deg", "arm stood, s"),
+    table = Table(
+        "variant", "object", "registered after onset, ms",
+        "nominal after motion, ms" if tap else "force rises after onset, ms",
+        "moved, mm" if tap else "slip, mm", "turned, deg", "arm stood, s", title_justify="left",
+        title="50, 90 and 99 % of all trials; inf: that many did not get there",
     )  # fmt: skip
     for variant in variants:
         for i, cell in enumerate(variant.cells):
@@ -222,5 +187,5 @@ def _times(variants: "list[Variant]") -> Any:
     return table
 
 
-def _three(q: "Quantiles | None", form: str = ".0f") -> str:
+def _three(q: Quantiles | None, form: str = ".0f") -> str:
     return "-" if q is None else f"{q.p50:{form}} / {q.p90:{form}} / {q.p99:{form}}"

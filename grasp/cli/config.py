@@ -6,38 +6,37 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, tell_untuned
-from grasp.cli.options import share
 from grasp.cli.output import show
-from grasp.cli.parser import Parser
+from grasp.settings import (
+    allowed,
+    by_path,
+    config_dir,
+    fingerprint,
+    meant,
+    named_layer,
+    read_toml,
+    sources_of,
+)
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
+from scenarios.campaign.config import RunConfig, load_config, load_for_devices
+from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
+from scenarios.rigs.calibration import own_layers
+from scenarios.trial.config import DEFAULT_PROFILE, check_answer_and_rule, trial_layers
 
 FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
-def add_options(parser: Parser) -> None:
-    parser.runs(config, ". Prints every setting with its value, its allowed range and its source. "
-        "With FILE (your own .toml: an object, surface, calibration, rig, campaign, data set, or "
-        "settings for --config) it checks that file alone instead. Opens no device and runs no "
-        "trial, but loads the detectors of a campaign. Exit code 2 if a file is wrong.", (
-        "grasp config object --object ball",
-        "grasp config --config lab.toml --config grip.toml",
-        "grasp config mug.toml cell.toml lab.toml"))  # fmt: skip
-    parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
-    share(parser, "object profile detector rig config set json")
-
-
 def config(args: argparse.Namespace) -> int:
-    from grasp.settings import by_path
-
     if not any(by_path(word) for word in args.section):
         return _show(args)
     if args.json:
         raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
-    from grasp.settings import named_layer
-    from scenarios.trial.config import DEFAULT_PROFILE
-
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     code, detector = exits.SUCCESS, args.detector or str(default)
     for word in args.section:
@@ -51,8 +50,6 @@ def config(args: argparse.Namespace) -> int:
 def _checked(word: str, detector: str) -> str:
     """What a file is; raises ConfigError, or what its own reader raises, where it is wrong.
     ``detector``: with which settings are read."""
-    from grasp.settings import by_path, fingerprint, read_toml
-
     if not by_path(word):
         raise UsageError(f"{word} is no .toml file", "give the path of one")
     path = Path(word)
@@ -61,13 +58,6 @@ def _checked(word: str, detector: str) -> str:
 
 
 def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
-    from scenarios.acquire.config import AcquireConfig, load_acquire_config
-    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
-    from scenarios.campaign.config import RunConfig, load_config, load_for_devices
-    from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
-    from scenarios.rigs.calibration import own_layers
-    from scenarios.trial.config import check_answer_and_rule
-
     keys, word = table.keys(), str(path)
     if keys == {"object"} and "name" in table["object"]:
         return f"an object for --object, {load_config(word, 'simulated').object.name!r}"
@@ -94,12 +84,6 @@ def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
 
 
 def _show(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from grasp.settings import allowed, sources_of
-    from scenarios.campaign.config import load_config
-    from scenarios.trial.config import trial_layers
-
     chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = load_config(*chosen)
     check_weights(config)
@@ -128,8 +112,6 @@ def _show(args: argparse.Namespace) -> int:
 
 def _from(source: str | None) -> str:
     """Who set a value; of a packaged file its path in `config`."""
-    from grasp.settings import config_dir
-
     if source is None:
         return "default"
     path = Path(source)
@@ -139,8 +121,6 @@ def _from(source: str | None) -> str:
 
 def _check_section(word: str, sections: list[str], config: Any) -> None:
     """Raises UsageError for a section that the settings do not have."""
-    from grasp.settings import meant
-
     if word == "detector":
         raise UsageError("no section 'detector'", f"see [{config.detector_section}] and [rule] for "
             f"the chosen {config.detector_name}; `grasp detector card` lists all "

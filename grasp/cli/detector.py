@@ -9,70 +9,41 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from detector.decision import RuleSettings
+from detector.interface import DETECTORS
+from detector.network_file import (
+    PACKAGED,
+    is_weights,
+    packaged_networks,
+    read_network,
+    weights_digest,
+    weights_path,
+)
 from drivers.errors import UsageError
-from grasp.cli import exits, train
-from grasp.cli.options import check_writable, decimal, file_to_write, share
+from drivers.interfaces import FINGERS
+from grasp.cli import exits
+from grasp.cli.commands import MOST_BUDGET
+from grasp.cli.options import check_writable
 from grasp.cli.output import progress, show
-from grasp.cli.parser import Parser
 from grasp.files import write_whole
+from grasp.settings import config_dir, meant, named_layer, names, sources_of
+from scenarios.campaign.config import load_config
+from scenarios.report.run_decision import in_words
+from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS, NETWORK, trial_layers
+from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
 FEW_EVENTS = 5  # that the minutes tuned on may have
-MOST_BUDGET = 6000
 SHORT_MINUTES = 2.0
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # of either kind of rule
-LABELLED = "folders of `grasp dataset build`, or `collect`"
 
 
-def add_commands(parser: Parser) -> None:
-    scored = parser.command("evaluate", "score detectors on labelled fingertip recordings").runs(
-        evaluate, ". Scores the samples from the hundredth of a recording on; a miss counts as an "
-        "infinite delay.", ("grasp detector evaluate tcn energy --recording fingertip.csv",
-        "grasp detector evaluate mine.onnx mine.py:Tremble --data sets/paper"))  # fmt: skip
-    scored.option("detector NAME", "one or more of config/detectors", nargs="+")
-    source = scored.add_mutually_exclusive_group(required=True)
-    source.add_argument("--recording", type=Path, metavar="RUN|FILE", help="folder of `grasp run "
-        "acquire`, .npz, or CSV with t_s,p0,p1,...,slip[,slip_true], counts with the rest value "
-        "removed")  # fmt: skip
-    source.add_argument("--data", type=Path, nargs="+", metavar="DIR", help=LABELLED)
-    scored.option("--split", "with --data: the split to score; `all` is fair only on a set built "
-        "from another seed", choices=("train", "validation", "test", "all"),
-        default="test")  # fmt: skip
-    scored.option("--label", "slip: by the fingertip's speed, as in the paper; slip_true: the "
-        "contact itself slides; moved: 1 mm from where it last rested",
-        choices=("slip", "slip_true", "moved"), default="slip")  # fmt: skip
-    scored.option("--out FILE.json", "write the scores, those of each rule in the sweep of `tune`, "
-        "and the worst misses; `grasp report FILE.json` makes a page of it",
-        file_to_write)  # fmt: skip
-    share(scored, "config set json")
-    tuned = parser.command("tune", "find the quickest decision within a budget of false events"
-        ).runs(tune, ". With --data: kind, threshold and length of the decision rule, on the split "
-        "`validation`; with --unlabelled its threshold, on holds in which nothing slips.",
-        ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",))  # fmt: skip
-    tuned.option("detector NAME", "one of config/detectors, or your own")
-    tuned.option("--budget N", "false events a minute of all three fingers; too little rest for "
-        "one event is refused; 0: none in the rest that the data have", decimal(0, MOST_BUDGET),
-        default=1.0)  # fmt: skip
-    source = tuned.add_mutually_exclusive_group(required=True)
-    source.add_argument("--data", type=Path, nargs="+", metavar="DIR", help=LABELLED)
-    source.add_argument("--unlabelled", type=Path, nargs="+", metavar="RUN|FILE", help="minutes of "
-        "hold in which nothing slips, each ended by opening the hand: folders of lifts with a long "
-        "controller.hold_s, .npz or .csv")  # fmt: skip
-    share(tuned, "config set json")
-    shown = parser.command("card", "show the card of a network: data, seed, commit, calibration")
-    shown.runs(card).option("network NAME|FILE.onnx", "packaged name, or a file; without it: list "
-        "all detectors, the default and the rule of each", nargs="?")  # fmt: skip
-    share(shown, "json")
-    train.add_options(parser.command(
-        "train", "train a network on data sets and write its weights (extra `train`)"
-    ))  # fmt: skip
-
-
-def evaluate(args: argparse.Namespace) -> int:
+def detector_evaluate(args: argparse.Namespace) -> int:
     from scenarios.benchmark.data_sets import read_labelled
     from scenarios.benchmark.evaluation_file import BEGINS, evaluated
     from scenarios.benchmark.scoring import contender, read_split
-    from scenarios.trial.config import trial_layers
 
     if args.out is not None:
         check_writable(args.out, BEGINS)
@@ -98,10 +69,7 @@ def evaluate(args: argparse.Namespace) -> int:
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
     """Write the file of an evaluation."""
-    import msgspec
-
     from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
-    from scenarios.trial.result import versions
 
     source = args.data or [args.recording]
     more = {"--split": [args.split] if args.data else [], "--set": args.set}
@@ -117,8 +85,6 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
 
 def scores_text(s: Any, rule: Any) -> str:
     """The score sheet as a person reads it, with the rule that makes events of samples."""
-    from scenarios.report.run_decision import in_words
-
     threshold = f"{s.threshold:g}"
     if s.threshold_counts is not None:
         threshold = f"{s.threshold_counts:.3f} counts"
@@ -171,14 +137,12 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
     return f"p50 {q.p50:.{digits}f} p90 {q.p90:.{digits}f} p99 {q.p99:.{digits}f} {unit}"
 
 
-def tune(args: argparse.Namespace) -> int:
+def detector_tune(args: argparse.Namespace) -> int:
     check_named([args.detector], args.config, args.set)
     return _tune_unlabelled(args) if args.unlabelled else _tune_labelled(args)
 
 
 def _tune_labelled(args: argparse.Namespace) -> int:
-    import msgspec
-
     from scenarios.benchmark.scoring import contender, evidence, read_split, tune_rule
 
     name, budget = args.detector, args.budget
@@ -235,7 +199,6 @@ def rest_text(minutes: float) -> str:
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
     from scenarios.benchmark.label_free import tune_unlabelled
-    from scenarios.campaign.config import load_config
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
     found = tune_unlabelled(config, args.unlabelled, args.budget)
@@ -256,8 +219,6 @@ def _rule_text(comments: Sequence[str], rule: Any) -> str:
 
 def rule_lines(rule: Any) -> list[str]:
     """Those settings of it that are read, as TOML."""
-    import msgspec
-
     read = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unread}
     told = {k: v if isinstance(v, str) else round(v, 4) for k, v in read.items()}
     return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
@@ -274,13 +235,7 @@ def _point_text(p: Any) -> str:
     return text
 
 
-def card(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from detector.network_file import read_network
-    from scenarios.report.run_decision import in_words
-    from scenarios.trial.config import FORMULAS
-
+def detector_card(args: argparse.Namespace) -> int:
     name = args.network
     if name is None:
         return _list(args)
@@ -300,10 +255,6 @@ def card(args: argparse.Namespace) -> int:
 
 def _list(args: argparse.Namespace) -> int:
     """The packaged detectors, a line each."""
-    from grasp.settings import named_layer, names
-    from scenarios.report.run_decision import in_words
-    from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS
-
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     for name in names("detectors"):
         kind, rule = "formula" if name in FORMULAS else "network", _packaged_rule(name)
@@ -316,11 +267,6 @@ def _list(args: argparse.Namespace) -> int:
 def _packaged_rule(network: str) -> Any:
     """By which a packaged network's slip is registered by default; None for a file, of which it
     depends on how it is named."""
-    import msgspec
-
-    from detector.decision import RuleSettings
-    from grasp.settings import named_layer, names
-
     if network not in names("detectors"):
         return None
     return msgspec.convert(named_layer("detectors", network).table.get("rule", {}), RuleSettings)
@@ -328,9 +274,6 @@ def _packaged_rule(network: str) -> Any:
 
 def network_path(word: str) -> Path:
     """The weights of a packaged network or of a file; raises UsageError for a name that is none."""
-    from detector.network_file import is_weights, packaged_networks, weights_path
-    from grasp.settings import meant
-
     known = packaged_networks()
     if not is_weights(word) and word not in known:
         raise UsageError(f"{word!r} is no network of this project{meant(word, known)}",
@@ -343,9 +286,6 @@ def network_path(word: str) -> Path:
 
 def rule_of_weights(config: Any) -> str:
     """The decision rule of a detector of one's own, in words; empty for a packaged one."""
-    from detector.interface import DETECTORS
-    from scenarios.report.run_decision import in_words
-
     if config.detector_name in DETECTORS and not config.network.weights:
         return ""
     return f"{config.detector_label}: {in_words(config.rule)}"
@@ -353,8 +293,6 @@ def rule_of_weights(config: Any) -> str:
 
 def check_weights(config: Any) -> None:
     """Raises BadFile or UsageError for a user's own weights with which a run would be refused."""
-    from drivers.interfaces import FINGERS
-
     if _own_weights(config):
         config.make_detector(FINGERS)
 
@@ -362,9 +300,6 @@ def check_weights(config: Any) -> None:
 def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
     """Check each detector that was named, with settings and weights, before any data are read.
     Raises BadFile, ConfigError, UsageError."""
-    from detector.network_file import read_network, weights_path
-    from scenarios.campaign.config import load_config
-
     for word in words:
         config = load_config("can", "simulated", word, files, assignments)
         if weights := _own_weights(config):
@@ -374,9 +309,6 @@ def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[s
 def tell_untuned(config: Any, layers: Any) -> None:
     """Warn of a user's own weights with a rule that was tuned for others, or with the defaults.
     ``layers``: where the settings are from."""
-    from detector.network_file import PACKAGED, weights_digest, weights_path
-    from grasp.settings import config_dir, sources_of
-
     weights, name = _own_weights(config), config.detector_name
     if not weights or weights_digest(weights_path(weights)) == PACKAGED.get(name):
         return  # a copy
@@ -393,9 +325,6 @@ def tell_untuned(config: Any, layers: Any) -> None:
 
 def _own_weights(config: Any) -> str:
     """The file of them; empty for a packaged network by its name, and for what is no network."""
-    from detector.network_file import is_weights
-    from scenarios.trial.config import NETWORK
-
     if config.detector_section != NETWORK:
         return ""
     name = config.detector_name

@@ -11,18 +11,27 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import msgspec
 
 from drivers.addresses import cannot_listen, check_free, check_host
 from drivers.errors import ConfigError, UsageError
+from drivers.ur.emulator.robot import PORTS
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, share, whole
 from grasp.cli.output import aside
-from grasp.cli.parser import Parser
-
-if TYPE_CHECKING:
-    from scenarios.rigs.emulated_cell import EmulatedCell
-    from scenarios.tap.config import TapConfig
+from grasp.cli.view import turned_text
+from scenarios.campaign.config import load_for_devices
+from scenarios.rigs.cell_faults import all_in_words
+from scenarios.rigs.emulated_cell import (
+    CellOrder,
+    EmulatedCell,
+    Listening,
+    end_on_signals,
+    serve,
+)
+from scenarios.tap.config import TapConfig
+from scenarios.tap.mallet import swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")
@@ -36,34 +45,7 @@ POLL_S = 0.05
 PRESS_S = 1.0  # of a pad
 
 
-def add_options(parser: Parser) -> None:
-    parser.runs(emulate, ". Prints its endpoints as one JSON line when it is ready and ends on "
-        "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated. "
-        "Standard input takes the actions of an operator, one per line: place (the object on the "
-        "table), take (it away), scale (what each fingertip presses with), home (the arm, to where "
-        "it began, its tool turned as it was), look, tap [top|side|closing], press FINGER TAXEL "
-        "[NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), fault NAME "
-        "[SETTING=VALUE ...], fault help.",
-        ("grasp emulate --host 127.0.0.2 --gripper-port 5020",))  # fmt: skip
-    parser.option("--host ADDRESS", "loopback address, e.g. 127.0.0.2 (default: a free one; never "
-        "127.0.0.1, where ur_rtde skips a check)")  # fmt: skip
-    parser.option("--gripper-port PORT", "Modbus TCP port (default: a free one; 502 needs "
-        "privileges)", whole(0, 65_535), default=0)  # fmt: skip
-    parser.flag("--beyond-loopback", "let --host be any address of this machine, e.g. in a "
-        "container; what the control and fault channels are asked then needs the token that is "
-        "printed with the endpoints")  # fmt: skip
-    parser.option("--profile", "the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 "
-        "Hz", choices=("cb3", "e-series"), default="cb3")  # fmt: skip
-    parser.flag("--rtu", "put the gripper on a serial line too, a pseudo-terminal that is printed "
-        "with the endpoints")  # fmt: skip
-    parser.option("--object NAME", OBJECT_HELP, default="can")
-    share(parser, "seed config set")
-
-
 def emulate(args: argparse.Namespace) -> int:
-    from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.emulated_cell import CellOrder, Listening, end_on_signals, serve
-
     check_address(args.host, args.beyond_loopback, args.gripper_port)
     there = Listening(
         host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
@@ -83,8 +65,6 @@ def emulate(args: argparse.Namespace) -> int:
 
 def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
     """Check where to listen before the world is compiled, which takes a while."""
-    from drivers.ur.emulator.robot import PORTS
-
     if host is not None:
         check_host(host, beyond_loopback)
         check_free(host, (*PORTS, gripper_port))
@@ -95,13 +75,9 @@ def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0
 class Console:
     """Executes lines of standard input, where that is a terminal or a pipe, until it ends."""
 
-    def __init__(self, config: "TapConfig", seed: int) -> None:
+    def __init__(self, config: TapConfig, seed: int) -> None:
         """``config`` says how hard the mallet strikes; that is searched here, where nobody waits
         for a device's reply."""
-        import msgspec
-
-        from scenarios.tap.mallet import swing
-
         self._typed = _is_typed()
         self._taps: dict[str, Any] = {}
         for direction in DIRECTIONS if self._typed else ():
@@ -112,7 +88,7 @@ class Console:
             except ConfigError as none_found:  # what falls by itself is tapped by nobody
                 self._taps[direction] = none_found
 
-    def listen(self, cell: "EmulatedCell") -> None:
+    def listen(self, cell: EmulatedCell) -> None:
         """Begin to execute; returns at once."""
         if not self._typed:
             return
@@ -122,21 +98,17 @@ class Console:
             _say(f"what a person does, a line each: {KNOWN}")
         threading.Thread(target=self._run, args=(cell,), name="console", daemon=True).start()
 
-    def _run(self, cell: "EmulatedCell") -> None:
+    def _run(self, cell: EmulatedCell) -> None:
         for line in _lines():
             if line.strip():
                 _say(self._execute(cell, line.split()))
 
-    def _execute(self, cell: "EmulatedCell", words: list[str]) -> str:
-        from msgspec import MsgspecError
-
-        from scenarios.rigs.cell_faults import all_in_words
-
+    def _execute(self, cell: EmulatedCell, words: list[str]) -> str:
         if words in (["fault"], ["fault", "help"]):
             return f"faults:\n{all_in_words()}"
         try:
             reply = cell.obey(self._request(words))
-        except (ValueError, KeyError, MsgspecError) as error:
+        except (ValueError, KeyError, msgspec.MsgspecError) as error:
             return f"{error.args[0] if error.args else error}: {KNOWN}"
         while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
             time.sleep(POLL_S)
@@ -182,8 +154,6 @@ def _scale_text(truth: dict[str, Any]) -> str:
 
 def _look_text(truth: dict[str, Any]) -> str:
     """What a person sees of an object."""
-    from grasp.cli.view import turned_text
-
     held = "held" if max(truth["normal_n"]) > 0 else "not touched"
     moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
     turned = turned_text(truth["turn_rad"])

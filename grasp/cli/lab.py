@@ -1,53 +1,34 @@
-"""What commands of a lab's own devices share: options, settings, dry runs, permission to move,
+"""What commands of a lab's own devices share: settings, dry runs, permission to move,
 warnings, and questions to the person at the terminal."""
 
 import argparse
-import contextlib
 import os
 import select
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
+from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
+from drivers.ur.link.look import look
+from drivers.ur.link.preflight import judge_speed
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.options import share
 from grasp.cli.output import print_json
-from grasp.cli.parser import Parser
+from scenarios.campaign.config import load_for_devices
+from scenarios.rigs.calibration import weak_claim
+from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.permission import HARDWARE, arm_address, permit
 
-FINGERS = ("A", "B", "C")
 TYPED_BYTES = 4096  # at most; the kernel cuts what is typed there too
 READS = 4  # at once
 
 say = exits.report_line  # on standard error: what will move, or what became of what was stopped
 
 
-def add_command(
-    group: Parser, name: str, text: str, handler: Callable[..., int], moves: bool = True,
-    examples: Sequence[str] = (),
-) -> Parser:  # fmt: skip
-    """A command for a lab's devices; of what ``moves``, `--confirm-motion` and `--dry-run` too."""
-    return add_options(group.command(name, text), handler, moves, "", examples)
-
-
-def add_options(
-    parser: Parser, handler: Callable[..., int], moves: bool = True, more: str = "",
-    examples: Sequence[str] = (),
-) -> Parser:  # fmt: skip
-    """The options of ``add_command``."""
-    parser.runs(handler, more, examples)
-    parser.option("--rig NAME", "hardware, or a .toml file of a similar rig", default="hardware")
-    share(parser, "config set json confirm dry" if moves else "config set json")
-    return parser
-
-
 def lab_config(args: argparse.Namespace) -> Any:
     """Settings for a lab's own devices; raises UsageError for a rig that has none."""
-    from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.permission import HARDWARE
-
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:
         raise UsageError(
@@ -99,8 +80,6 @@ def motion_permit(
 ) -> Any:
     """Permission to move real devices; None where the rig has none. Raises UsageError without
     `--confirm-motion`, after it has said what would move."""
-    from scenarios.rigs.permission import permit
-
     try:
         return permit(config, args.confirm_motion, args.config, args.set, args.rig)
     except UsageError:
@@ -115,8 +94,6 @@ def motion_permit(
 
 def tell_weak(calibration: Any) -> None:
     """What a calibration claims against the manual, if it does."""
-    from scenarios.rigs.calibration import weak_claim
-
     if calibration is not None and (claim := weak_claim(calibration)):
         say(claim)
 
@@ -124,10 +101,6 @@ def tell_weak(calibration: Any) -> None:
 def tell_slow(config: Any) -> None:
     """What the arm's speed slider makes of its speeds; what refuses a run, or does not answer, is
     reported by whoever opens the arm."""
-    from drivers.ur.link.look import look
-    from drivers.ur.link.preflight import judge_speed
-    from scenarios.rigs.permission import arm_address
-
     if config.devices.arm:
         return
     with suppress(GraspError):
@@ -140,9 +113,6 @@ def tell_slow(config: Any) -> None:
 def tell_mode(config: Any, opened: bool = False) -> None:
     """What it means that a hand is not in basic mode. That scissor mode keeps it from closing is
     reported by whoever opens the hand, unless it is ``opened`` only."""
-    from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
-    from scenarios.rigs.device_checks import read_gripper
-
     if config.devices.gripper:
         return
     with suppress(GraspError):
@@ -204,7 +174,7 @@ class TerminalOperator:
         return line.decode(errors="replace")
 
     def _print(self, text: str) -> None:
-        with contextlib.suppress(OSError):  # the terminal was closed
+        with suppress(OSError):  # the terminal was closed
             print(f">>> {text}", file=sys.stderr, flush=True)
 
     def _read(self) -> bool:

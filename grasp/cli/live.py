@@ -44,11 +44,11 @@ class Display:
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
         self._there: Onlooker | None = None
-        self._here: view.View | None = None
+        self._here: view.Panel | view.Lines | None = None
         if quiet:
             return
         if rig == "simulated":
-            self._here = view.make(self._panel)
+            self._here = view.Panel() if self._panel else view.Lines()
         else:
             self._there = onlooker or Onlooker(view)
             self._there.tell(view.Begin(self._panel))
@@ -194,22 +194,3 @@ def trial_line(result: Any) -> str:
     if tap and result.nominal_again_ms is not None:
         parts.append(f"nominal {result.nominal_again_ms:.0f} ms after its end")
     return "  ".join(filter(None, parts))
-
-
-def taps_text(summary: Any) -> str:
-    """The figures of a series of taps."""
-    lines = [""]
-    for name, n in (*summary.by_direction.items(), ("all", summary.total)):
-        rate = f" ({100 * n.successes / n.moved:.0f} %)" if n.moved else ""
-        lines.append(f"{name:<9} {n.successes} of {n.moved} taps that moved it{rate}; "
-                     f"{n.false_alarms} of {n.unmoved} that moved nothing registered all the "
-                     "same")  # fmt: skip
-    others = ", ".join(f"{spelt(name)} {n}" for name, n in summary.outcomes.items())
-    lines.append(f"outcomes  {others}")
-    delays = (("registered after first motion", summary.detection_latency_ms),
-              ("nominal after its end", summary.nominal_again_ms))  # fmt: skip
-    for what, q in delays:
-        if q is not None:
-            lines.append(f"{what}, ms: p50 {q.p50:.0f} p90 {q.p90:.0f} p99 {q.p99:.0f} of "
-                         f"{q.count} that moved it; inf: so many never were")  # fmt: skip
-    return "\n".join(lines)

@@ -3,7 +3,7 @@ words that a shell completes."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn
 
 from drivers.errors import UsageError
 
@@ -74,27 +74,23 @@ class Parser(argparse.ArgumentParser):
             given["type"] = reads
         self.add_argument(*words, help=text, **given)
 
-    def command(self, name: str, text: str, section: str = "", metavar: str = "ACTION") -> "Parser":
-        """Add a command of its own. ``section``: of a help that lists commands in sections."""
+    def command(
+        self, name: str, text: str, more: str = "", examples: Sequence[str] = (), section: str = ""
+    ) -> "Parser":
+        """Add a command. ``text``: its line in lists; ``more``: what its own help adds.
+        ``section``: of a help that lists commands in sections."""
         if self._commands is None:
             self._commands = self.add_subparsers(
-                metavar=metavar, required=True, parser_class=Parser
+                metavar="ACTION", required=True, parser_class=Parser
             )
         if section:
             listed = argparse.Action([], name, help=text)
             self._sections.setdefault(section, []).append(listed)
-        parser: Parser = self._commands.add_parser(name, help=text, description=text)
-        return parser
-
-    def runs(
-        self, handler: Callable[..., int], more: str = "", examples: Sequence[str] = ()
-    ) -> Self:
-        """Set what it does, what its help says after the line of the list, and examples."""
-        self.set_defaults(handler=handler)
-        self.description = f"{self.description}{more}"
+        parser: Parser = self._commands.add_parser(name, help=text, description=text + more)
         if examples:
-            self.epilog = EXAMPLES + "\n".join(f"  {line}" for line in examples)
-        return self
+            parser.epilog = EXAMPLES + "\n".join(f"  {line}" for line in examples)
+        parser.set_defaults(command=parser.prog.partition(" ")[2])
+        return parser
 
     def format_help(self) -> str:
         """With its commands in sections, if they have any."""

@@ -8,28 +8,14 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError, one_line
 from grasp.cli import exits
-from grasp.cli.options import PICTURES, check_writable, file_to_write, need, share
+from grasp.cli.options import PICTURES, check_writable, need
 from grasp.cli.output import show
-from grasp.cli.parser import Parser
 from grasp.files import write_whole
 
 SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
 FORMATS = {".csv": "csv", ".json": "layout", **dict.fromkeys(PICTURES, "svg")}
-
-
-def add_replay(parser: Parser) -> None:
-    parser.runs(replay, examples=(
-        "grasp replay runs/20260102-101500-lift-can --check",
-        "grasp replay --tactile fingertip.csv --detector energy"))  # fmt: skip
-    parser.option("run RUN", "folder or recording.mcap of a run", Path, nargs="?")
-    parser.flag("--check", "exit 1 if any event or command differs from the recording")
-    parser.option("--tactile PATH", "a fingertip recording instead of a run: .npz, or .csv "
-        "(t_s,p0,p1,...,slip); --config and --set are for this alone", Path)  # fmt: skip
-    parser.option("--detector NAME", "with --tactile: a detector's name or path (default: that of "
-        "profile default); else where the run's own detector file is now")  # fmt: skip
-    share(parser, "config set json")
 
 
 def replay(args: argparse.Namespace) -> int:
@@ -94,13 +80,6 @@ def _replay_tactile(args: argparse.Namespace) -> int:
     return show(args, {**msgspec.to_builtins(done), "evaluation": scores}, text)
 
 
-def add_runs(parser: Parser) -> None:
-    parser.runs(runs, examples=("grasp runs", "grasp runs runs/campaigns/paper.sqlite"))
-    parser.option("file FILE", "SQLite file of a campaign: rates with intervals, latencies, slip "
-        "distances", Path, nargs="?")  # fmt: skip
-    share(parser, "runs json")
-
-
 def runs(args: argparse.Namespace) -> int:
     if args.file is not None:
         from grasp.cli.campaign import show_summary
@@ -128,20 +107,6 @@ def _line(name: str, result: dict[str, Any]) -> str:
         )
     seed = f"seed {result['seed']:<6}"
     return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
-
-
-def add_report(parser: Parser) -> None:
-    parser.runs(report, ". A run: verdict, a picture that plays, forces, slip probability, "
-        "commands, settings. A campaign: Table IV, distributions, failures. An evaluation of "
-        "detectors: false events against delay, calibration, the worst misses.", examples=(
-        "grasp report runs/20260102-101500-lift-can",
-        "grasp report runs/campaigns/paper.sqlite",
-        "grasp report scores.json"))  # fmt: skip
-    parser.option("run RUN", "folder or recording.mcap of a lift or a tap, a folder of such "
-        "folders (each gets a page of its own), the SQLite file of a campaign, or the .json file "
-        "of `grasp detector evaluate --out`", Path)  # fmt: skip
-    parser.option("--out FILE.html", "(default: beside the recording, or beside the file of a "
-        "campaign or an evaluation, with its name)", file_to_write)  # fmt: skip
 
 
 def report(args: argparse.Namespace) -> int:
@@ -200,20 +165,6 @@ def write_page(run: Path, out: Path | None = None) -> Path:
         page = run_page(run)
     write_whole(path, page.encode(), private=True)
     return path
-
-
-def add_export(parser: Parser) -> None:
-    parser.runs(export, ". csv: one row per control step with units in the column names; for a "
-        "campaign one row per trial. svg: force, slip probability and slip distance over time "
-        "(needs the extra `charts`). layout: a Foxglove and Lichtblick layout for recording.mcap.",
-        examples=("grasp export runs/20260102-101500-lift-can --to svg",
-        "grasp export runs/campaigns/paper.sqlite --out paper.csv"))  # fmt: skip
-    parser.option("run RUN", "folder or recording.mcap of a lift or a tap, or the SQLite file of a "
-        "campaign", Path)  # fmt: skip
-    parser.option("--to", "(default: by the name of --out, else csv)",
-        choices=("csv", "svg", "layout"))  # fmt: skip
-    parser.option("--out FILE", "(default: beside the recording or the campaign, with its name; "
-        "csv: .csv, svg: .svg, .png or .pdf, layout: .json)", file_to_write)  # fmt: skip
 
 
 def export(args: argparse.Namespace) -> int:

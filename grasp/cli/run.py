@@ -7,77 +7,34 @@ import time
 from typing import Any
 
 from drivers.errors import DeviceFault, UsageError
+from drivers.interfaces import FINGER_NAMES
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, rule_of_weights, tell_untuned
 from grasp.cli.lab import TerminalOperator, motion_permit, say, tell_mode, tell_slow
-from grasp.cli.options import decimal, folder_to_fill, share
+from grasp.cli.live import Display, viewed
 from grasp.cli.output import show
-from grasp.cli.parser import Parser
-from grasp.cli.trials import add_series_options, is_asked, is_paced, run_trials, trials_of
+from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
+from scenarios.acquire import acquire
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.force_calibration import counts_per_newton
+from scenarios.acquire.press import motion
+from scenarios.campaign.config import load_config
+from scenarios.lab.ready import SOFT, WHAT_TO_DO, close_in_free_air, gently
+from scenarios.report.live.feed import LiveAcquisition
+from scenarios.rigs.calibration import in_words
+from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
+from scenarios.rigs.permission import HARDWARE, check_devices
+from scenarios.rigs.rig import calibration
+from scenarios.tap.tap import tap_config
+from scenarios.trial.config import trial_layers
+from scenarios.trial.execution import make_guard
 
-SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 ENOUGH = "q"
 POLL_S = 0.05
-CHOICE = "object profile detector rig seed config set"
 
 
-def add_scenarios(parser: Parser) -> None:
-    lift = parser.command("lift", "lift an object held too weakly", metavar="SCENARIO").runs(
-        run, examples=(
-        "grasp run lift --object can",
-        "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
-        "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
-        "grasp run lift --rig cell.toml --config grip.toml --trials 20 "
-        "--confirm-motion"))  # fmt: skip
-    share(lift, CHOICE)
-    lift.flag("--keep", "keep holding the object instead of setting it down")
-    lift.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at "
-        "half speed and the least force, with a question before each")  # fmt: skip
-    add_series_options(lift, "lift")
-    _add_common(lift, "lift")
-    tap = parser.command("tap", "strike an object held at the force cap").runs(run, examples=(
-        "grasp run tap --object ball",
-        "grasp run tap --object can --rig simulated --trials 5 --direction side"))  # fmt: skip
-    share(tap, CHOICE)
-    tap.option("--direction DIR", "direction of the taps: top, side (across the closing axis), "
-        "alternate (the two in turn), or closing (along that axis; default: "
-        "alternate)")  # fmt: skip
-    add_series_options(tap, "tap")
-    _add_common(tap, "tap")
-    tap.set_defaults(keep=False, first=False)
-    press = parser.command("acquire", "press one fingertip on a fixed surface and stroke it, for "
-        "labelled slip data").runs(acquire, examples=(
-        "grasp run acquire --surface sphere --direction 45 --seconds 10",))  # fmt: skip
-    press.option("--surface NAME", "one of config/surfaces: planar, sphere, cylinder-x, "
-        "cylinder-y, or the path of a .toml file", default="planar")  # fmt: skip
-    press.option("--direction DIR", "degrees in the fingertip's plane in steps of 45, or cw or "
-        "ccw", default="0")  # fmt: skip
-    press.option("--speed MPS", "commanded speed of a stroke, m/s; a rotation turns at 1 rad/s",
-        decimal(0.004, 0.2), default=SPEED_MPS)  # fmt: skip
-    press.option("--seconds S", "length of the recording", decimal(1, 3600), default=SECONDS)
-    share(press, "rig seed config set")
-    _add_common(press, "acquire")
-
-
-def _add_common(parser: Parser, scenario: str) -> None:
-    share(parser, "dry")
-    parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-    parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it if "
-        "there is a display, and prints its address on standard error")  # fmt: skip
-    parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
-        "possible (default: real in a terminal and with --view, max otherwise)",
-        choices=("real", "max"))  # fmt: skip
-    share(parser, "json confirm")
-    parser.set_defaults(scenario=scenario)
-
-
-def run(args: argparse.Namespace) -> int:
-    from scenarios.campaign.config import load_config
-    from scenarios.lab.ready import SOFT
-    from scenarios.trial.config import trial_layers
-    from scenarios.trial.execution import make_guard
-
+def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
@@ -107,12 +64,13 @@ def run(args: argparse.Namespace) -> int:
     return run_trials(args, scenario, permit, begin)
 
 
+def run_tap(args: argparse.Namespace) -> int:
+    return run_lift(args)
+
+
 def _permit(config: Any, args: argparse.Namespace) -> Any:
     """Permission to move what the rig has, if it is known which devices are meant; says where
     measured figures are from."""
-    from scenarios.rigs.calibration import in_words
-    from scenarios.rigs.permission import check_devices
-
     permit = motion_permit(config, args)
     check_devices(config)
     if permit is not None:  # an acquisition has neither calibration nor source
@@ -124,13 +82,7 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     return permit
 
 
-def acquire(args: argparse.Namespace) -> int:
-    from grasp.cli.live import Display, viewed
-    from scenarios.acquire import acquire
-    from scenarios.acquire.config import load_acquire_config
-    from scenarios.acquire.press import motion
-    from scenarios.report.live.feed import LiveAcquisition
-
+def run_acquire(args: argparse.Namespace) -> int:
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     if args.dry_run:
@@ -173,8 +125,6 @@ def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
 
     Raises UsageError on a rig without real devices, and where the person ends it.
     """
-    from scenarios.lab.ready import WHAT_TO_DO, close_in_free_air, gently
-
     if permit is None or args.json or args.trials is not None or args.resume:
         raise UsageError("--first is one lift by a person on the rig hardware",
                          "without --json, --trials and --resume; or leave --first out")  # fmt: skip
@@ -211,10 +161,6 @@ def _ask(question: str) -> None:
 
 def _dry_run(config: Any, args: argparse.Namespace) -> int:
     """Exits 0 only where that run would start. Raises UsageError on a rig without real devices."""
-    from scenarios.rigs.device_checks import ask_devices
-    from scenarios.rigs.permission import check_devices
-    from scenarios.trial.execution import make_guard
-
     _check_real(config)
     if args.resume or args.out is not None:
         raise UsageError("--dry-run looks at devices and settings alone",
@@ -227,10 +173,6 @@ def _dry_run(config: Any, args: argparse.Namespace) -> int:
 
 
 def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
-    from scenarios.acquire.force_calibration import counts_per_newton
-    from scenarios.rigs.device_checks import ask_pressing_devices
-    from scenarios.rigs.permission import check_devices
-
     _check_real(config)
     check_devices(config)
     counts_per_newton(config, args.seed)  # raises where nobody has measured it
@@ -238,8 +180,6 @@ def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
 
 
 def _check_real(config: Any) -> None:
-    from scenarios.rigs.permission import HARDWARE
-
     if config.rig != HARDWARE:
         told = f"rig {config.rig} moves nothing real"
         raise UsageError(f"--dry-run is for a lab's own devices: {told}", "leave it out")
@@ -269,10 +209,6 @@ def dry_code(against: list[Any]) -> int:
 
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them; raises ConfigError for what would be refused."""
-    from scenarios.lab.ready import gently
-    from scenarios.tap.tap import tap_config
-    from scenarios.trial.execution import make_guard
-
     if args.scenario == "tap":
         config = tap_config(config.for_tap())
     elif args.first:
@@ -283,8 +219,6 @@ def _as_run(config: Any, args: argparse.Namespace) -> Any:
 
 def plan(config: Any, args: argparse.Namespace) -> list[str]:
     """What moves in a lift or a series of taps, and what is asked, in turn."""
-    from scenarios.rigs.rig import calibration
-
     controller, limit_n, known = config.controller, config.guard.force_limit_n, calibration(config)
     closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
     lift, asked, trials = args.scenario == "lift", is_asked(args), trials_of(args)
@@ -310,8 +244,6 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
     """What moves in an acquisition."""
-    from drivers.interfaces import FINGER_NAMES
-
     control, session, finger = config.control, config.session, FINGER_NAMES[config.finger]
     stroke = f"by {control.turn_rad:g} rad at {course.spin_radps:g} rad/s"
     if not course.spin_radps:

@@ -8,27 +8,20 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
 from drivers.errors import GraspError, UnreadError, UsageError
 from grasp import interruption
 from grasp.cli import exits
+from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
-from grasp.cli.options import file_with_folders, whole
+from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import aside, print_json
-from grasp.cli.parser import Parser
-
-TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
-
-
-def add_series_options(parser: Parser, scenario: str) -> None:
-    """`--trials N`, `--out FILE`, `--resume`, `--report`."""
-    parser.option("--trials N", "number of trials in sequence, with seeds from --seed on (default: "
-        f"{TRIALS[scenario]})", whole(1, 10_000))  # fmt: skip
-    parser.option("--out FILE", "write one row per trial to this SQLite file; `grasp runs FILE` "
-        "reads it (default on the hardware rig, for several trials: a new file in --runs)",
-        file_with_folders)  # fmt: skip
-    parser.flag("--resume", "continue --out: run the trials that are missing or that a device "
-        "ended")  # fmt: skip
-    parser.flag("--report", "write a page beside each recording, as `grasp report` does")
+from scenarios.campaign import experiment as experiments
+from scenarios.campaign.summary import summarize
+from scenarios.report.live.feed import LiveTrials
+from scenarios.trial.result import Failure
+from scenarios.trial.series import Bench
 
 
 def trials_of(args: argparse.Namespace) -> int:
@@ -66,10 +59,8 @@ def run_trials(
 ) -> int:
     """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called once nothing
     prevents them any more."""
-    from scenarios.campaign.experiment import Experiment
-
     alone = _is_alone(args)
-    experiment = Experiment(config, args.seed, trials_of(args))
+    experiment = experiments.Experiment(config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
         raise UsageError(told, "leave it out, or --trials 1")
@@ -99,12 +90,6 @@ def _follow(
     args: argparse.Namespace, experiment: Any, permit: Any, store: Any, alone: bool
 ) -> _Ended:
     """Run what the store lacks and show it."""
-    from grasp.cli.live import Display, trial_line, viewed
-    from scenarios.campaign.experiment import run
-    from scenarios.report.live.feed import LiveTrials
-    from scenarios.trial.result import Failure
-    from scenarios.trial.series import Bench
-
     config, of = experiment.config, experiment.trials
     operator = None
     if config.rig == "hardware" and is_asked(args):
@@ -130,7 +115,7 @@ def _follow(
             watch=None if live is None else live.watch, placed=args.first,
         )  # fmt: skip
         try:
-            for finished, row in run(experiment, bench, store):
+            for finished, row in experiments.run(experiment, bench, store):
                 failure, result = finished.failure, finished.result
                 if row is not None:
                     rows[row.trial] = row
@@ -157,10 +142,6 @@ def _follow(
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
     """One lift."""
-    import msgspec
-
-    from grasp.cli.live import verdict
-
     with suppress(UnreadError):  # how arm and hand were left is reported all the same
         if not args.json:
             print(verdict(result))
@@ -184,9 +165,6 @@ def _report_series(
 ) -> int:
     """Several: their figures, and Table IV of all rows where they are kept."""
     from grasp.cli.campaign import print_summary
-    from grasp.cli.live import taps_text
-    from scenarios.campaign.summary import summarize
-    from scenarios.tap.summary import summarise as of_taps
 
     rows, failure, tap = ended.rows, ended.failure, args.scenario == "tap"
     kept = "" if out is None else _kept(rows, out, experiment.trials)
@@ -194,18 +172,15 @@ def _report_series(
     if failure is None or rows or ended.results:
         config = experiment.config
         table = summarize(experiment.spec().name, rows)
-        summary = of_taps(ended.results) if tap else table
         series = {
             "scenario": args.scenario, "object": config.object.name, "rig": args.rig,
-            "detector": config.detector_label, "seed": args.seed, "summary": summary,
+            "detector": config.detector_label, "seed": args.seed, "summary": table,
             f"{args.scenario}s": ended.results,
         }  # fmt: skip
         if out is not None:
-            series |= {"campaign": str(out), "table": table}
+            series["campaign"] = str(out)
         with suppress(UnreadError):
-            if tap and not args.json:
-                print(taps_text(summary))
-            if rows and (out is not None or not tap) and not args.json:
+            if rows and not args.json:
                 print_summary(table)
             if out is not None and not args.json:
                 print(out)

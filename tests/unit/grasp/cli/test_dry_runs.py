@@ -18,7 +18,6 @@ PRESSES = "--set " + " --set ".join(PRESSED)
     ("words", "missing"),
     [
         ("calibrate hand --up-to 16 --out NEW", "modbus: host"),
-        ("calibrate force --press --up-to 15 --out NEW", "usb: serial"),
         ("calibrate force --out NEW", "usb: serial"),
         (f"calibrate noise --out NEW --set gripper.calibration=paper {PRESSES}", "modbus: host"),
         ("gripper activate --set gripper.calibration=paper", "modbus: host"),
@@ -62,11 +61,7 @@ HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),
-        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with each of the force"),
-        (
-            "calibrate force --press --up-to 15 --out NEW",
-            "move finger A by single counts, up to 15 N",
-        ),
+        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with force byte 0"),
     ],
 )
 def test_refusal_without_confirmation_says_what_would_move(
@@ -76,22 +71,6 @@ def test_refusal_without_confirmation_says_what_would_move(
     said = capsys.readouterr().err
     assert f"would {would}" in said
     assert "--confirm-motion" in said
-
-
-@pytest.mark.parametrize("how", ["--dry-run", "--confirm-motion", "--json"])
-def test_press_harder_than_the_limit_of_a_run_is_refused_unless_it_is_named(
-    how: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    new = tmp_path / "new.toml"
-    typed = ["calibrate", "force", "--press", "--out", str(new), "--set", "modbus.host=127.0.0.1"]
-    assert main([*typed, how]) == 2
-    said = "".join(capsys.readouterr())
-    assert "byte 0 may press with 15.0 N by the manual, and the limit of a run, without" in said
-    assert "is 10 N" in said and "--up-to 15" in said
-    for more in (["--up-to", "15"], ["--set", "guard.force_limit_n=16"]):
-        assert main([*typed, *more, how]) == 2  # for another reason
-        assert "by the manual" not in "".join(capsys.readouterr())
-    assert not new.exists()
 
 
 @pytest.mark.parametrize("words", ["run lift", "run tap", "run acquire"])

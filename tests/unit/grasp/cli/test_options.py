@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli.main import build_parser, main
+from grasp.cli.commands import build_parser
+from grasp.cli.main import main
 from grasp.cli.options import file_to_write, file_with_folders, folder_to_fill, picture
 from grasp.cli.output import progress
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import UsageError
-from grasp.cli.main import build_parser, main
+from grasp.cli.commands import build_parser
+from grasp.cli.main import main
 from grasp.cli.options import (
     check_writable,
     file_to_write,

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.cli import train
+from grasp.cli import training as train
 from grasp.cli.main import main
 
 

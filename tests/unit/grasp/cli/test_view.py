@@ -94,7 +94,7 @@ def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registratio
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = Seen()
-    monkeypatch.setattr(view, "make", lambda _: seen)
+    monkeypatch.setattr(view, "Lines", lambda: seen)
     monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:

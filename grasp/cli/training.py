@@ -1,19 +1,28 @@
-"""`grasp detector train`: fit a network and write its weights. Needs the extra `train`."""
+"""`grasp dataset`: build or collect a data set of labelled recordings; `grasp detector train`: fit
+a network to such data sets and write its weights, which needs the extra `train`."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from detector.network_file import SUFFIX
+from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.options import check_writable, decimal, file_with_folders, need, seed, share, whole
+from grasp.cli.commands import NO_LIMIT_MINUTES
+from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
-from grasp.cli.parser import Parser
+from grasp.settings import file_of
+from scenarios.acquire.datasets import build, collect
+from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
+from scenarios.benchmark.data_sets import require_labelled, require_whole
+from scenarios.benchmark.scoring import too_short
+from scenarios.trial.result import versions
 
-NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
-NO_LIMIT_MINUTES = 1e9
-TELL_S = 10.0  # at least so often how far it is
+TELL_S = 10.0  # at least so often how far a training is
 # options that are settings of a training
 SETTINGS = (
     *("seed", "steps", "augmentation", "balance", "label", "moved_m"),
@@ -21,44 +30,53 @@ SETTINGS = (
 )
 
 
-def add_options(parser: Parser) -> None:
-    parser.runs(train, ". One thread. Trains on the split `train`, stops early and calibrates on "
-        "the split `validation`, never uses `test`.")  # fmt: skip
-    parser.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
-    parser.option("--data DIR", "folders of `grasp dataset build`, or `collect`", Path, nargs="+",
-        required=True)  # fmt: skip
-    parser.option("--out FILE.onnx", "weights to write (default: NAME.onnx here); checkpoint and "
-        "log are beside it, and start again without --resume", file_with_folders)  # fmt: skip
-    parser.flag("--force", "overwrite --out, and the files of an unfinished training beside it")
-    parser.option("--seed N", "", seed, default=0)
-    parser.option("--steps N", "optimiser steps", whole(1, 10**9))
-    parser.option("--validations N", "validations, evenly over the steps (default: the network's)",
-        whole(1, 1000))  # fmt: skip
-    parser.option("--patience N", "stop after this many validations without improvement (default: "
-        "8)", whole(1, 1000))  # fmt: skip
-    parser.option("--minutes M", "processor minutes after which it ends with what it has (default: "
-        "no limit)", decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES)  # fmt: skip
-    parser.option("--augmentation", "four symmetries at 25 %% and noise of 1 %% of the range (the "
-        "paper's text), half turns at 75 %% and noise of half a count (its code as it ran), or "
-        "ours: symmetries, gain, offset, noise, lost samples, dead, stuck and swapped taxels",
-        choices=("none", "paper", "as-run", "ours"))  # fmt: skip
-    parser.option("--balance", "weight the classes, or (windows only) draw equal numbers per epoch",
-        choices=("weights", "undersample"))  # fmt: skip
-    parser.flag("--windows", "tcn-paper: learn from the last sample of windows alone, at one rate, "
-        "as its authors did")  # fmt: skip
-    parser.option("--label", "what to learn: slip by the fingertip's speed, slip of the contact "
-        "itself, or distance from where it last rested (default: slip)",
-        choices=("slip", "slip_true", "moved"))  # fmt: skip
-    parser.option("--moved-m M", "of the label moved: further than this, in metres (default: "
-        "0.001)", decimal(1e-5, 0.1))  # fmt: skip
-    parser.flag("--resume", "continue from the checkpoint beside --out")
-    share(parser, "json")
+def dataset_build(args: argparse.Namespace) -> int:
+    config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
+    if args.seed is not None:
+        config = msgspec.structs.replace(config, seed=args.seed)
+    jobs = plan(config)
+    planned = f"{len(jobs)} recordings"
+    if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
+        planned += f"; {too_short(short)}: a larger --share makes them longer"
+    before, finished = -1, 0
+    with progress("recordings", hidden=args.json) as bar:
+
+        def tell(done: int, total: int) -> None:  # earlier builds say nothing of the time left
+            nonlocal before, finished
+            finished = done
+            if before < 0:
+                before = done
+                exits.say(planned + (f"; {done} are there" if done else ""))
+            else:
+                bar(done - before, total - before)
+
+        try:
+            made = build.build(jobs, config, args.out, workers(args), tell)
+        except KeyboardInterrupt:
+            kept = f"{finished} of {len(jobs)} recordings are in {args.out}"
+            return exits.report("interrupted", kept, "run the same command again", args.json)
+    samples = sum(job.samples for job in jobs)
+    value = {"folder": args.out, "recordings": len(jobs), "made": made, "samples": samples}
+    text = f"{args.out}: {len(jobs)} recordings, {samples} samples; {made} made now"
+    return show(args, value, text)
 
 
-def train(args: argparse.Namespace) -> int:
+def dataset_collect(args: argparse.Namespace) -> int:
+    for source in args.source:
+        require_labelled(source)
+    made = collect.collect(args.source, args.out)
+    counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
+    value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
+    show(args, value, f"{args.out}: {counts}")
+    if made.lacking and not args.json:
+        for split, kinds in made.lacking.items():
+            exits.say(f"none for {split}: {', '.join(kinds)}")
+        exits.say("three recordings of a motion on a surface put it into each split")
+    return exits.SUCCESS
+
+
+def detector_train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
-    from detector.network_file import SUFFIX
-
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
         raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
@@ -105,11 +123,7 @@ def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     """The training, ready to run, and the validation recordings."""
-    from scenarios.benchmark.data_sets import require_whole
-
     require_whole(args.data)  # before torch, which takes seconds
-    import msgspec
-
     from detector.recordings import read_dataset
     from detector.training.fit import Training
     from detector.training.sequences import digest
@@ -130,7 +144,6 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     """Train to the end and write the weights; returns their card. An interruption waits for the end
     of a step, so that the checkpoint is of whole ones."""
     from detector.training.export import export
-    from scenarios.trial.result import versions
 
     with (
         out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,

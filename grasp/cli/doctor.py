@@ -1,0 +1,49 @@
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. Imports
+are inside, because it runs where packages are missing."""
+
+import argparse
+from typing import Any
+
+from grasp.cli import exits
+from grasp.cli.output import show
+
+MARKS = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
+
+
+def doctor(args: argparse.Namespace) -> int:
+    from scenarios.campaign.config import load_config, load_for_devices
+    from scenarios.rigs.doctor import examine
+    from scenarios.trial.execution import make_guard
+
+    def load(rig: str, detector: str | None) -> Any:
+        if detector is None:  # the run that is named
+            named = args.object, rig, args.detector, args.config, args.set, args.profile
+            return load_config(*named)
+        return load_for_devices(args.object, rig, args.config, args.set, detector)
+
+    def check_run(config: Any) -> None:
+        make_guard(config)
+        config.make_detector(3)
+
+    own = (args.detector,) if args.detector else ()
+    checks = examine(args.rig, args.config, load, check_run, own, args.runs)
+    failed = [check for check in checks if check.status == "fail"]
+    code = exits.DEVICE if failed else exits.SUCCESS
+    if any(check.name in ("configuration", "disk") for check in failed):
+        code = exits.USAGE  # as everywhere
+
+    def text() -> str:
+        width, lines = max(len(check.name) for check in checks), []
+        for check in checks:
+            lines.append(f"{MARKS[check.status]}  {check.name:<{width}}  {check.detail}")
+            if check.remedy:
+                lines.append(f"      {'':<{width}}  -> {check.remedy}")
+        warned = sum(check.status == "warn" for check in checks)
+        well = f"nothing prevents a run; {warned} to look at" if warned else "all well"
+        if args.rig is None:
+            well += " on this machine; no device was queried (--rig hardware queries a lab's)"
+        end = f"{len(failed)} to fix; first: {failed[0].name}" if failed else well
+        return "\n".join([*lines, end])
+
+    found = [check._asdict() for check in checks]
+    return show(args, {"healthy": not failed, "checks": found, "exit_code": code}, text, code)
