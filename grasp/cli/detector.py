@@ -281,9 +281,6 @@ def network_path(word: str) -> Path:
     return weights_path(word)
 
 
-# Of a user's own weights
-
-
 def rule_of_weights(config: Any) -> str:
     """The decision rule of a detector of one's own, in words; empty for a packaged one."""
     if config.detector_name in DETECTORS and not config.network.weights:

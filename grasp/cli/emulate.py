@@ -113,15 +113,13 @@ class Console:
         while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
             time.sleep(POLL_S)
             reply = cell.obey({"verb": "home"})
-        if "error" in reply:
-            return str(reply["error"])
         if words[0] == "press":
             time.sleep(PRESS_S)  # done is who has let go
-        if words[0] == "fault" and "told" in reply:
-            return f"done: {reply['told']}"
-        if words[0] == "scale":
-            return _scale_text(reply["truth"])
-        return _look_text(reply["truth"]) if words[0] == "look" else "done"
+        if "error" in reply:
+            return str(reply["error"])
+        if words[0] in ("look", "scale"):
+            return (_look_text if words[0] == "look" else _scale_text)(reply["truth"])
+        return f"done: {reply['told']}" if "told" in reply else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:
         match words:

@@ -90,12 +90,13 @@ def _problem(path: Path, folder: Path) -> str:
     return against_writing(folder)
 
 
-def check_writable(path: Path, begins: str | None = None) -> None:
-    """Raises UsageError where no file can be written, before anything moves or is computed;
-    ``begins``: where something is there that does not begin so, as this program's own files."""
-    if begins is not None and path.is_file() and not path.read_bytes().startswith(begins.encode()):
-        raise UsageError(f"{path} is there already", "name another file")
-    if problem := _problem(path, path.parent):
+def check_writable(path: Path, begins: str = "") -> None:
+    """Raises UsageError where no file can be written, or one is there that does not begin as this
+    program's own files, before anything moves or is computed."""
+    problem = _problem(path, path.parent)
+    if begins and path.is_file() and not path.read_bytes().startswith(begins.encode()):
+        problem = "is there already"
+    if problem:
         raise UsageError(f"{path}: {problem}", "name another file")
 
 
@@ -142,26 +143,14 @@ SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
 }  # fmt: skip
 
 
-def share(parser: Parser, names: str, **defaults: Any) -> None:
-    """Add shared options in this order; ``defaults``: of some of them, here."""
-    for name in names.split():
-        option, text, given = SHARED[name]
-        changed = {"default": defaults[name]} if name in defaults else {}
-        parser.option(option, text, **{**given, **changed})
-
-
-def add_settings(parser: Parser) -> None:
-    """`--config FILE`, `--set SECTION.KEY=VALUE`."""
-    share(parser, "config set")
-
-
-def add_workers(parser: Parser) -> None:
-    """`--jobs N`: worker processes on this machine; `--cluster ADDRESS`: a Dask cluster's."""
-    share(parser, "jobs cluster")
+def share(parser: Parser, names: str) -> None:
+    """Add shared options, in this order."""
+    for option, text, given in (SHARED[name] for name in names.split()):
+        parser.option(option, text, **given)
 
 
 def workers(args: argparse.Namespace) -> "Workers":
-    """Who works, by what `add_workers` read."""
+    """Who works, by the shared options."""
     from scenarios.rigs.workers import Workers
 
     return Workers(args.jobs, args.cluster)

@@ -16,34 +16,12 @@ from grasp.cli import exits
 from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
 from grasp.cli.live import Display, trial_line, verdict, viewed
-from grasp.cli.output import aside, print_json
+from grasp.cli.output import aside, show
 from scenarios.campaign import experiment as experiments
 from scenarios.campaign.summary import summarize
 from scenarios.report.live.feed import LiveTrials
 from scenarios.trial.result import Failure
 from scenarios.trial.series import Bench
-
-
-def trials_of(args: argparse.Namespace) -> int:
-    """How many there are to be."""
-    return args.trials or TRIALS[args.scenario]
-
-
-def _is_alone(args: argparse.Namespace) -> bool:
-    """One lift of which no row is kept."""
-    return args.scenario == "lift" and args.trials is None and args.out is None
-
-
-def is_asked(args: argparse.Namespace) -> bool:
-    """Whether somebody at real devices is asked: a lift that nobody asked more of may be started
-    by a script, and nobody is there to answer."""
-    return not _is_alone(args) or (sys.stdin is not None and sys.stdin.isatty())
-
-
-def is_paced(args: argparse.Namespace) -> bool:
-    """Whether virtual time goes at the wall's pace."""
-    watched = args.view or (sys.stdout.isatty() and not args.json)
-    return args.pace == "real" or (args.pace is None and watched)
 
 
 class _Ended(NamedTuple):
@@ -54,12 +32,34 @@ class _Ended(NamedTuple):
     failure: Any
 
 
+def trials_of(args: argparse.Namespace) -> int:
+    """How many there are to be."""
+    return args.trials or TRIALS[args.scenario]
+
+
+def is_single(args: argparse.Namespace) -> bool:
+    """One lift of which no row is kept."""
+    return args.scenario == "lift" and args.trials is None and args.out is None
+
+
+def is_asked(args: argparse.Namespace) -> bool:
+    """Whether a person at real devices is asked: a single lift may be started by a script, and
+    nobody is there to answer."""
+    return not is_single(args) or (sys.stdin is not None and sys.stdin.isatty())
+
+
+def is_paced(args: argparse.Namespace) -> bool:
+    """Whether virtual time goes at the wall's pace."""
+    watched = args.view or (sys.stdout.isatty() and not args.json)
+    return args.pace == "real" or (args.pace is None and watched)
+
+
 def run_trials(
     args: argparse.Namespace, config: Any, permit: Any, begin: Callable[[], None]
 ) -> int:
     """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called once nothing
     prevents them any more."""
-    alone = _is_alone(args)
+    single = is_single(args)
     experiment = experiments.Experiment(config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
@@ -67,17 +67,17 @@ def run_trials(
     if args.resume and args.out is None:
         raise UsageError("--resume goes on with a file", "name it with --out FILE")
     out = args.out
-    if out is None and config.rig == "hardware" and not alone:
+    if out is None and config.rig == "hardware" and not single:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
     with interruption.held():  # no signal cuts off how arm and hand were left
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
             begin()
-            ended = _follow(args, experiment, permit, store, alone)
+            ended = _follow(args, experiment, permit, store, single)
             if store is not None:
                 ended = ended._replace(rows=store.rows())
         with interruption.watched():
-            if alone and ended.results:
+            if single and ended.results:
                 code = _report(ended.results[0], ended.failure, args, config)
             else:
                 code = _report_series(args, experiment, ended, out)
@@ -87,7 +87,7 @@ def run_trials(
 
 
 def _follow(
-    args: argparse.Namespace, experiment: Any, permit: Any, store: Any, alone: bool
+    args: argparse.Namespace, experiment: Any, permit: Any, store: Any, single: bool
 ) -> _Ended:
     """Run what the store lacks and show it."""
     config, of = experiment.config, experiment.trials
@@ -100,7 +100,7 @@ def _follow(
     rows: dict[int, Any] = {}
     failure: Any = None
     with (
-        Display(config.rig, args.json, plain=operator is not None, brief=not alone) as display,
+        Display(config.rig, args.json, plain=operator is not None, brief=not single) as display,
         viewed(args, lambda: LiveTrials(config, title, of)) as live,
     ):
         display.setting_up()
@@ -124,12 +124,12 @@ def _follow(
                 results[result.seed] = result
                 if live is not None:
                     live.feed.say(trial_line(result))
-                if not alone:
+                if not single:
                     if args.json:
                         aside(trial_line(result))
                     display.note(trial_line(result))
         except KeyboardInterrupt as stop:
-            if alone:
+            if single:
                 raise
             failure = Failure("interrupted", f"{interruption.cause(stop)} between two trials", "")
         except GraspError as error:  # of the disk, between two trials
@@ -141,7 +141,7 @@ def _follow(
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
-    """One lift."""
+    """A single lift."""
     with suppress(UnreadError):  # how arm and hand were left is reported all the same
         if not args.json:
             print(verdict(result))
@@ -155,51 +155,42 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)
-    if args.json:
-        print_json(result)
-    return exits.SUCCESS if result.success else exits.TRIAL_FAILED
+    return show(args, result, "", exits.SUCCESS if result.success else exits.TRIAL_FAILED)
 
 
 def _report_series(
     args: argparse.Namespace, experiment: Any, ended: _Ended, out: Path | None
 ) -> int:
-    """Several: their figures, and Table IV of all rows where they are kept."""
+    """Several: their results as the paper's Table IV, and how to go on."""
     from grasp.cli.campaign import print_summary
 
-    rows, failure, tap = ended.rows, ended.failure, args.scenario == "tap"
+    rows, failure, config = ended.rows, ended.failure, experiment.config
     kept = "" if out is None else _kept(rows, out, experiment.trials)
-    series = {}
-    if failure is None or rows or ended.results:
-        config = experiment.config
-        table = summarize(experiment.spec().name, rows)
-        series = {
-            "scenario": args.scenario, "object": config.object.name, "rig": args.rig,
-            "detector": config.detector_label, "seed": args.seed, "summary": table,
-            f"{args.scenario}s": ended.results,
-        }  # fmt: skip
-        if out is not None:
-            series["campaign"] = str(out)
-        with suppress(UnreadError):
-            if rows and not args.json:
-                print_summary(table)
-            if out is not None and not args.json:
-                print(out)
+    table = summarize(experiment.spec().name, rows)
+    series = {
+        "scenario": args.scenario, "object": config.object.name, "rig": args.rig,
+        "detector": config.detector_label, "seed": args.seed, "summary": table,
+        f"{args.scenario}s": ended.results, "campaign": out,
+    }  # fmt: skip
+    with suppress(UnreadError):
+        if rows and not args.json:
+            print_summary(table)
+        if out is not None and not args.json:
+            print(out)
     if failure is not None:
-        more = {"result": series} if args.json and series else {}
-        code = exits.report_failure(failure, args.json, **more)
+        begun = args.json and (rows or ended.results)
+        code = exits.report_failure(failure, args.json, **({"result": series} if begun else {}))
         if not args.json:
             exits.say(kept)
         return code
     # a measured rate of taps is a result, as a campaign's is
-    failed = [row for row in rows if not (row.status == "done" if tap else row.success)]
-    if args.json:
-        print_json(series)
-    else:
-        _tell_last(ended.results, experiment.config, kept)
-        if failed:
-            why = "were not judged" if tap else "did not succeed"
-            say(f"{len(failed)} of {len(rows)} trials {why}: exit code 1")
-    return exits.TRIAL_FAILED if failed else exits.SUCCESS
+    done = [row.status == "done" if args.scenario == "tap" else row.success for row in rows]
+    if not args.json:
+        _tell_last(ended.results, config, kept)
+        if not all(done):
+            why = "were not judged" if args.scenario == "tap" else "did not succeed"
+            say(f"{done.count(False)} of {len(rows)} trials {why}: exit code 1")
+    return show(args, series, "", exits.SUCCESS if all(done) else exits.TRIAL_FAILED)
 
 
 def _tell_height(result: Any, config: Any) -> None:
@@ -226,8 +217,7 @@ def _tell_last(results: list[Any], config: Any, kept: str) -> None:
 def _kept(rows: list[Any], out: Path, of: int) -> str:
     """What a series ``of`` so many has left, and how to go on with it where some are missing."""
     judged = sum(row.status == "done" for row in rows)
-    more = len(rows) - judged
-    void = f", {more} more {'does' if more == 1 else 'do'} not count" if more else ""
+    void = f", {len(rows) - judged} more not counted" if len(rows) > judged else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"
     left = f"go on with --out {out} --resume" if judged < of else "none is left to run"
     return f"{trials} in {out}{void}: {left}"
@@ -237,13 +227,10 @@ def _write_pages(results: list[Any], quiet: bool) -> None:
     """A page beside each recording; what goes wrong there changes no verdict."""
     from grasp.cli.recordings import write_page
 
-    for result in results:
-        if result.recording is None:
-            continue
+    for result in (result for result in results if result.recording is not None):
         try:
             page = write_page(Path(result.recording))
-        except (GraspError, OSError) as error:
-            say(f"no page of seed {result.seed}: {error}")
-        else:
             if not quiet:
                 print(f"  page: {page}")
+        except (GraspError, OSError) as error:
+            say(f"no page of seed {result.seed}: {error}")
