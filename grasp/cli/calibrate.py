@@ -16,7 +16,7 @@ from detector.recordings import read
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.identify import watch
-from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.link import UsbLink
 from grasp.cli import exits
 from grasp.cli.detector import rule_lines
 from grasp.cli.lab import (

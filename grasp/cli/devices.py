@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.errors import UsageError
-from drivers.robotiq import words as registers
+from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SPREADS, TO_BASIC, other_than_basic
-from drivers.ur.link import look as arm_look
+from drivers.ur.link import preflight
 from grasp.cli import exits
 from grasp.cli.commands import ARM_SPEED
 from grasp.cli.lab import (
@@ -45,7 +45,7 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     if config.devices.gripper:
         raise UsageError(f"{where} is of another package", "look at it by that")
     before, now = read_gripper(config)
-    strange, fault, lines = registers.doubts(now, before), FAULTS[now.fault], registers.lines(now)
+    strange, fault, lines = protocol.doubts(now, before), FAULTS[now.fault], protocol.lines(now)
     code = exits.DEVICE if strange or fault.code else exits.SUCCESS
     value = {"gripper": where, "registers": lines, "doubts": strange}
     tell(args, Done(_listed(f"gripper at {where}", lines), value, code))
@@ -66,7 +66,7 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     state = (
         []
         if config.devices.arm
-        else arm_look.lines(arm_look.look(host, config.ur.step_timeout_s)[1])
+        else preflight.lines(preflight.look(host, config.ur.step_timeout_s)[1])
     )
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS

@@ -17,7 +17,7 @@ import msgspec
 
 from drivers.addresses import cannot_listen, check_free, check_host
 from drivers.errors import ConfigError, UsageError
-from drivers.ur.emulator.robot import PORTS
+from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
 from grasp.cli.output import aside
 from grasp.cli.view import turned_text

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
-from drivers.ur.link.look import look
-from drivers.ur.link.preflight import judge_speed
+from drivers.ur.link.preflight import judge_speed, look
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.output import print_json

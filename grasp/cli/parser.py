@@ -156,7 +156,7 @@ def _names_of(kind: str) -> Callable[..., list[str]]:
     def names_and_files(prefix: str, **_: object) -> list[str]:
         from argcomplete.completers import FilesCompleter
 
-        from detector.own import offered
+        from detector.plugins import offered
         from grasp.settings import names
 
         if kind != "detectors":
