@@ -273,7 +273,17 @@ def calibrate_fingertip(args: argparse.Namespace) -> int:
     parameters = fitting.parameter_values(setup)
     value = {"recording": args.recording.name, "misfit": misfit, "statistics": rows,
              "parameters": parameters, "fitted": not args.check}  # fmt: skip
-    return show(args, value, _comparison(rows, misfit, parameters))
+    lines = ["real; simulated, with the range of 80 % of clips:"]
+    for row in rows:
+        far = "" if row.within_aim else "; beyond the aim"
+        lines.append(f"  {row.name:<32}{row.real:9.3g}; {row.simulated:.3g} [{row.low:.3g}, "
+                     f"{row.high:.3g}]{far}")  # fmt: skip
+    lines += [f"misfit {misfit:.2f} (1: on average just within the aims)", "", "parameters, with "
+              "the range searched:"]  # fmt: skip
+    lines += [
+        f"  {name:<32}{value:9.3g} [{low:g}, {high:g}]" for name, value, low, high in parameters
+    ]
+    return show(args, value, "\n".join(lines))
 
 
 def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
@@ -298,19 +308,3 @@ def _draw(out: Path, setup: Any, recording: Any) -> None:
     clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
     real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)
     draw_clips(out, [real, *simulated(clips)[:2]])
-
-
-def _comparison(rows: list[Any], misfit: float, parameters: list[Any]) -> str:
-    lines = [f"{'statistic':28}{'real':>9}{'simulated':>11}{'10-90 % of clips':>20}{'ratio':>8}"]
-    for r in rows:
-        ratio = f"{r.simulated / r.real:8.2f}" if r.real else " " * 8
-        lines.append(
-            f"{r.name:28}{r.real:9.3g}{r.simulated:11.3g}{r.low:10.3g}{r.high:10.3g}{ratio}"
-            f"{'' if r.within_aim else '  beyond the aim'}"
-        )
-    lines.append(f"misfit {misfit:.2f} (1: on average just within the aims)\n")
-    lines.append(f"{'parameter':34}{'value':>9}  range searched")
-    lines += [
-        f"{name:34}{value:9.3g}  {low:g} to {high:g}" for name, value, low, high in parameters
-    ]
-    return "\n".join(lines)

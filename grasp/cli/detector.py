@@ -26,7 +26,7 @@ from drivers.interfaces import FINGERS
 from grasp.cli import exits
 from grasp.cli.commands import MOST_BUDGET
 from grasp.cli.options import check_writable
-from grasp.cli.output import progress, show
+from grasp.cli.output import listing, progress, show
 from grasp.files import write_whole
 from grasp.settings import config_dir, meant, named_layer, names, sources_of
 from scenarios.campaign.config import load_config
@@ -83,58 +83,9 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
         print(args.out)
 
 
-def scores_text(s: Any, rule: Any) -> str:
+def scores_text(sheet: Any, rule: Any) -> str:
     """The score sheet as a person reads it, with the rule that makes events of samples."""
-    threshold = f"{s.threshold:g}"
-    if s.threshold_counts is not None:
-        threshold = f"{s.threshold_counts:.3f} counts"
-    delay_mm = "" if s.delay_mm is None else f", {_quantiles(s.delay_mm, 'mm', 1)}"
-    lines = [
-        f"{s.detector} on {s.data}: {s.n_samples} samples, label {s.label}",
-        f"  AUC {_number(s.auc)}{_interval(s, 'auc')}  accuracy {s.accuracy:.3f}"
-        f"{_interval(s, 'accuracy')} of samples, slip above {threshold}  "
-        f"F1 slip {s.slip_f1:.3f}, weighted {s.weighted_f1:.3f}  ECE {s.ece:.3f}",
-        f"  events: {in_words(rule)}",
-        f"  slip events: {s.true_events - s.missed_events} of {s.true_events} caught, "
-        f"{s.false_events} false ({_number(s.false_events_per_min)} a minute of rest"
-        f"{_interval(s, 'false_events_per_min')}, {_number(s.false_events_per_min_hand)} of a "
-        f"hand's)",
-        f"  delay {_quantiles(s.delay_ms, 'ms')}{_interval(s, 'delay_ms_p50')}{delay_mm}  "
-        f"release of those caught {_quantiles(s.release_delay_ms, 'ms')}",
-        f"  cost of one update {_quantiles(s.compute_us, 'us')}",
-    ]
-    if len(s.false_events_per_min_by_cause) > 1:
-        causes = s.false_events_per_min_by_cause.items()
-        lines.append("  a minute: " + ", ".join(f"{cause} {rate:.2f}" for cause, rate in causes))
-    if s.blows is not None:
-        b = s.blows
-        lines.append(
-            f"  taps registered: {b.registered} of {b.moved} that moved it 1 mm, within 100 ms "
-            f"{b.far_registered} of {b.far} that moved it 2 mm, {b.unmoved_registered} of "
-            f"{b.unmoved} that left it within half a millimetre"
-        )
-    edges = ", ".join(
-        f"{b.from_ms:g}-{'' if b.to_ms is None else format(b.to_ms, 'g')} ms {_number(b.accuracy)}"
-        for b in s.by_edge_distance
-    )
-    return "\n".join([*lines, f"  accuracy by distance to the label's edge: {edges}"])
-
-
-def _interval(s: Any, name: str) -> str:
-    if name not in s.intervals:
-        return ""
-    low, high = s.intervals[name]
-    return f" [{low:.0f}, {high:.0f}]" if name.startswith("delay") else f" [{low:.3f}, {high:.3f}]"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
-
-
-def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
-    if q is None:
-        return "-"
-    return f"p50 {q.p50:.{digits}f} p90 {q.p90:.{digits}f} p99 {q.p99:.{digits}f} {unit}"
+    return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
 
 
 def detector_tune(args: argparse.Namespace) -> int:
@@ -158,7 +109,9 @@ def _tune_labelled(args: argparse.Namespace) -> int:
         raise UsageError(f"no rule keeps {name} within {budget:g} false events a minute",
                          "allow more false events with --budget")  # fmt: skip
     known = evidence(made.streams, chosen.rule)
-    lines = [f"split validation: {_point_text(chosen)}"]
+    point = {**msgspec.structs.asdict(chosen), "minutes": known.minutes, "slips": known.slips}
+    rule = point.pop("rule")
+    lines = ["on the split validation:", *listing(point).splitlines()]
     for folder in args.data:
         its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
         part = evidence(its, chosen.rule)
@@ -170,8 +123,7 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
         lines.append("that is little: one more or less of either would make another rule; give "
                      "more recordings, or simulated sets beside")  # fmt: skip
-    value = {**msgspec.to_builtins(chosen), "minutes": known.minutes, "slips": known.slips}
-    return show(args, value, _rule_text(lines, chosen.rule))
+    return show(args, {**point, "rule": rule}, _rule_text(lines, rule))
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
@@ -224,17 +176,6 @@ def rule_lines(rule: Any) -> list[str]:
     return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
 
 
-def _point_text(p: Any) -> str:
-    """A point of the sweep as a person reads it."""
-    text = (f"{p.false_per_min:.2f} false events a minute, delay p50 {p.delay_ms:.0f} p90 "
-            f"{p.p90_delay_ms:.0f} p99 {p.p99_delay_ms:.0f} ms, recall {p.recall:.3f}")  # fmt: skip
-    if p.blows is not None:
-        text += (f"; taps: {p.blows.registered} of {p.blows.moved} that moved it, "
-                 f"{p.blows.unmoved_registered} of {p.blows.unmoved} that did not, "
-                 f"{p.blows.nearly_registered} of {p.blows.nearly} without the weak")  # fmt: skip
-    return text
-
-
 def detector_card(args: argparse.Namespace) -> int:
     name = args.network
     if name is None:
@@ -246,11 +187,11 @@ def detector_card(args: argparse.Namespace) -> int:
     found = msgspec.to_builtins(read_network(network_path(name)).card)
     if found["mode"] != "window":  # an output depends on the newest sample too, or on all
         found["samples"] = found["window"] + 1 if found["window"] else "all, in a state that fades"
-    lines = [f"{key}: {json.dumps(value)}" for key, value in found.items()]
+    text = listing(found)
     if (rule := _packaged_rule(name)) is not None:
         found["rule"] = rule
-        lines.append(f"rule: {in_words(rule)}")
-    return show(args, found, "\n".join(lines))
+        text += f"\n{in_words(rule)}"
+    return show(args, found, text)
 
 
 def _list(args: argparse.Namespace) -> int:

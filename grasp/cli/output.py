@@ -49,6 +49,31 @@ def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], co
     return code
 
 
+def listing(result: Any) -> str:
+    """The fields of a result, a line each, under the names that they have in JSON too; numbers with
+    four digits, and with the 95 % interval that ``intervals`` has of them."""
+    import msgspec
+
+    fields = msgspec.structs.asdict(result) if isinstance(result, msgspec.Struct) else dict(result)
+    intervals = fields.pop("intervals", {})
+    lines = []
+    for name, value in fields.items():
+        if value is not None:
+            low_high = f" [{_text(intervals[name])}]" if name in intervals else ""
+            lines.append(f"  {name:<30}{_text(msgspec.to_builtins(value))}{low_high}")
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(each)}" for name, each in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(each) for each in value)
+    return str(value)
+
+
 def aside(text: str) -> None:
     """A line on standard error, of what is done now."""
     print(text, file=sys.stderr, flush=True)
