@@ -17,18 +17,8 @@ from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.identify import watch
 from drivers.takktile.link import UsbLink
-from grasp.cli import exits
+from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
-from grasp.cli.lab import (
-    Done,
-    TerminalOperator,
-    confirm,
-    lab_config,
-    perform,
-    say,
-    tell_mode,
-    tell_weak,
-)
 from grasp.cli.options import check_new, check_writable, need
 from grasp.cli.output import aside, progress, show
 from grasp.files import write_whole
@@ -47,7 +37,7 @@ WATCH_S, REST_S = 3600.0, 5.0
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
     check_new(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
 
@@ -62,7 +52,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
     check_new(args.out)
     scale.check_force(args.up_to)
 
@@ -74,7 +64,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def look() -> str:
         ready.check_pressing(config, hearing=False)
-        tell_mode(config)
+        lab.tell_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
@@ -100,10 +90,10 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.benchmark.label_free import rule_of
 
-    config = lab_config(args)
+    config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
-    tell_weak(config.calibration)
+    lab.tell_weak(config.calibration)
     guard_of(config)  # raises where a run would be refused
 
     def plan() -> str:
@@ -112,7 +102,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def look() -> str:
         ready.check_close(config, ready.active_hand(config), CLOSED)
-        tell_mode(config)
+        lab.tell_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
@@ -130,25 +120,25 @@ def _measure(
 ) -> int:  # fmt: skip
     """As ``perform``, with a person who answers: ``act`` returns the text of the file, which is
     written and shown. ``on_scale``: a finger presses on one; ``afterwards``: says how to use it."""
-    operator = TerminalOperator()
+    operator = lab.TerminalOperator()
 
     def ask() -> None:
         if moves:
-            tell_mode(config)
+            lab.tell_mode(config)
             if on_scale:
-                confirm(ON_SCALE, "scale", args.scale)
+                lab.confirm(ON_SCALE, "scale", args.scale)
         operator.expect()
         if moves:
-            say(f"will {plan()}")
+            lab.say(f"will {plan()}")
 
-    def run(permit: Any) -> Done:
+    def run(permit: Any) -> lab.Done:
         text = act(permit, operator)
         write_whole(args.out, text.encode())
         if told := afterwards(text):
             aside(told)
-        return Done(f"{text}{args.out}", {"file": str(args.out), "text": text})
+        return lab.Done(f"{text}{args.out}", {"file": str(args.out), "text": text})
 
-    return perform(args, config, plan, look, run, ask, moves)
+    return lab.perform(args, config, plan, look, run, ask, moves)
 
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
@@ -178,7 +168,7 @@ def tactile_watch(args: argparse.Namespace) -> int:
         raise UsageError("--out writes the rest codes", "give --rest with it")
     report, seconds, most = None, 0, args.seconds or WATCH_S
     with suppress(KeyboardInterrupt):  # the seconds until then are reported
-        for report in fingertips.listen(lab_config(args), most):
+        for report in fingertips.listen(lab.load_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
                 print(report.in_words(), flush=True)
@@ -189,7 +179,7 @@ def tactile_watch(args: argparse.Namespace) -> int:
 
 def _measure_rest(args: argparse.Namespace) -> int:
     check_new(args.out)
-    report, text = fingertips.rest_file(lab_config(args), args.seconds or REST_S)
+    report, text = fingertips.rest_file(lab.load_config(args), args.seconds or REST_S)
     if args.out is not None:
         write_whole(args.out, text.encode())
     if not args.json:

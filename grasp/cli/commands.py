@@ -51,26 +51,23 @@ def build_parser() -> Parser:
     _add_detector(root.command("detector", "score, tune and train slip detectors",
         section=MEASURE))  # fmt: skip
     _add_devices(root, LAB)
-    config = root.command("config", "show the resolved settings, check files of your own",
-        ". Prints every setting with its value, its allowed range and its source. With FILE (your "
+    config = root.command("config", "show the resolved settings, check files of your own", ". "
+        "Prints every setting with its value, its allowed range and its source. With FILE (your "
         "own .toml: an object, surface, calibration, rig, campaign, data set, or settings for "
         "--config) it checks that file alone instead. Opens no device and runs no trial, but loads "
-        "the detectors of a campaign. Exit code 2 if a file is wrong.", (
-        "grasp config object --object ball",
-        "grasp config --config lab.toml --config grip.toml",
-        "grasp config mug.toml cell.toml lab.toml"), section=SET_UP)  # fmt: skip
+        "the detectors of a campaign. Exit code 2 if a file is wrong.", ("grasp config object "
+        "--object ball", "grasp config --config lab.toml --config grip.toml", "grasp config "
+        "mug.toml cell.toml lab.toml"), section=SET_UP)  # fmt: skip
     config.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     share(config, "object profile detector rig config set json")
     return root
 
 
 def _add_run(group: Parser) -> None:
-    lift = group.command("lift", "lift an object held too weakly", "", (
-        "grasp run lift --object can",
-        "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
-        "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
-        "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
-    ))  # fmt: skip
+    lift = group.command("lift", "lift an object held too weakly", "", ("grasp run lift --object "
+        "can", "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report", "grasp run "
+        "lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json", "grasp run lift --rig "
+        "cell.toml --config grip.toml --trials 20 --confirm-motion"))  # fmt: skip
     lift.flag("--keep", "keep holding the object instead of setting it down")
     lift.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at half "
         "speed and the least force, with a question before each")  # fmt: skip
@@ -159,9 +156,8 @@ def _add_campaign(group: Parser) -> None:
     run = group.command("run", "run the trials of a campaign file", ". Runs every trial of a "
         "campaign file and writes each as a row of an SQLite file when it finishes. Exit code 0 "
         "when every trial ran, whatever its verdict; 1 if any errored; 130 when interrupted, with "
-        "all finished rows kept.", ("grasp campaign run paper",
-        "grasp campaign run mine.toml --jobs 4 --config lab.toml",
-        "grasp campaign run mine.toml --resume"))  # fmt: skip
+        "all finished rows kept.", ("grasp campaign run paper", "grasp campaign run mine.toml "
+        "--jobs 4 --config lab.toml", "grasp campaign run mine.toml --resume"))  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
         file_with_folders)  # fmt: skip
@@ -369,9 +365,8 @@ def _add_calibrate(group: Parser) -> None:
         "a scale against it, and type what they say; nothing is moved", "", (
         "grasp calibrate force --finger B --out force-B.toml --config lab.toml",))  # fmt: skip
     hand = group.command("hand", "force byte 0 to newtons (an upper bound): the finger presses on "
-        "a scale, and you type what it says", "", (
-        "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
-    ))  # fmt: skip
+        "a scale, and you type what it says", "", ("grasp calibrate hand --up-to 16 --out "
+        "hand3.toml --config lab.toml --confirm-motion",))  # fmt: skip
     hand.option("--presses N", "presses of force byte 0; a hand that presses with less than the "
         f"manual's {MANUAL_LEAST_N:g} N gets at least ten", whole(4, 100),
         default=10)  # fmt: skip
@@ -400,8 +395,7 @@ def _add_calibrate(group: Parser) -> None:
         "recordings that the search did not use judge the fitted values. To use them, pass the "
         "--out file as --config to `grasp run`. The built-in values are fitted to the recording of "
         "the paper's authors.")  # fmt: skip
-    fit.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path,
-        required=True)  # fmt: skip
+    fit.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path, required=True)
     fit.flag("--check", "judge the built-in values without a search")
     fit.option("--rounds N", "rounds of the local search (default: 8)", whole(1, 1000))
     fit.option("--seed N", "random seed of the search; results of two seeds differ in what the "

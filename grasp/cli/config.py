@@ -9,19 +9,10 @@ from typing import Any
 import msgspec
 
 from drivers.errors import GraspError, UsageError
+from grasp import settings
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, tell_untuned
 from grasp.cli.output import show
-from grasp.settings import (
-    allowed,
-    by_path,
-    config_dir,
-    fingerprint,
-    meant,
-    named_layer,
-    read_toml,
-    sources_of,
-)
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
 from scenarios.campaign.config import RunConfig, load_config, load_for_devices
@@ -33,11 +24,11 @@ FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
 def config(args: argparse.Namespace) -> int:
-    if not any(by_path(word) for word in args.section):
+    if not any(settings.by_path(word) for word in args.section):
         return _show(args)
     if args.json:
         raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
-    default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
+    default = settings.named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     code, detector = exits.SUCCESS, args.detector or str(default)
     for word in args.section:
         try:
@@ -50,11 +41,11 @@ def config(args: argparse.Namespace) -> int:
 def _checked(word: str, detector: str) -> str:
     """What a file is; raises ConfigError, or what its own reader raises, where it is wrong.
     ``detector``: with which settings are read."""
-    if not by_path(word):
+    if not settings.by_path(word):
         raise UsageError(f"{word} is no .toml file", "give the path of one")
     path = Path(word)
-    table = read_toml(path).table
-    return f"{_kind(path, table, detector)}; fingerprint {fingerprint(path.read_bytes())}"
+    table = settings.read_toml(path).table
+    return f"{_kind(path, table, detector)}; fingerprint {settings.fingerprint(path.read_bytes())}"
 
 
 def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
@@ -97,12 +88,12 @@ def _show(args: argparse.Namespace) -> int:
         tell_untuned(config, layers)
 
     def text() -> str:
-        sources, lines = sources_of(layers), []
+        sources, lines = settings.sources_of(layers), []
         for name in shown:
             lines.append(f"[{name}]")
             for key, value in table[name].items():
                 place = f"{name}.{key}"
-                told = FINGERPRINT if name == "files" else allowed(type(config), place)
+                told = FINGERPRINT if name == "files" else settings.allowed(type(config), place)
                 lines.append(f"{key} = {json.dumps(value)}  # {told}; {_from(sources.get(place))}")
             lines.append("")
         return "\n".join(lines)
@@ -115,8 +106,8 @@ def _from(source: str | None) -> str:
     if source is None:
         return "default"
     path = Path(source)
-    inside = path.is_relative_to(config_dir())
-    return f"from {path.relative_to(config_dir()) if inside else source}"
+    inside = path.is_relative_to(settings.config_dir())
+    return f"from {path.relative_to(settings.config_dir()) if inside else source}"
 
 
 def _check_section(word: str, sections: list[str], config: Any) -> None:
@@ -126,5 +117,5 @@ def _check_section(word: str, sections: list[str], config: Any) -> None:
             f"the chosen {config.detector_name}; `grasp detector card` lists all "
             "detectors")  # fmt: skip
     if word not in sections:
-        hint = meant(word, sections)
+        hint = settings.meant(word, sections)
         raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")

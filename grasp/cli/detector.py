@@ -11,16 +11,9 @@ from typing import Any
 
 import msgspec
 
+from detector import network_file
 from detector.decision import RuleSettings
 from detector.interface import DETECTORS
-from detector.network_file import (
-    PACKAGED,
-    is_weights,
-    packaged_networks,
-    read_network,
-    weights_digest,
-    weights_path,
-)
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -184,7 +177,7 @@ def detector_card(args: argparse.Namespace) -> int:
         raise UsageError(f"{name} is a formula: it has no weights, and so no card",
             f"`grasp config {FORMULAS[name]} --detector {name}` has its settings, `grasp detector "
             "card` every detector")  # fmt: skip
-    found = msgspec.to_builtins(read_network(network_path(name)).card)
+    found = msgspec.to_builtins(network_file.read_network(network_path(name)).card)
     if found["mode"] != "window":  # an output depends on the newest sample too, or on all
         found["samples"] = found["window"] + 1 if found["window"] else "all, in a state that fades"
     text = listing(found)
@@ -215,11 +208,11 @@ def _packaged_rule(network: str) -> Any:
 
 def network_path(word: str) -> Path:
     """The weights of a packaged network or of a file; raises UsageError for a name that is none."""
-    known = packaged_networks()
-    if not is_weights(word) and word not in known:
+    known = network_file.packaged_networks()
+    if not network_file.is_weights(word) and word not in known:
         raise UsageError(f"{word!r} is no network of this project{meant(word, known)}",
                          f"one of {', '.join(known)}, or a file that ends in .onnx")  # fmt: skip
-    return weights_path(word)
+    return network_file.weights_path(word)
 
 
 def rule_of_weights(config: Any) -> str:
@@ -241,21 +234,24 @@ def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[s
     for word in words:
         config = load_config("can", "simulated", word, files, assignments)
         if weights := _own_weights(config):
-            read_network(weights_path(weights))
+            network_file.read_network(network_file.weights_path(weights))
 
 
 def tell_untuned(config: Any, layers: Any) -> None:
     """Warn of a user's own weights with a rule that was tuned for others, or with the defaults.
     ``layers``: where the settings are from."""
     weights, name = _own_weights(config), config.detector_name
-    if not weights or weights_digest(weights_path(weights)) == PACKAGED.get(name):
+    if not weights:
+        return
+    path = network_file.weights_path(weights)
+    if network_file.weights_digest(path) == network_file.PACKAGED.get(name):
         return  # a copy
     levels = {source for key, source in sources_of(layers).items() if key in RULE_LEVELS}
     if any(not Path(source).is_relative_to(config_dir()) for source in levels):
         return  # a rule of the user's own
     whose = f"the rule of the packaged {name}, tuned for other weights"
     made = shlex.join((name, "--set", f"network.weights={weights}"))
-    if name not in PACKAGED:
+    if name not in network_file.PACKAGED:
         whose, made = "no rule that was tuned for it", shlex.quote(name)
     exits.report_line(f"{weights} is used with {whose}")
     exits.say(f"`grasp detector tune {made} --data DIR` makes one, for --config")
@@ -266,5 +262,5 @@ def _own_weights(config: Any) -> str:
     if config.detector_section != NETWORK:
         return ""
     name = config.detector_name
-    weights: str = config.network.weights or (name if is_weights(name) else "")
+    weights: str = config.network.weights or (name if network_file.is_weights(name) else "")
     return weights

@@ -9,19 +9,8 @@ from drivers.errors import UsageError
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SPREADS, TO_BASIC, other_than_basic
 from drivers.ur.link import preflight
-from grasp.cli import exits
+from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
-from grasp.cli.lab import (
-    Done,
-    confirm,
-    lab_config,
-    perform,
-    say,
-    tell,
-    tell_mode,
-    tell_slow,
-    tell_weak,
-)
 from scenarios.lab import arm, hand, ready
 from scenarios.rigs.device_checks import STRANGE, arm_checks, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
@@ -35,7 +24,7 @@ OPEN = (0, 0, 0)
 
 
 def status(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
     return _arm_status(args, config) if args.device == "arm" else _gripper_status(args, config)
 
 
@@ -48,15 +37,15 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     strange, fault, lines = protocol.doubts(now, before), FAULTS[now.fault], protocol.lines(now)
     code = exits.DEVICE if strange or fault.code else exits.SUCCESS
     value = {"gripper": where, "registers": lines, "doubts": strange}
-    tell(args, Done(_listed(f"gripper at {where}", lines), value, code))
+    lab.tell(args, lab.Done(_listed(f"gripper at {where}", lines), value, code))
     if args.json:
         return code
     for each in strange:
-        say(f"{each} ({STRANGE})")
+        lab.say(f"{each} ({STRANGE})")
     if fault.code:
-        say(f"{fault.text} ({fault.remedy})")
+        lab.say(f"{fault.text} ({fault.remedy})")
     if now.ready and (other := other_than_basic(now.mode)):
-        say(f"the hand is {other} ({TO_BASIC})")
+        lab.say(f"the hand is {other} ({TO_BASIC})")
     return code
 
 
@@ -71,10 +60,10 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS
     value = {"arm": host, "state": state, "checks": [check._asdict() for check in checks]}
-    tell(args, Done(_listed(f"arm at {host}", state), value, code))
+    lab.tell(args, lab.Done(_listed(f"arm at {host}", state), value, code))
     if not args.json:
         for check in against:
-            say(f"{check.detail} ({check.remedy})")
+            lab.say(f"{check.detail} ({check.remedy})")
     return code
 
 
@@ -83,7 +72,7 @@ def _listed(title: str, lines: list[str]) -> str:
 
 
 def gripper_activate(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
 
     def look() -> str:
         to_open(config)  # raises without a calibration
@@ -91,17 +80,17 @@ def gripper_activate(args: argparse.Namespace) -> int:
         return IDLE if seen is None else SET_BASIC if seen.well else ALL
 
     def ask() -> None:
-        confirm("activation opens and closes the hand fully, with a force that nobody sets. Is it "
-                "empty, and everybody's hands away?", "empty", args.empty)  # fmt: skip
-        say(f"will {ALL}, if it is not active; {SET_BASIC}, if it is active in another")
+        lab.confirm("activation opens and closes the hand fully, with a force that nobody sets. Is "
+                    "it empty, and everybody's hands away?", "empty", args.empty)  # fmt: skip
+        lab.say(f"will {ALL}, if it is not active; {SET_BASIC}, if it is active in another")
 
-    def act(permit: Any) -> Done:
-        positions = hand.activate_hand(config, permit, say)
+    def act(permit: Any) -> lab.Done:
+        positions = hand.activate_hand(config, permit, lab.say)
         if positions is None:
-            return Done("already active: nothing moved")
-        return Done(f"active, fingers at {positions} counts")
+            return lab.Done("already active: nothing moved")
+        return lab.Done(f"active, fingers at {positions} counts")
 
-    return perform(args, config, lambda: ALL, look, act, ask)
+    return lab.perform(args, config, lambda: ALL, look, act, ask)
 
 
 def gripper_close(args: argparse.Namespace) -> int:
@@ -133,22 +122,20 @@ def _move(
         to = targets(seen.state.positions)
         if closing:
             ready.check_close(config, seen, to)
-        tell_mode(config, opened=not closing)
+        lab.tell_mode(config, opened=not closing)
         moving = config if closing else to_open(config)
         return _motion(moving, seen.state.positions, to) + order
 
-    def act(permit: Any) -> Done:
+    def act(permit: Any) -> lab.Done:
         with hand.open_hand(config, permit, closing=bool(closing)) as opened:
             to = targets(opened.state.positions)
-            say(f"will {_motion(config, opened.state.positions, to)}{order}")
-            moved = opened.close(to, say) if closing else opened.move(to, say)
+            lab.say(f"will {_motion(config, opened.state.positions, to)}{order}")
+            moved = opened.close(to, lab.say) if closing else opened.move(to, lab.say)
         code = exits.DEVICE if moved.fault else exits.SUCCESS
-        return Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
+        return lab.Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
 
-    def warn() -> None:
-        tell_mode(config)
-
-    return perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act, warn)
+    return lab.perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act,
+                   lambda: lab.tell_mode(config))  # fmt: skip
 
 
 def release(args: argparse.Namespace) -> int:
@@ -161,31 +148,31 @@ def release(args: argparse.Namespace) -> int:
             if not args.activate:
                 raise not_active(seen.state, "the same with --activate")
             return f"activate the hand: {ALL}, then open it"
-        tell_mode(config, opened=True)
+        lab.tell_mode(config, opened=True)
         return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
-    def act(permit: Any) -> Done:
+    def act(permit: Any) -> lab.Done:
         make_ready(config, permit, args.activate)
         with hand.open_hand(config, permit, closing=False) as opened:
             will = _motion(to_open(config), opened.state.positions, OPEN)
-            say(f"will {will}{_spread(opened.mode)}")
-            moved = opened.open(say)
+            lab.say(f"will {will}{_spread(opened.mode)}")
+            moved = opened.open(lab.say)
         which, others = f"gripper at {gripper_address(config)}", other_devices(config)
         text = _listed(f"released on rig {args.rig}: {which}, {moved.in_words()}",
                        [f"{device}: {state}" for device, state in others.items()])  # fmt: skip
-        tell_mode(config, opened=True)
+        lab.tell_mode(config, opened=True)
         value = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}
-        return Done(text, {**value, **others})
+        return lab.Done(text, {**value, **others})
 
-    return perform(
+    return lab.perform(
         args, config, lambda: f"open all fingers at {_speed(to_open(config))}", look, act
     )
 
 
 def _hand_config(args: argparse.Namespace) -> Any:
     """What its calibration claims is told before anything else, of a dry run too."""
-    config = lab_config(args)
-    tell_weak(config.calibration)
+    config = lab.load_config(args)
+    lab.tell_weak(config.calibration)
     return config
 
 
@@ -205,7 +192,7 @@ def _spread(mode: int) -> str:
 
 
 def arm_step(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
     arm.checked_step(by_m)
     arm.check_inside(config, by_m)
@@ -220,23 +207,24 @@ def arm_step(args: argparse.Namespace) -> int:
         return would
 
     def warn() -> None:
-        say(f"will {plan()}")
-        tell_slow(config)
+        lab.say(f"will {plan()}")
+        lab.tell_slow(config)
 
-    def act(permit: Any) -> Done:
-        at_m = arm.step_arm(config, permit, by_m, say)
-        return Done(f"the arm stands at {_position(at_m)}, after {way}")
+    def act(permit: Any) -> lab.Done:
+        at_m = arm.step_arm(config, permit, by_m, lab.say)
+        return lab.Done(f"the arm stands at {_position(at_m)}, after {way}")
 
-    return perform(args, config, plan, look, act, warn)
+    return lab.perform(args, config, plan, look, act, warn)
 
 
 def arm_stop(args: argparse.Namespace) -> int:
-    config = lab_config(args)
+    config = lab.load_config(args)
     if args.dry_run:
         would = f"end any program that runs on the arm at {arm_address(config)}"
-        return tell(args, Done(would), "would")
-    return tell(
-        args, Done(f"the arm stands at {_position(arm.stop_arm(config))}, no program runs on it")
+        return lab.tell(args, lab.Done(would), "would")
+    return lab.tell(
+        args,
+        lab.Done(f"the arm stands at {_position(arm.stop_arm(config))}, no program runs on it"),
     )
 
 

@@ -26,7 +26,7 @@ READS = 4  # at once
 say = exits.report_line  # on standard error: what will move, or what became of what was stopped
 
 
-def lab_config(args: argparse.Namespace) -> Any:
+def load_config(args: argparse.Namespace) -> Any:
     """Settings for a lab's own devices; raises UsageError for a rig that has none."""
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:

@@ -1,6 +1,5 @@
 """The `grasp` command. Heavy imports are inside the commands, so that `--help` answers at once."""
 
-import argparse
 import os
 import sys
 import traceback
@@ -111,24 +110,17 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         args = build_parser().parse_args(words)
     except UsageError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
-    code = _done(args, as_json)
+    code = exits.SUCCESS
     try:
+        run = getattr(module_of(args.command), args.command.replace(" ", "_"))
+        code = int(run(args))
         sys.stdout.flush()
+        interruption.check_put_off()
     except UnreadError:
         signalled = exits.nobody_reads()
         return code or signalled
     except OSError as error:
         return code or _failed(error, as_json)
-    return code
-
-
-def _done(args: argparse.Namespace, as_json: bool) -> int:
-    try:
-        run = getattr(module_of(args.command), args.command.replace(" ", "_"))
-        code = int(run(args))
-        interruption.check_put_off()
-    except UnreadError:
-        return exits.nobody_reads()
     except BaseException as error:  # some of somebody's library, as its sys.exit()
         return _failed(error, as_json)
     return code
@@ -158,13 +150,8 @@ def _check_text(words: Sequence[str]) -> None:
     """Raises UsageError for what no file can be called: a message that names it could not be
     written either."""
     for word in words:
-        if "\0" in word:
-            raise UsageError(f"{word}: holds a NUL character", "leave it out")
-        try:
-            word.encode()
-        except UnicodeEncodeError:
-            remedy = "write it in UTF-8, or rename the file"
-            raise UsageError(f"{word}: is no text in UTF-8", remedy) from None
+        if "\0" in word or word.encode(errors="replace").decode() != word:
+            raise UsageError(f"{word}: no text in UTF-8 without NUL", "name it otherwise")
 
 
 def _of_the_system(error: OSError) -> tuple[str, str, str]:
