@@ -19,7 +19,6 @@ from grasp.cli.parser import Parser
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 LABELS = ("slip", "slip_true", "moved")
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
-MOST_BUDGET = 6000  # false events a minute
 NO_LIMIT_MINUTES = 1e9
 TRY, MEASURE, LAB, SET_UP = "try", "measure", "a lab's devices", "set up"  # sections of the help
 ROOT = (
@@ -218,7 +217,7 @@ def _add_detector(group: Parser) -> None:
         ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",))  # fmt: skip
     tune.option("detector NAME", "one of config/detectors, or your own")
     tune.option("--budget N", "false events a minute of all three fingers; too little rest for "
-        "one event is refused; 0: none in the rest that the data have", decimal(0, MOST_BUDGET),
+        "one event is refused; 0: none in the rest that the data have", decimal(0, 6000),
         default=1.0)  # fmt: skip
     source = tune.add_mutually_exclusive_group(required=True)
     source.add_argument("--data", type=Path, nargs="+", metavar="DIR", help=labelled)

@@ -81,7 +81,9 @@ def _show(args: argparse.Namespace) -> int:
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     for word in args.section:
-        _check_section(word, sections, config)
+        if word not in sections:
+            hint = settings.meant(word, sections)
+            raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")
     shown = args.section or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):
@@ -108,14 +110,3 @@ def _from(source: str | None) -> str:
     path = Path(source)
     inside = path.is_relative_to(settings.config_dir())
     return f"from {path.relative_to(settings.config_dir()) if inside else source}"
-
-
-def _check_section(word: str, sections: list[str], config: Any) -> None:
-    """Raises UsageError for a section that the settings do not have."""
-    if word == "detector":
-        raise UsageError("no section 'detector'", f"see [{config.detector_section}] and [rule] for "
-            f"the chosen {config.detector_name}; `grasp detector card` lists all "
-            "detectors")  # fmt: skip
-    if word not in sections:
-        hint = settings.meant(word, sections)
-        raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")

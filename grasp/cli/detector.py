@@ -3,7 +3,6 @@ decision rule of a user's own network was made for it."""
 
 import argparse
 import json
-import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,6 @@ from detector.interface import DETECTORS
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
-from grasp.cli.commands import MOST_BUDGET
 from grasp.cli.options import check_writable
 from grasp.cli.output import listing, progress, show
 from grasp.files import write_whole
@@ -29,7 +27,6 @@ from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
 FEW_EVENTS = 5  # that the minutes tuned on may have
-SHORT_MINUTES = 2.0
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # of either kind of rule
 
 
@@ -109,10 +106,8 @@ def _tune_labelled(args: argparse.Namespace) -> int:
         its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
         part = evidence(its, chosen.rule)
         lines.append(f"{folder}: {part.caught} of {part.slips} slips apart from taps, "
-                     f"{part.false} false in {rest_text(part.minutes)} of a hand at "
+                     f"{part.false} false in {60.0 * part.minutes:.1f} s of a hand at "
                      "rest")  # fmt: skip
-    if chosen.rule == made.config.rule:
-        lines.append("which is the rule that there was")
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
         lines.append("that is little: one more or less of either would make another rule; give "
                      "more recordings, or simulated sets beside")  # fmt: skip
@@ -120,26 +115,13 @@ def _tune_labelled(args: argparse.Namespace) -> int:
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
-    """Raises UsageError for less of a hand's rest than one false event of the budget needs: there
-    any rule that makes none is within it, and nothing tells them apart. ``more``: what would do.
-
-    A budget of none at all is asked of whatever there is.
-    """
-    if minutes * budget >= 1.0 or budget == 0.0:
-        return
-    event = looser = ""
-    if minutes > 0.0:
-        event = f", in which one false event would be {1.0 / minutes:.3g} a minute"
-        least = math.ceil(1.0 / minutes)
-        least += minutes * least < 1.0  # as floats multiply
-        looser = f", or --budget {least}" if least <= MOST_BUDGET else ""
-    raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {rest_text(minutes)} of a "
-                     f"hand at rest{event}", f"give {more}{looser}")  # fmt: skip
-
-
-def rest_text(minutes: float) -> str:
-    """How long, in seconds where minutes would round to next to nothing."""
-    return f"{minutes:.1f} minutes" if minutes >= SHORT_MINUTES else f"{60.0 * minutes:.1f} s"
+    """Raises UsageError for less of a hand's rest than one false event of the budget needs: nothing
+    tells rules apart that make none. ``more``: what would do. A budget of 0 needs no test."""
+    if minutes * budget < 1.0 and budget > 0.0:
+        event = f", where one false event is {1.0 / minutes:.3g} a minute" if minutes else ""
+        raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
+                         f"of a hand at rest{event}", f"give {more}, or a greater "
+                         "--budget")  # fmt: skip
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
@@ -147,11 +129,9 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
     found = tune_unlabelled(config, args.unlabelled, args.budget)
-    what = "limit" if found.rule.kind == "cusum" else "log-odds of the threshold"
-    low, high = found.interval
-    lines = [f"{found.minutes:.1f} minutes of hold, {found.load_counts:.0f} counts of load; "
-             f"{args.budget:g} false events a minute: {what} {found.level:.2f} "
-             f"[{low:.2f}, {high:.2f}]"]  # fmt: skip
+    known = {k: v for k, v in msgspec.structs.asdict(found).items() if k != "rule"}
+    lines = ["on the holds; the level is the limit of a cusum, else log-odds of the threshold:",
+             *listing(known).splitlines()]  # fmt: skip
     if found.rule == config.rule:
         lines.append("less than the rule has, which is kept: a still hand knows nothing of "
                      "closing, of lifting or of taps")  # fmt: skip
@@ -173,13 +153,7 @@ def detector_card(args: argparse.Namespace) -> int:
     name = args.network
     if name is None:
         return _list(args)
-    if name in FORMULAS:
-        raise UsageError(f"{name} is a formula: it has no weights, and so no card",
-            f"`grasp config {FORMULAS[name]} --detector {name}` has its settings, `grasp detector "
-            "card` every detector")  # fmt: skip
     found = msgspec.to_builtins(network_file.read_network(network_path(name)).card)
-    if found["mode"] != "window":  # an output depends on the newest sample too, or on all
-        found["samples"] = found["window"] + 1 if found["window"] else "all, in a state that fades"
     text = listing(found)
     if (rule := _packaged_rule(name)) is not None:
         found["rule"] = rule

@@ -12,7 +12,6 @@ from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.commands import NO_LIMIT_MINUTES
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
@@ -150,36 +149,21 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
         progress("training", hidden=args.json, every_s=TELL_S) as bar,
         interruption.watched(),
     ):
-        reporter = Reporter(log, bar, args.minutes)
-        training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
+        smooth: float | None = None
+
+        def tell(p: Any) -> None:  # the bar is for a person, the log has a line a validation
+            nonlocal smooth
+            smooth = p.loss if smooth is None else 0.98 * smooth + 0.02 * p.loss
+            best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
+            bar(p.step, int(p.steps), f"training, loss {smooth:.3f}{best}")
+            if (s := p.score) is not None:
+                log.write(
+                    f"step {p.step} minutes {p.minutes:.2f} loss {smooth:.4f} validation loss "
+                    f"{s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
+                )
+                log.flush()
+            interruption.check()
+
+        training.run(args.minutes, out.with_suffix(".checkpoint"), tell)
     interruption.check()
     return export(training, validation, out, versions()["commit"])
-
-
-class Reporter:
-    """How far it is for a person, one plain line a validation for the log."""
-
-    def __init__(self, log: Any, bar: Any, minutes: float = NO_LIMIT_MINUTES) -> None:
-        """``minutes``: of the processor, after which the training ends."""
-        self._log, self._bar, self._minutes = log, bar, minutes
-        self._smooth: float | None = None
-
-    def tell(self, p: Any) -> None:
-        before = p.loss if self._smooth is None else self._smooth
-        self._smooth = 0.98 * before + 0.02 * p.loss
-        best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-        self._bar(p.step, self._last_step(p), f"training, loss {self._smooth:.3f}{best}")
-        if p.score is not None:
-            s = p.score
-            self._log.write(
-                f"step {p.step} minutes {p.minutes:.2f} loss {self._smooth:.4f} validation "
-                f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
-            )
-            self._log.flush()
-        interruption.check()
-
-    def _last_step(self, p: Any) -> int:
-        """Where it ends: with its steps, or with its minutes before, at the pace until now."""
-        if self._minutes >= NO_LIMIT_MINUTES or p.minutes <= 0.0:
-            return int(p.steps)
-        return int(max(p.step, min(p.steps, p.step * self._minutes / p.minutes)))

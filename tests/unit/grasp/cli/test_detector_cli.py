@@ -89,8 +89,8 @@ def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
     said = capsys.readouterr()
     assert said.out == ""
     assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in said.err
-    assert "one false event would be 11.2 a minute" in said.err
-    assert "or --budget 12)" in said.err
+    assert "one false event is 11.2 a minute" in said.err
+    assert "or a greater --budget)" in said.err
     assert main([*tune, "12"]) == 0
 
 
