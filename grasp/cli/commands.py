@@ -54,19 +54,21 @@ def build_parser() -> Parser:
         "Prints every setting with its value, its allowed range and its source. With FILE (your "
         "own .toml: an object, surface, calibration, rig, campaign, data set, or settings for "
         "--config) it checks that file alone instead. Opens no device and runs no trial, but loads "
-        "the detectors of a campaign. Exit code 2 if a file is wrong.", ("grasp config object "
-        "--object ball", "grasp config --config lab.toml --config grip.toml", "grasp config "
-        "mug.toml cell.toml lab.toml"), section=SET_UP)  # fmt: skip
+        "the detectors of a campaign. Exit code 2 if a file is wrong.", (
+        "grasp config object --object ball", "grasp config mug.toml cell.toml lab.toml",
+        "grasp config --config lab.toml --config grip.toml"), section=SET_UP)  # fmt: skip
     config.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     share(config, "object profile detector rig config set json")
     return root
 
 
 def _add_run(group: Parser) -> None:
-    lift = group.command("lift", "lift an object held too weakly", "", ("grasp run lift --object "
-        "can", "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report", "grasp run "
-        "lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json", "grasp run lift --rig "
-        "cell.toml --config grip.toml --trials 20 --confirm-motion"))  # fmt: skip
+    lift = group.command("lift", "lift an object held too weakly", "", (
+        "grasp run lift --object can",
+        "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
+        "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
+        "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
+    ))  # fmt: skip
     lift.flag("--keep", "keep holding the object instead of setting it down")
     lift.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at half "
         "speed and the least force, with a question before each")  # fmt: skip
@@ -155,8 +157,9 @@ def _add_campaign(group: Parser) -> None:
     run = group.command("run", "run the trials of a campaign file", ". Runs every trial of a "
         "campaign file and writes each as a row of an SQLite file when it finishes. Exit code 0 "
         "when every trial ran, whatever its verdict; 1 if any errored; 130 when interrupted, with "
-        "all finished rows kept.", ("grasp campaign run paper", "grasp campaign run mine.toml "
-        "--jobs 4 --config lab.toml", "grasp campaign run mine.toml --resume"))  # fmt: skip
+        "all finished rows kept.", ("grasp campaign run paper",
+        "grasp campaign run mine.toml --jobs 4 --config lab.toml",
+        "grasp campaign run mine.toml --resume"))  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
         file_with_folders)  # fmt: skip
@@ -246,16 +249,12 @@ def _add_train(train: Parser, labelled: str) -> None:
     train.option("--steps N", "optimiser steps", whole(1, 10**9))
     train.option("--validations N", "validations, evenly over the steps (default: the network's)",
         whole(1, 1000))  # fmt: skip
-    train.option("--patience N", "stop after this many validations without improvement (default: "
-        "8)", whole(1, 1000))  # fmt: skip
     train.option("--minutes M", "processor minutes after which it ends with what it has (default: "
         "no limit)", decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES)  # fmt: skip
     train.option("--augmentation", "four symmetries at 25 %% and noise of 1 %% of the range (the "
         "paper's text), half turns at 75 %% and noise of half a count (its code as it ran), or "
         "ours: symmetries, gain, offset, noise, lost samples, dead, stuck and swapped taxels",
         choices=("none", "paper", "as-run", "ours"))  # fmt: skip
-    train.option("--balance", "weight the classes, or (windows only) draw equal numbers per epoch",
-        choices=("weights", "undersample"))  # fmt: skip
     train.flag("--windows", "tcn-paper: learn from the last sample of windows alone, at one rate, "
         "as its authors did")  # fmt: skip
     train.option("--label", "what to learn: slip by the fingertip's speed, slip of the contact "
@@ -364,8 +363,9 @@ def _add_calibrate(group: Parser) -> None:
         "a scale against it, and type what they say; nothing is moved", "", (
         "grasp calibrate force --finger B --out force-B.toml --config lab.toml",))  # fmt: skip
     hand = group.command("hand", "force byte 0 to newtons (an upper bound): the finger presses on "
-        "a scale, and you type what it says", "", ("grasp calibrate hand --up-to 16 --out "
-        "hand3.toml --config lab.toml --confirm-motion",))  # fmt: skip
+        "a scale, and you type what it says", "", (
+        "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
+    ))  # fmt: skip
     hand.option("--presses N", "presses of force byte 0; a hand that presses with less than the "
         f"manual's {MANUAL_LEAST_N:g} N gets at least ten", whole(4, 100),
         default=10)  # fmt: skip

@@ -23,10 +23,7 @@ from scenarios.trial.result import versions
 
 TELL_S = 10.0  # at least so often how far a training is
 # options that are settings of a training
-SETTINGS = (
-    *("seed", "steps", "augmentation", "balance", "label", "moved_m"),
-    *("validations", "patience"),
-)
+SETTINGS = ("seed", "steps", "augmentation", "label", "moved_m", "validations")
 
 
 def dataset_build(args: argparse.Namespace) -> int:
@@ -100,7 +97,7 @@ def detector_train(args: argparse.Namespace) -> int:
     if training.step < training.settings.steps:
         why = "its minutes were spent (--minutes)"
         if training.stands_still:
-            why = "validation improved no more (--patience)"
+            why = "validation improved no more"
         exits.say(f"ended before its {training.settings.steps} steps: {why}")
     if (rule := out.with_suffix(".toml")).is_file():
         exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
