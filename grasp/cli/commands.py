@@ -134,9 +134,8 @@ def _add_recordings(root: Parser) -> None:
         "evaluation of detectors: false events against delay, calibration, the worst misses.", (
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
-    report.option("run RUN", "folder or recording.mcap of a lift or a tap, a folder of such "
-        "folders (each gets a page of its own), the SQLite file of a campaign, or the .json file "
-        "of `grasp detector evaluate --out`", Path)  # fmt: skip
+    report.option("run RUN", "folder or recording.mcap of a lift or a tap, the SQLite file of a "
+        "campaign, or the .json file of `grasp detector evaluate --out`", Path)  # fmt: skip
     report.option("--out FILE.html", "(default: beside the recording, or beside the file of a "
         "campaign or an evaluation, with its name)", file_to_write)  # fmt: skip
     export = root.command("export", "a run or a campaign as a CSV table, a run as a picture, or a "

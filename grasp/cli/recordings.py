@@ -112,36 +112,8 @@ def _line(name: str, result: dict[str, Any]) -> str:
 def report(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix != ".html":
         raise UsageError(f"--out {args.out}: not an HTML file name", "use one that ends in .html")
-    found = _runs(args.run)
-    if args.out is not None and len(found) > 1:
-        raise UsageError(f"{args.run} holds {len(found)} runs", "leave --out out, or name one run")
-    code = exits.SUCCESS
-    for run in found:
-        try:
-            print(write_page(run, args.out))
-        except (BadFile, UsageError) as error:
-            if len(found) == 1:
-                raise
-            code = exits.report(error.kind, error.message, error.remedy, as_json=False)
-    return code
-
-
-def _runs(path: Path) -> list[Path]:
-    """The run at a path, or the lifts and taps in it; raises BadFile where there is none."""
-    from detector.recordings import SUFFIX
-    from scenarios.acquire.acquire import SAMPLES
-    from scenarios.trial.run_folder import RECORDING
-
-    remedy = f"give the folder of a run, with a {RECORDING}; `grasp runs` lists them"
-    if not path.exists():
-        raise BadFile(path, "is not there", remedy)
-    if not path.is_dir() or (path / RECORDING).exists():
-        return [path]
-    found = [file.parent for file in sorted(path.glob(f"*/{RECORDING}"))]
-    found = [run for run in found if not list(run.glob(f"{SAMPLES}*{SUFFIX}"))]
-    if not found:
-        raise BadFile(path, "is no run: there is no recording in it", remedy)
-    return found
+    print(write_page(args.run, args.out))
+    return exits.SUCCESS
 
 
 def write_page(run: Path, out: Path | None = None) -> Path:
