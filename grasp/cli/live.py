@@ -29,14 +29,13 @@ class Display:
     """Follows runs tick by tick. In wall time another process draws; in virtual time this one.
 
     ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` leaves
-    plain lines to registrations. ``onlooker``: who draws, in place of one of its own.
+    plain lines to registrations. ``page``: of ``viewed``, which follows too.
     """
 
     def __init__(
-        self, rig: str, quiet: bool, plain: bool = False, brief: bool = False,
-        onlooker: Onlooker | None = None,
-    ) -> None:  # fmt: skip
-        self._rig = rig
+        self, rig: str, quiet: bool, plain: bool = False, brief: bool = False, page: Any = None
+    ) -> None:
+        self._rig, self._page = rig, page
         self._panel = sys.stdout.isatty() and not plain
         self._brief = brief and not self._panel
         self._phase: State | None = None
@@ -50,7 +49,7 @@ class Display:
         if rig == "simulated":
             self._here = view.Panel() if self._panel else view.Lines()
         else:
-            self._there = onlooker or Onlooker(view)
+            self._there = Onlooker(view)
             self._there.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
@@ -72,6 +71,8 @@ class Display:
     def trial(self, number: int, of: int) -> None:
         """Which of several trials is shown from now on."""
         self._trial = f"trial {number} of {of}" if of > 1 else ""
+        if self._page is not None:
+            self._page.trial(number)
 
     def tick(self, tick: Tick) -> None:
         """Show one tick, if it is time or something happened."""
@@ -86,13 +87,18 @@ class Display:
 
     def sample(self, sample: Any) -> None:
         """Show one sample of ``scenarios.acquire.session``."""
+        if self._page is not None:
+            self._page.watch(sample)
         self._ticks += 1
         if self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0:
             self._show(view.Busy(view.sample_line(sample)))
 
-    def note(self, text: str) -> None:
-        """A line between two runs."""
-        self.tell(view.Note(text))
+    def ended(self, text: str, note: bool) -> None:
+        """What a run has become; ``note``: leave a line of it between two runs."""
+        if self._page is not None:
+            self._page.feed.say(text)
+        if note:
+            self.tell(view.Note(text))
 
     def _show(self, message: view.Message) -> None:
         """During a run. A screen that is gone must not stop it: nothing more is shown then."""

@@ -94,21 +94,15 @@ def run_acquire(args: argparse.Namespace) -> int:
         tell_slow(config)
     title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (
-        Display(config.rig, quiet=args.json) as display,
-        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as live,
+        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as page,
+        Display(config.rig, quiet=args.json, page=page) as display,
     ):
         display.setting_up(hand=False)
-
-        def watch(sample: Any) -> None:
-            display.sample(sample)
-            if live is not None:
-                live.watch(sample)
-
         done = acquire.run(
-            config, course, args.seed, args.seconds, args.runs, is_paced(args), watch, permit
-        )
-        if live is not None:
-            live.feed.say(done.in_short())
+            config, course, args.seed, args.seconds, args.runs, is_paced(args), display.sample,
+            permit,
+        )  # fmt: skip
+        display.ended(done.in_short(), note=False)
     if done.failure is None:
         return show(args, done, done.as_text)
     if not args.json:

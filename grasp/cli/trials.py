@@ -100,19 +100,13 @@ def _follow(
     rows: dict[int, Any] = {}
     failure: Any = None
     with (
-        Display(config.rig, args.json, plain=operator is not None, brief=not single) as display,
-        viewed(args, lambda: LiveTrials(config, title, of)) as live,
+        viewed(args, lambda: LiveTrials(config, title, of)) as page,
+        Display(config.rig, args.json, operator is not None, not single, page=page) as display,
     ):
         display.setting_up()
-
-        def begins(number: int, of: int) -> None:
-            display.trial(number, of)
-            if live is not None:
-                live.trial(number)
-
         bench = Bench(
-            args.runs, is_paced(args), display.tick, operator, permit, on_trial=begins,
-            watch=None if live is None else live.watch, placed=args.first,
+            args.runs, is_paced(args), display.tick, operator, permit, on_trial=display.trial,
+            watch=None if page is None else page.watch, placed=args.first,
         )  # fmt: skip
         try:
             for finished, row in experiments.run(experiment, bench, store):
@@ -122,12 +116,9 @@ def _follow(
                 if result is None:
                     continue
                 results[result.seed] = result
-                if live is not None:
-                    live.feed.say(trial_line(result))
-                if not single:
-                    if args.json:
-                        aside(trial_line(result))
-                    display.note(trial_line(result))
+                if args.json and not single:
+                    aside(trial_line(result))
+                display.ended(trial_line(result), note=not single)
         except KeyboardInterrupt as stop:
             if single:
                 raise
