@@ -26,7 +26,7 @@ ROOT = (
     "3-Finger gripper as fast as it can within a force limit."
 )
 ROOT_END = (
-    "`grasp VERB --help` has a verb's options and examples. Exit codes: 0 success, 1 trial failed, "
+    "`grasp COMMAND --help` has its options and examples. Exit codes: 0 success, 1 trial failed, "
     "2 usage or configuration, 3 device, 4 safety stop, 5 could not record or internal error, 130 "
     "interrupted (143 told to end, 129 terminal closed)."
 )
@@ -69,12 +69,14 @@ def _add_run(group: Parser) -> None:
         "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
         "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
     ))  # fmt: skip
-    lift.flag("--keep", "keep holding the object instead of setting it down")
-    lift.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at half "
-        "speed and the least force, with a question before each")  # fmt: skip
     tap = group.command("tap", "strike an object held at the force cap", "", (
         "grasp run tap --object ball",
         "grasp run tap --object can --rig simulated --trials 5 --direction side"))  # fmt: skip
+    for parser in (lift, tap):
+        share(parser, "object profile detector rig seed config set")
+    lift.flag("--keep", "keep holding the object instead of setting it down")
+    lift.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at half "
+        "speed and the least force, with a question before each")  # fmt: skip
     tap.option("--direction DIR", "direction of the taps: top, side (across the closing axis), "
         "alternate (the two in turn), or closing (along that axis; default: "
         "alternate)")  # fmt: skip
@@ -91,7 +93,6 @@ def _add_run(group: Parser) -> None:
     press.option("--seconds S", "length of the recording", decimal(1, 3600), default=20.0)
     share(press, "rig seed config set")
     for name, parser in (("lift", lift), ("tap", tap)):
-        share(parser, "object profile detector rig seed config set")
         parser.option("--trials N", "number of trials in sequence, with seeds from --seed on "
             f"(default: {TRIALS[name]})", whole(1, 10_000))  # fmt: skip
         parser.option("--out FILE", "write one row per trial to this SQLite file; `grasp runs "

@@ -81,7 +81,7 @@ class Parser(argparse.ArgumentParser):
         ``section``: of a help that lists commands in sections."""
         if self._commands is None:
             self._commands = self.add_subparsers(
-                metavar="ACTION", required=True, parser_class=Parser
+                metavar="COMMAND", required=True, parser_class=Parser
             )
         if section:
             listed = argparse.Action([], name, help=text)
