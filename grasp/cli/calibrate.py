@@ -64,7 +64,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def look() -> str:
         ready.check_pressing(config, hearing=False)
-        lab.tell_mode(config)
+        lab.warn_of_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
@@ -93,7 +93,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
-    lab.tell_weak(config.calibration)
+    lab.warn_of_weak_calibration(config.calibration)
     guard_of(config)  # raises where a run would be refused
 
     def plan() -> str:
@@ -102,7 +102,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def look() -> str:
         ready.check_close(config, ready.active_hand(config), CLOSED)
-        lab.tell_mode(config)
+        lab.warn_of_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
@@ -124,7 +124,7 @@ def _measure(
 
     def ask() -> None:
         if moves:
-            lab.tell_mode(config)
+            lab.warn_of_mode(config)
             if on_scale:
                 lab.confirm(ON_SCALE, "scale", args.scale)
         operator.expect()
@@ -284,10 +284,10 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
         search = msgspec.structs.replace(search, close_rounds=args.rounds)
     with progress("fitting", hidden=args.json) as bar:
 
-        def tell(done: int, total: int, best: float) -> None:
+        def report(done: int, total: int, best: float) -> None:
             bar(done, total, f"fitting, misfit {best:.2f}")
 
-        return fit(real, FitSetup(), search, tell)
+        return fit(real, FitSetup(), search, report)
 
 
 def _draw(out: Path, setup: Any, recording: Any) -> None:

@@ -59,7 +59,7 @@ def campaign_run(args: argparse.Namespace) -> int:
     out, last = args.out or default_path(spec), None
     with progress(spec.name, hidden=args.json) as bar:
 
-        def tell(at: Any) -> None:
+        def report(at: Any) -> None:
             nonlocal last
             last = at
             good = f", {at.successes / at.new:.0%} succeeded" if at.new else ""
@@ -67,7 +67,7 @@ def campaign_run(args: argparse.Namespace) -> int:
             bar(at.new, at.total - at.done + at.new, f"{spec.name}{good}{wrong}")
 
         try:
-            ended = run(spec, out, workers(args), args.resume, tell)
+            ended = run(spec, out, workers(args), args.resume, report)
         except KeyboardInterrupt:
             kept = "interrupted before any trial ended"
             if last is not None:

@@ -11,7 +11,7 @@ import msgspec
 from drivers.errors import GraspError, UsageError
 from grasp import settings
 from grasp.cli import exits
-from grasp.cli.detector import check_weights, tell_untuned
+from grasp.cli.detector import check_weights, warn_of_untuned_rule
 from grasp.cli.output import show
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
@@ -87,7 +87,7 @@ def _show(args: argparse.Namespace) -> int:
     shown = args.section or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):
-        tell_untuned(config, layers)
+        warn_of_untuned_rule(config, layers)
 
     def text() -> str:
         sources, lines = settings.sources_of(layers), []

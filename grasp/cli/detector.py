@@ -47,7 +47,9 @@ def detector_evaluate(args: argparse.Namespace) -> int:
     for name in args.detector:
         with progress(f"streaming {name}", hidden=args.json) as bar:
             made = contender(name, recordings, data, args.label, args.config, args.set, bar)
-        tell_untuned(made.config, trial_layers("can", "simulated", name, args.config, args.set))
+        warn_of_untuned_rule(
+            made.config, trial_layers("can", "simulated", name, args.config, args.set)
+        )
         sheet = made.evaluation()
         show(args, sheet, scores_text(sheet, made.config.rule))
         if args.out is not None:
@@ -211,7 +213,7 @@ def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[s
             network_file.read_network(network_file.weights_path(weights))
 
 
-def tell_untuned(config: Any, layers: Any) -> None:
+def warn_of_untuned_rule(config: Any, layers: Any) -> None:
     """Warn of a user's own weights with a rule that was tuned for others, or with the defaults.
     ``layers``: where the settings are from."""
     weights, name = _own_weights(config), config.detector_name

@@ -37,7 +37,7 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     strange, fault, lines = protocol.doubts(now, before), FAULTS[now.fault], protocol.lines(now)
     code = exits.DEVICE if strange or fault.code else exits.SUCCESS
     value = {"gripper": where, "registers": lines, "doubts": strange}
-    lab.tell(args, lab.Done(_listed(f"gripper at {where}", lines), value, code))
+    lab.print_done(args, lab.Done(_listed(f"gripper at {where}", lines), value, code))
     if args.json:
         return code
     for each in strange:
@@ -60,7 +60,7 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS
     value = {"arm": host, "state": state, "checks": [check._asdict() for check in checks]}
-    lab.tell(args, lab.Done(_listed(f"arm at {host}", state), value, code))
+    lab.print_done(args, lab.Done(_listed(f"arm at {host}", state), value, code))
     if not args.json:
         for check in against:
             lab.say(f"{check.detail} ({check.remedy})")
@@ -122,7 +122,7 @@ def _move(
         to = targets(seen.state.positions)
         if closing:
             ready.check_close(config, seen, to)
-        lab.tell_mode(config, opened=not closing)
+        lab.warn_of_mode(config, opened=not closing)
         moving = config if closing else to_open(config)
         return _motion(moving, seen.state.positions, to) + order
 
@@ -135,7 +135,7 @@ def _move(
         return lab.Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
 
     return lab.perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act,
-                   lambda: lab.tell_mode(config))  # fmt: skip
+                   lambda: lab.warn_of_mode(config))  # fmt: skip
 
 
 def release(args: argparse.Namespace) -> int:
@@ -148,7 +148,7 @@ def release(args: argparse.Namespace) -> int:
             if not args.activate:
                 raise not_active(seen.state, "the same with --activate")
             return f"activate the hand: {ALL}, then open it"
-        lab.tell_mode(config, opened=True)
+        lab.warn_of_mode(config, opened=True)
         return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
     def act(permit: Any) -> lab.Done:
@@ -160,7 +160,7 @@ def release(args: argparse.Namespace) -> int:
         which, others = f"gripper at {gripper_address(config)}", other_devices(config)
         text = _listed(f"released on rig {args.rig}: {which}, {moved.in_words()}",
                        [f"{device}: {state}" for device, state in others.items()])  # fmt: skip
-        lab.tell_mode(config, opened=True)
+        lab.warn_of_mode(config, opened=True)
         value = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}
         return lab.Done(text, {**value, **others})
 
@@ -172,7 +172,7 @@ def release(args: argparse.Namespace) -> int:
 def _hand_config(args: argparse.Namespace) -> Any:
     """What its calibration claims is told before anything else, of a dry run too."""
     config = lab.load_config(args)
-    lab.tell_weak(config.calibration)
+    lab.warn_of_weak_calibration(config.calibration)
     return config
 
 
@@ -208,7 +208,7 @@ def arm_step(args: argparse.Namespace) -> int:
 
     def warn() -> None:
         lab.say(f"will {plan()}")
-        lab.tell_slow(config)
+        lab.warn_of_slow_arm(config)
 
     def act(permit: Any) -> lab.Done:
         at_m = arm.step_arm(config, permit, by_m, lab.say)
@@ -221,8 +221,8 @@ def arm_stop(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     if args.dry_run:
         would = f"end any program that runs on the arm at {arm_address(config)}"
-        return lab.tell(args, lab.Done(would), "would")
-    return lab.tell(
+        return lab.print_done(args, lab.Done(would), "would")
+    return lab.print_done(
         args,
         lab.Done(f"the arm stands at {_position(arm.stop_arm(config))}, no program runs on it"),
     )

@@ -45,7 +45,7 @@ class Done(NamedTuple):
     code: int = exits.SUCCESS
 
 
-def tell(args: argparse.Namespace, done: Done, key: str = "done") -> int:
+def print_done(args: argparse.Namespace, done: Done, key: str = "done") -> int:
     """Print what was done, or would be done; returns the exit code."""
     if args.json:
         value = {key: done.text} if done.value is None else done.value
@@ -66,12 +66,12 @@ def perform(
     warns and asks. ``act``: moves, with the permit; of what does not move, without.
     """
     if args.dry_run:
-        return tell(args, Done(look()), "would")
+        return print_done(args, Done(look()), "would")
     permit = motion_permit(config, args, plan) if moves else None
     before()
     with interruption.held():
         done = act(permit)
-    return tell(args, done)
+    return print_done(args, done)
 
 
 def motion_permit(
@@ -91,13 +91,13 @@ def motion_permit(
 # Warnings on standard error
 
 
-def tell_weak(calibration: Any) -> None:
+def warn_of_weak_calibration(calibration: Any) -> None:
     """What a calibration claims against the manual, if it does."""
     if calibration is not None and (claim := weak_claim(calibration)):
         say(claim)
 
 
-def tell_slow(config: Any) -> None:
+def warn_of_slow_arm(config: Any) -> None:
     """What the arm's speed slider makes of its speeds; what refuses a run, or does not answer, is
     reported by whoever opens the arm."""
     if config.devices.arm:
@@ -109,7 +109,7 @@ def tell_slow(config: Any) -> None:
             say(f"{slider.detail} ({slider.remedy})")
 
 
-def tell_mode(config: Any, opened: bool = False) -> None:
+def warn_of_mode(config: Any, opened: bool = False) -> None:
     """What it means that a hand is not in basic mode. That scissor mode keeps it from closing is
     reported by whoever opens the hand, unless it is ``opened`` only."""
     if config.devices.gripper:

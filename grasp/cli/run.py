@@ -10,8 +10,8 @@ from drivers.errors import DeviceFault, UsageError
 from drivers.interfaces import FINGER_NAMES
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.detector import check_weights, rule_of_weights, tell_untuned
-from grasp.cli.lab import TerminalOperator, motion_permit, say, tell_mode, tell_slow
+from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
+from grasp.cli.lab import TerminalOperator, motion_permit, say, warn_of_mode, warn_of_slow_arm
 from grasp.cli.live import Display, viewed
 from grasp.cli.output import show
 from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
@@ -48,8 +48,8 @@ def run_lift(args: argparse.Namespace) -> int:
     if permit is not None:
         for line in plan(_as_run(config, args), args):
             say(f"will {line}")
-        tell_slow(config)
-        tell_mode(config)
+        warn_of_slow_arm(config)
+        warn_of_mode(config)
     if args.first:
         config = _begin_first(config, permit, args)
         make_guard(config)
@@ -58,7 +58,7 @@ def run_lift(args: argparse.Namespace) -> int:
     def begin() -> None:
         if not args.json and (rule := rule_of_weights(config)):
             print(rule)
-        tell_untuned(config, trial_layers(*chosen))
+        warn_of_untuned_rule(config, trial_layers(*chosen))
 
     scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
     return run_trials(args, scenario, permit, begin)
@@ -91,7 +91,7 @@ def run_acquire(args: argparse.Namespace) -> int:
     if permit is not None:
         for line in press_plan(config, course, args.seconds):
             say(f"will {line}")
-        tell_slow(config)
+        warn_of_slow_arm(config)
     title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (
         viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as page,
@@ -163,14 +163,16 @@ def _dry_run(config: Any, args: argparse.Namespace) -> int:
     config = _as_run(config, args)
     make_guard(config)  # raises where a limit cannot be kept
     config.make_detector(3)
-    return _tell_dry(plan(config, args), ask_devices(config, make_guard), args)
+    return _print_dry_run(plan(config, args), ask_devices(config, make_guard), args)
 
 
 def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
     _check_real(config)
     check_devices(config)
     counts_per_newton(config, args.seed)  # raises where nobody has measured it
-    return _tell_dry(press_plan(config, course, args.seconds), ask_pressing_devices(config), args)
+    return _print_dry_run(
+        press_plan(config, course, args.seconds), ask_pressing_devices(config), args
+    )
 
 
 def _check_real(config: Any) -> None:
@@ -179,7 +181,7 @@ def _check_real(config: Any) -> None:
         raise UsageError(f"--dry-run is for a lab's own devices: {told}", "leave it out")
 
 
-def _tell_dry(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
+def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
     against = [check for check in checks if check.status == "fail"]
     code = dry_code(against)
     if not args.json:

@@ -37,7 +37,7 @@ def dataset_build(args: argparse.Namespace) -> int:
     before, finished = -1, 0
     with progress("recordings", hidden=args.json) as bar:
 
-        def tell(done: int, total: int) -> None:  # earlier builds say nothing of the time left
+        def report(done: int, total: int) -> None:  # earlier builds say nothing of the time left
             nonlocal before, finished
             finished = done
             if before < 0:
@@ -47,7 +47,7 @@ def dataset_build(args: argparse.Namespace) -> int:
                 bar(done - before, total - before)
 
         try:
-            made = build.build(jobs, config, args.out, workers(args), tell)
+            made = build.build(jobs, config, args.out, workers(args), report)
         except KeyboardInterrupt:
             kept = f"{finished} of {len(jobs)} recordings are in {args.out}"
             return exits.report("interrupted", kept, "run the same command again", args.json)
@@ -148,7 +148,7 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     ):
         smooth: float | None = None
 
-        def tell(p: Any) -> None:  # the bar is for a person, the log has a line a validation
+        def report(p: Any) -> None:  # the bar is for a person, the log has a line a validation
             nonlocal smooth
             smooth = p.loss if smooth is None else 0.98 * smooth + 0.02 * p.loss
             best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
@@ -161,6 +161,6 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
                 log.flush()
             interruption.check()
 
-        training.run(args.minutes, out.with_suffix(".checkpoint"), tell)
+        training.run(args.minutes, out.with_suffix(".checkpoint"), report)
     interruption.check()
     return export(training, validation, out, versions()["commit"])

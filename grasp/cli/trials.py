@@ -138,7 +138,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
             print(verdict(result))
             print(f"  detector {config.detector_label}, profile {args.profile}, answer to slip: "
                   f"{config.controller.answer}")  # fmt: skip
-            _tell_height(result, config)
+            _print_height(result, config)
             if args.first and failure is None and result.success:
                 print("  next: the same without --first, at full speed, then an object of your own")
             elif args.first and failure is None:
@@ -177,14 +177,14 @@ def _report_series(
     # a measured rate of taps is a result, as a campaign's is
     done = [row.status == "done" if args.scenario == "tap" else row.success for row in rows]
     if not args.json:
-        _tell_last(ended.results, config, kept)
+        _report_last(ended.results, config, kept)
         if not all(done):
             why = "were not judged" if args.scenario == "tap" else "did not succeed"
             say(f"{done.count(False)} of {len(rows)} trials {why}: exit code 1")
     return show(args, series, "", exits.SUCCESS if all(done) else exits.TRIAL_FAILED)
 
 
-def _tell_height(result: Any, config: Any) -> None:
+def _print_height(result: Any, config: Any) -> None:
     """A real arm that has set an object down stands above it: the next run would begin there."""
     phases = [entry.phase for entry in result.phases]
     retreat_mm = config.controller.retreat_m * 1e3
@@ -193,13 +193,13 @@ def _tell_height(result: Any, config: Any) -> None:
         print(f"  the arm stands {retreat_mm:.0f} mm above where it let go, and begins there next")
 
 
-def _tell_last(results: list[Any], config: Any, kept: str) -> None:
+def _report_last(results: list[Any], config: Any, kept: str) -> None:
     """How the last trial of a series without a fault left arm and hand."""
     if not results:
         say(kept)
         return
     last = results[-1]
-    _tell_height(last, config)
+    _print_height(last, config)
     if last.rig == "hardware" and last.end is not None and not last.end.open:
         say(f"seed {last.seed}: {last.phases[-1].cause}")
         exits.say_end(last.end)
