@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import one_line
 from grasp import interruption
-from grasp.cli.output import json_line
+from grasp.cli.output import print_json, standard_output
 
 SUCCESS = 0
 TRIAL_FAILED = 1
@@ -86,7 +86,7 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
     with contextlib.suppress(OSError):  # a terminal that was closed: nobody reads it
         if as_json:
             error = {"kind": kind, "message": message, "remedy": remedy}
-            print(json_line({"error": error, "exit_code": code, **extra}), flush=True)
+            print_json({"error": error, "exit_code": code, **extra})
         else:
             said, how = one_line(message, MOST_SAID), one_line(remedy, MOST_SAID)
             print(f"grasp: {said}" + (f" ({how})" if how else ""), file=sys.stderr)
@@ -96,5 +96,5 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
 def nobody_reads() -> int:
     """Standard output is gone: say no more there; 0, or the code of the signal that ended the
     run."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    os.dup2(os.open(os.devnull, os.O_WRONLY), standard_output().fileno())
     return SIGNALLED + interruption.number() if interruption.asked() else SUCCESS

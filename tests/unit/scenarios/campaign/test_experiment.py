@@ -114,7 +114,7 @@ def test_options_of_a_series_that_do_not_fit_are_told(capsys: pytest.CaptureFixt
         (["lift", "--resume"], "name it with --out FILE"),
         (["lift", "--keep", "--trials", "2"], "--trials 1"),
         (["acquire", "--trials", "2"], "`grasp run acquire` does not take --trials 2"),
-        (["tap", "--taps", "4"], "it is called --trials"),
+        (["tap", "--taps", "4"], "does not take --taps 4"),
     ]:
         assert main(["run", *words, "--rig", "simulated"]) == 2, (words, says)
         assert says in capsys.readouterr().err, (words, says)
