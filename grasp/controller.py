@@ -21,9 +21,11 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, lines, stale
 from grasp.felt import Felt
 from grasp.landing import Landing, Way
 from grasp.lift_line import LiftLine
+from grasp.monitors.checks import failed
 from grasp.observation import Observation
 from grasp.pace import PhaseClock
 from grasp.pause import Pause
@@ -72,7 +74,7 @@ class GraspController:
         self.cap_reached = False
         self.alarm_stayed = False  # the hold ended although slip was still registered
         self.closings = 0  # answers to slip or lost contact
-        self.fault_cause = ""
+        self.faults: tuple[Fault, ...] = ()  # why the run ended early
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
         self._felt = Felt(settings)
@@ -123,8 +125,13 @@ class GraspController:
         return self._pursuit is not None
 
     @property
-    def further(self) -> tuple[str, ...]:
-        """Doubts since the safe state was entered."""
+    def fault_cause(self) -> str:
+        """Why the run ended early, for people; empty if it did not, or the object was lost."""
+        return lines(self.faults)
+
+    @property
+    def further(self) -> tuple[Fault, ...]:
+        """Checks that failed since the safe state was entered."""
         return self._pursuit.further if self._pursuit else ()
 
     @property
@@ -149,10 +156,10 @@ class GraspController:
             self._landing.slipping(obs)
         if self._pursuit:
             self._out += self._pursuit.step(obs)
-        elif trouble := self._trouble(obs):
-            self._fail(obs, trouble)
+        elif faults := self._find_faults(obs):
+            self._enter_fault(obs, faults)
         elif obs.inputs.stop:
-            self._stop(obs)
+            self._stop(obs, obs.inputs.stop)
         else:
             self._handlers[self.phase](obs)
         return Decision(
@@ -178,35 +185,42 @@ class GraspController:
 
     @property
     def _aborted(self) -> SafeState:
-        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
+        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns)
         return self._pursuit.safe if self._pursuit else fault
 
-    def _trouble(self, obs: Observation) -> str:
-        if obs.inputs.trouble or obs.doubt:
-            return "; ".join(filter(None, (obs.inputs.trouble, obs.doubt)))
+    def _find_faults(self, obs: Observation) -> tuple[Fault, ...]:
+        if obs.faults:
+            return obs.faults
         if obs.tactile_stale and self.phase not in OPEN_PHASES:
-            return "stale: no fresh fingertip sample"
-        of_states = obs.trouble_of_states(self._settings.stale_after_s * 1e9)
-        return (
-            of_states
-            or self._force_trouble(obs)
-            or self._clock.trouble(obs, self.phase)
-            or self._time_trouble(obs)
+            return (stale(FINGERTIPS, "no fresh fingertip sample"),)
+        fault = (
+            obs.device_fault(self._settings.stale_after_s * 1e9)
+            or self._overforce(obs)
+            or self._slow_arm(obs)
+            or self._timeout(obs)
         )
+        return () if fault is None else (fault,)
 
-    def _force_trouble(self, obs: Observation) -> str:
+    def _overforce(self, obs: Observation) -> Fault | None:
         moving = self.phase in AIRBORNE_PHASES and obs.arm.moving
         if moving and self._felt.overload_ns(obs.t_ns) > self._settings.overload_s * 1e9:
-            return "measured force stays above the limit while the arm moves"
-        return ""
+            text = "measured force stays above the limit while the arm moves"
+            return Fault("overforce", TRIAL, text)
+        return None
 
-    def _time_trouble(self, obs: Observation) -> str:
+    def _slow_arm(self, obs: Observation) -> Fault | None:
+        text = self._clock.trouble(obs, self.phase)
+        remedy = "turn up the speed slider of the arm's pendant"
+        return Fault("arm_slow", ARM, text, remedy) if text else None
+
+    def _timeout(self, obs: Observation) -> Fault | None:
         timeout_s = self._settings.phase_timeout_s
         if self.phase in UNTIMED_PHASES or not self._clock.over(timeout_s):
-            return ""
+            return None
         if self.phase is Phase.REST and obs.hand_rests:
-            return f"fingertips_slow: too few samples for rest counts within {timeout_s:g} s"
-        return f"phase {self.phase} lasted longer than {timeout_s:g} s: {self._awaited(obs)}"
+            return failed("fingertips_slow", seconds=timeout_s)
+        text = f"phase {self.phase} lasted longer than {timeout_s:g} s: {self._awaited(obs)}"
+        return Fault("phase_timeout", TRIAL, text)
 
     def _awaited(self, obs: Observation) -> str:
         """What the present phase is not over without."""
@@ -475,18 +489,22 @@ class GraspController:
         self._enter_safe_state(Trigger.LOSE, obs, cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:
-        """Enter the safe state of the present phase."""
-        self.fault_cause = cause
-        self._enter_safe_state(Trigger.FAIL, obs, cause)
+        """What became of the grasp is a fault."""
+        self._enter_fault(obs, (Fault("grasp_failed", TRIAL, cause),))
 
-    def _stop(self, obs: Observation) -> None:
-        self.fault_cause = obs.inputs.stop
-        self._enter_safe_state(Trigger.STOP, obs, obs.inputs.stop)
+    def _enter_fault(self, obs: Observation, faults: tuple[Fault, ...]) -> None:
+        """Enter the safe state of the present phase."""
+        self.faults = faults
+        self._enter_safe_state(Trigger.FAIL, obs, lines(faults))
+
+    def _stop(self, obs: Observation, why: Fault) -> None:
+        self.faults = (why,)
+        self._enter_safe_state(Trigger.STOP, obs, why.line)
 
     def _enter_safe_state(self, trigger: Trigger, obs: Observation, cause: str) -> None:
         self._fire(trigger, obs, cause)
         before = self.machine.before
         half_closed = before is Phase.COMPENSATE and obs.first_stage
-        safe = SafeState(self.phase, before, obs.t_ns, cause, half_closed)
+        safe = SafeState(self.phase, before, obs.t_ns, self.faults, half_closed)
         self._pursuit = Pursuit(safe, self._settings, self._closing)
         self._out += self._pursuit.ask(obs)

@@ -35,10 +35,14 @@ from grasp.commands import (
     describe,
 )
 from grasp.controller import Decision
+from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
 from grasp.loop_settings import LoopSettings
 from grasp.observation import Observation, StepInput
 from grasp.phases import Phase
 from grasp.step import GraspStep, StepResult
+
+TIMED_OUT = "the run did not end in time"
+LONGER = "where it was only slow, give it longer (loop.deadline_s)"
 
 # No settings, since no result depends on them: a command due this soon is sent before anyone
 # watches (half of the shortest period), and how often an acknowledgement is looked for meanwhile.
@@ -130,7 +134,7 @@ class ControlLoop:
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
         self.timing = Timing()
-        self.errors: dict[str, GraspError] = {}  # the first of each device, in their order
+        self.errors: dict[str, Fault] = {}  # the first of each device, in their order
         self.set_down = False  # whoever runs the experiment asks for it, once it is held
         self._devices = devices
         self._clock = clock
@@ -143,8 +147,8 @@ class ControlLoop:
         self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
         self._last: Tick | None = None
-        self._trouble = ""
-        self._stop = ""
+        self._new_errors: tuple[Fault, ...] = ()  # since the last step
+        self._stop: Fault | None = None
         self._gripper_lost = False
         self._late_ns = self._took_ns = self._arm_ns = 0
         # only a gripper with a thread of its own can act while no step comes
@@ -164,7 +168,7 @@ class ControlLoop:
                 interruption.check()
                 self.tick()
         if not controller.finished:
-            self.stop("the run did not end in time")
+            self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
 
     def tick(self) -> Tick:
         """One period: wait for the next sample, step, send what was decided, then hand on."""
@@ -191,28 +195,24 @@ class ControlLoop:
         admitted = self._step.admit(command, self._gripper_state())
         self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
-    def stop(self, cause: str) -> bool:
+    def stop(self, why: Fault) -> None:
         """The run shall end now: forget what was queued, but a closing that answers slip, and tick
         until the safe state is reached in which a grip is kept. No signal cuts this short, but
         where a device hangs in it: raises Interruption then.
-
-        False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
         controller = self._step.controller
-        stopped = not controller.finished and not controller.in_safe_state
-        if stopped:
+        if not controller.finished and not controller.in_safe_state:
             answering = controller.phase is Phase.COMPENSATE
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
-        self._stop = cause
+        self._stop = why
         self._pursue_safe_state()
-        return stopped and controller.fault_cause == cause
 
-    def fail(self, cause: str) -> None:
-        """A bug of ours ends a run as a fault does: the controller is told of trouble, and its safe
-        state is pursued. Raises what the bug raises where that cannot be."""
+    def fail(self, bug: Fault) -> None:
+        """A bug of ours ends a run as any other fault does: its safe state is pursued. Raises what
+        the bug raises where that cannot be."""
         self._queue.clear()
-        self._trouble = cause
+        self._new_errors = (bug,)
         self._pursue_safe_state()
 
     def _pursue_safe_state(self) -> None:
@@ -333,13 +333,13 @@ class ControlLoop:
         self._clock.sleep_until_ns(t_ns)
 
     def _pump(self, now_ns: int) -> None:
-        self._guarded("tactile board", lambda: self._devices.tactile.pump(now_ns))
+        self._guarded(FINGERTIPS, lambda: self._devices.tactile.pump(now_ns))
         self._pump_gripper(now_ns)
         self._pump_arm(now_ns)
 
     def _pump_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
-        self._guarded("arm", lambda: self._devices.arm.pump(now_ns))
+        self._guarded(ARM, lambda: self._devices.arm.pump(now_ns))
 
     def _pump_arm_before(self) -> None:
         """A command acts from where and when the arm was asked last."""
@@ -348,14 +348,14 @@ class ControlLoop:
             self._pump_arm(now_ns)
 
     def _pump_gripper(self, now_ns: int) -> None:
-        error = self._guarded("gripper", lambda: self._devices.gripper.pump(now_ns))
+        error = self._guarded(GRIPPER, lambda: self._devices.gripper.pump(now_ns))
         if error is None:
             self._gripper_lost = False
         elif isinstance(error, LinkLost):
             self._gripper_lost = True
 
     def _guarded(self, device: str, action: Callable[[], None]) -> GraspError | None:
-        """Do it; an expected error becomes trouble for the next step, never an exception here."""
+        """Do it; an expected error is an input of the next step, never an exception here."""
         try:
             action()
         except GraspError as error:
@@ -364,11 +364,12 @@ class ControlLoop:
         return None
 
     def note(self, device: str, error: GraspError) -> str:
-        """Tell the next step of trouble with a device; returns it in a line."""
-        self.errors.setdefault(device, error)
-        text = f"{error.kind}: {error.message}"
-        self._trouble = self._trouble or text
-        return text
+        """Tell the next step what a driver raised; returns it in a line."""
+        fault = Fault.of(device, error)
+        self.errors.setdefault(device, fault)
+        if not any(e.device == device and e.code == fault.code for e in self._new_errors):
+            self._new_errors += (fault,)
+        return f"{fault.code}: {fault.message}"
 
     def _gripper_state(self) -> GripperState:
         state = self._devices.gripper.state
@@ -376,14 +377,14 @@ class ControlLoop:
         return state
 
     def _gather(self, now_ns: int) -> StepInput:
-        """What the devices say now. Trouble is told once."""
+        """What the devices say now. Errors are told once."""
         tactile, arm = self._devices.tactile, self._devices.arm.state
         frame = tactile.frame
         assert arm is not None  # noqa: S101  (a rig opens with it read)
         if frame is not None:
             self.timing.frame_age_ns.append(now_ns - frame.sampled_ns)
             self.timing.repeated_frames += frame.missed > 0
-        trouble, self._trouble = self._trouble, ""
+        errors, self._new_errors = self._new_errors, ()
         return StepInput(
             t_ns=now_ns,
             frame=frame,
@@ -391,7 +392,7 @@ class ControlLoop:
             gripper=self._gripper_state(),
             arm=arm,
             pending=bool(self._queue),
-            trouble=trouble,
+            errors=errors,
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
             stop=self._stop,
@@ -465,5 +466,5 @@ def _to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
 
 def _addressee(command: Command) -> str:
     if isinstance(command, GripperCommand):
-        return "gripper"
-    return "arm" if isinstance(command, MoveArm | StopArm) else "tactile board"
+        return GRIPPER
+    return ARM if isinstance(command, MoveArm | StopArm) else FINGERTIPS

@@ -28,7 +28,7 @@ _CODE_OF_KIND = {
     "device_fault": DEVICE,
     "refused": SAFETY_STOP,
     "stale": SAFETY_STOP,
-    "doubted": SAFETY_STOP,
+    "implausible": SAFETY_STOP,
     "safety_stop": SAFETY_STOP,
     "could_not_record": INTERNAL,
     "internal": INTERNAL,

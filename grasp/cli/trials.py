@@ -174,6 +174,7 @@ def _follow(
                     if args.json:
                         print(trial_line(finished.result), file=sys.stderr, flush=True)
                     display.note(trial_line(finished.result))
+                    _tell_reported(finished.result)
                     if args.verbose and seen.first_of_its_physics(finished.result):
                         display.note("\n".join(physics_lines(finished.result)))
         except KeyboardInterrupt as stop:
@@ -251,12 +252,19 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
             _tell_height(result, config)
             if args.first and failure is None:
                 tell_end(result)
+        _tell_reported(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)
     if args.json:
         print(msgspec.json.encode(result).decode())
     return exits.SUCCESS if result.success else exits.TRIAL_FAILED
+
+
+def _tell_reported(result: Any) -> None:
+    """What would have ended a run, had `monitors.mode` not been "report"."""
+    for fault in result.reported:
+        exits.report_line(f"seed {result.seed}, would have stopped it: {fault.line}")
 
 
 def _by(args: argparse.Namespace, config: Any) -> str:

@@ -37,8 +37,7 @@ from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.execution import REPORT
-from scenarios.trial.result import Bug, Failure, versions
+from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, dated, metadata
 from scenarios.world.truth import PressedTruth
 
@@ -214,7 +213,7 @@ def _run_to_end(
             return _Ended(Failure("interrupted", cause, "", _left(session))), granted
         except BaseException as error:
             bug = Bug.of(error)
-            return _Ended(Failure("internal", bug.line, REPORT, _left(session)), bug), granted
+            return _Ended(Failure("internal", bug.fault.line, REPORT, _left(session)), bug), granted
     return _Ended(), granted
 
 

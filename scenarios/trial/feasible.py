@@ -6,6 +6,7 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
+from grasp.monitors.arm import THERE_M
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig
@@ -48,7 +49,7 @@ def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
 
 def check_arm(config: TrialConfig) -> None:
     """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
-    controller, arm, doubt = config.controller, config.arm, config.doubt
+    controller, arm = config.controller, config.arm
     limits = {
         "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
@@ -63,13 +64,9 @@ def check_arm(config: TrialConfig) -> None:
     _check_heartbeat(config)
     _check_start(arm)
     _check_height(controller, arm)
-    there_m, at_m = doubt.arm_there_m, controller.at_height_m
-    if there_m > at_m:
-        raise ConfigError(
-            "doubt", "arm_there_m",
-            f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
-            f"<= {at_m:g}, controller.at_height_m",
-        )  # fmt: skip
+    if controller.at_height_m < THERE_M:
+        problem = f"an arm {controller.at_height_m:g} m from its target may stand, and is not there"
+        raise ConfigError("controller", "at_height_m", problem, f">= {THERE_M:g}")
 
 
 def _check_heartbeat(config: TrialConfig) -> None:

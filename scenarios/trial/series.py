@@ -6,17 +6,18 @@ from pathlib import Path
 
 import msgspec
 
-from drivers.errors import GraspError, Refused
+from drivers.errors import GraspError, Refused, Stale
 from drivers.interfaces import Vector3
 from grasp import interruption
 from grasp.controller import GraspController
+from grasp.fault import IMPLAUSIBLE, INTERRUPTED
 from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
-from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick, Watch
+from scenarios.trial.execution import OnTick, Watch
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted
 from scenarios.world.truth import Truth
@@ -152,7 +153,7 @@ def _times(title: str) -> Iterator[str]:
 def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
     """Whether it was no trial, and has left an arm that stands and a hand that is open."""
     failure = finished.failure
-    if failure is None or failure.kind not in (STALE, DOUBTED) or failure.end is None:
+    if failure is None or failure.kind not in (Stale.kind, IMPLAUSIBLE) or failure.end is None:
         return False
     return failure.end.open and not failure.end.unreached
 

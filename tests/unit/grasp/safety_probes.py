@@ -7,7 +7,7 @@ from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
 from grasp.stiffness import Stiffness
-from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
 ZERO = (0.0, 0.0, 0.0)
@@ -124,7 +124,7 @@ def risen_m(number: int, **settings: Any) -> float:
 def stopped_at_mps2(v: float) -> float:
     """Of the arm, when a person stops the run and when a fault does."""
     commands: list[object] = []
-    for cause in ({"trouble": "unplugged"}, {"stop": "by hand"}):
+    for cause in ({"errors": LOST}, {"stop": STOP}):
         d = Driver(stop_deceleration_mps2=v).lift()
         d.climb(**cause)
         commands += d.commands

@@ -5,7 +5,7 @@ import pytest
 from drivers.interfaces import ArmState
 from grasp.commands import CloseFast, MoveArm, StopArm
 from grasp.phases import Phase
-from tests.unit.grasp.builders import arm
+from tests.unit.grasp.builders import LOST, STOP, arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
@@ -90,7 +90,7 @@ def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended
 
 @pytest.mark.parametrize(
     ("changes", "phase"),
-    [({"trouble": "unplugged"}, Phase.FAULT), ({"stop": "by hand"}, Phase.STOPPED)],
+    [({"errors": LOST}, Phase.FAULT), ({"stop": STOP}, Phase.STOPPED)],
 )
 def test_paused_arm_that_is_to_stop_for_good_never_goes_on(
     changes: dict[str, str], phase: Phase
