@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drivers.interfaces import FINGERS
-from grasp.commands import Command, MoveArm, StopArm
+from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors import arm, fingertips, gripper
 from grasp.monitors.settings import MonitorSettings
@@ -87,6 +87,9 @@ CHECKS = {
         "{seconds:g} s without an answer to a command", LOOK_AT_HAND),
     "gripper_stands": Check(GRIPPER, gripper.stands,
         "finger {finger} reports motion and does not move", LOOK_AT_HAND),
+    "gripper_flickers": Check(
+        GRIPPER, gripper.flickers,
+        "finger {finger} reports one thing of its motion and then another", LOOK_AT_HAND),
     "fingertips_absent": Check(FINGERTIPS, fingertips.absent,
         "there is no frame: the board came back without its rest", LOOK_AT_PADS, CONTACT_PHASES,
         vital=True),
@@ -165,6 +168,8 @@ class Monitors:
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
                 self.arm.command(command, state)
+            elif isinstance(command, GripperCommand):
+                self.gripper.command()
 
 
 def no_probabilities(answer: object) -> Fault | None:

@@ -211,3 +211,23 @@ def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_ow
     lost = msgspec.structs.replace(gripper(), active=False)
     assert failed_at([lost]) == "gripper_inactive"
     assert failed_at([msgspec.structs.replace(lost, fault=14)]) == ""
+
+
+def flickering(every: int, command_every: int = 1000, asked_every: int = 1000) -> set[str]:
+    """What fails of a hand that reports by turns that it moves and that it stands."""
+    history, found = GripperHistory(), set()
+    for tick in range(120):
+        if tick % command_every == 0:
+            history.command()
+        says = Detection.MOVING if tick // every % 2 else Detection.AT_TARGET
+        asked, at = (60 + tick // asked_every % 2,) * 3, (60 + tick % 2,) * 3
+        history.update(gripper(tick * TICK, at, (says,) * 3, requested=asked))
+        found.add(codes_of(history, MonitorSettings()))
+    return found
+
+
+def test_hand_that_reports_motion_and_standing_by_turns_is_noticed_unless_it_is_commanded() -> None:
+    for every in (2, 5, 10):
+        assert "gripper_flickers" in flickering(every)
+    assert flickering(13) == flickering(5, command_every=20) == {""}
+    assert flickering(5, asked_every=20) == {""}
