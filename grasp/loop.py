@@ -6,11 +6,12 @@ and of what a step concludes only which commands go where.
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost, SuppressAll
+from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import (
     Applied,
     Arm,
@@ -21,7 +22,7 @@ from drivers.interfaces import (
     TactileSensor,
     Vector3,
 )
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, Deadlines, stopwatch_ns
 from grasp.commands import (
     CloseFast,
@@ -48,6 +49,7 @@ LONGER = "where it was only slow, give it longer (loop.deadline_s)"
 # watches (half of the shortest period), and how often an acknowledgement is looked for meanwhile.
 SOON_NS = 1_000_000
 POLL_NS = 100_000
+ABORT_REPEAT_NS = 50_000_000  # between two requests where no step can be taken
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -163,9 +165,9 @@ class ControlLoop:
         start_ns, controller = self._clock.now_ns, self._step.controller
         end_ns = start_ns + round(deadline_s * 1e9)
         self._deadlines = Deadlines(start_ns, self._period_ns)  # what came before it is no lateness
-        with interruption.watched():
+        with signals.deferred():
             while not controller.finished and self._clock.now_ns < end_ns + controller.excused_ns:
-                interruption.check()
+                signals.check()
                 self.tick()
         if not controller.finished:
             self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
@@ -217,35 +219,55 @@ class ControlLoop:
 
     def _pursue_safe_state(self) -> None:
         end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
-        with interruption.watched():
+        with signals.deferred():
             while not self._step.controller.finished and self._clock.now_ns < end_ns:
-                interruption.goes()
+                signals.check(end=False)
                 self.tick()
         self._prepare_fallback(None)
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is told by itself, whatever
-        becomes of the others, and again until what it says afterwards is what it was told. Returns
-        how they were left; None where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: each device is commanded by itself,
+        whatever becomes of the others, until it reports that it obeys. Returns how they were left;
+        None where there was no step at all."""
         self._queue.clear()
         end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
-        stop_due, hand_due, taken, told_ns = True, bool(hand), True, 0
-        with interruption.watched():  # whatever hangs is cut by a signal, and the next one told
-            while True:
-                if stop_due:
-                    self._tell(stop)
-                if hand_due:
-                    taken = self._tell(*hand)
-                told_ns = told_ns or self._clock.now_ns
-                self._look_after(round(self._settings.abort_repeat_s * 1e9))
-                stop_due, rests = not self._arm_stands(told_ns), self._hand_rests(told_ns)
-                # a closing that was taken is not begun anew while it lasts
-                again = rests or not taken or HoldFingers() in hand
-                hand_due = bool(hand) and again and self._hand_is_not_as_told()
-                if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
-                    self._prepare_fallback(None)
-                    return self._left()
+        stop_due, hand_due, taken, began_ns = True, bool(hand), True, 0
+        while True:
+            if stop_due:
+                self._command_now(stop)
+            if hand_due:
+                taken = self._command_now(*hand)
+            began_ns = began_ns or self._clock.now_ns
+            self._clock.sleep_until_ns(self._clock.now_ns + ABORT_REPEAT_NS)
+            for pump in (self._pump_gripper, self._pump_arm):
+                signals.check(end=False)
+                with suppress(BaseException):
+                    pump(self._clock.now_ns)
+            arm, gripper, left = self._arm_now(), self._gripper_now(), self._left()
+            stands = arm is not None and arm.t_ns > began_ns and not arm.moving
+            rests = gripper is not None and gripper.t_ns > began_ns and gripper.at_rest
+            missing = bool(hand)
+            with suppress(BaseException):
+                seen = None if left is None else self._step.controller.missing(left.observation)
+                missing = missing and (seen is None or bool(seen.hand))
+            # a closing that was taken is not begun again while it lasts
+            again = rests or not taken or HoldFingers() in hand
+            stop_due, hand_due = not stands, missing and again
+            if (stands and rests and not hand_due) or self._clock.now_ns >= end_ns:
+                self._prepare_fallback(None)
+                return left
+
+    def _command_now(self, command: Command) -> bool:
+        """Whether the device took it."""
+        signals.check(end=False)
+        before = len(self._issued)
+        with suppress(BaseException):
+            now_ns, admitted = self._clock.now_ns, command
+            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
+                admitted = self._step.admit(command, self._gripper_state())
+            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
+        return len(self._issued) > before and not self._issued[-1].refused
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
         """What the hand's own thread is to do should no further step come."""
@@ -256,48 +278,14 @@ class ControlLoop:
         else:
             self._set_fallback(partial(_to_gripper, command), describe(command))
 
-    def _tell(self, command: Command) -> bool:
-        """At once; whether the device took it."""
-        before = len(self._issued)
-        interruption.goes()
-        with SuppressAll():
-            now_ns, admitted = self._clock.now_ns, command
-            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
-                admitted = self._step.admit(command, self._gripper_state())
-            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
-        return len(self._issued) > before and not self._issued[-1].refused
-
-    def _look_after(self, moment_ns: int) -> None:
-        """At arm and hand, each whatever becomes of the other."""
-        interruption.goes()
-        self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
-        for pump in (self._pump_gripper, self._pump_arm):
-            interruption.goes()
-            with SuppressAll():
-                pump(self._clock.now_ns)
-
-    def _hand_is_not_as_told(self) -> bool:
-        with SuppressAll():
-            left = self._left()
-            return left is not None and bool(self._step.controller.missing(left.observation).hand)
-        return True
-
-    def _arm_stands(self, since_ns: int) -> bool:
-        arm = self._arm_now()
-        return arm is not None and arm.t_ns > since_ns and not arm.moving
-
-    def _hand_rests(self, since_ns: int) -> bool:
-        hand = self._gripper_now()
-        return hand is not None and hand.t_ns > since_ns and hand.at_rest
-
     def _arm_now(self) -> ArmState | None:
-        with SuppressAll():
+        with suppress(BaseException):  # it may be another package's
             state = self._devices.arm.state
             return state if isinstance(state, ArmState) else None
         return None
 
     def _gripper_now(self) -> GripperState | None:
-        with SuppressAll():
+        with suppress(BaseException):
             state = self._devices.gripper.state
             return state if isinstance(state, GripperState) else None
         return None

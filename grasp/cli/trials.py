@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import GraspError, UnreadError, UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
@@ -104,19 +104,18 @@ def run_trials(
     if out is None and config.rig == "hardware" and not alone:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
-    with interruption.held():  # no signal cuts off what is to be told of arm and hand
+    with signals.deferred():  # no signal cuts off what is to be told of arm and hand
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
             begin()
             seen = _follow(args, experiment, permit, store, alone)
             rows = seen.rows if store is None else store.rows()
-        with interruption.watched():
-            if alone and seen.results:
-                code = _report(seen.results[0], seen.failure, args, config)
-            else:
-                code = _report_series(args, experiment, seen, rows, out)
-            if args.report:
-                _write_pages(seen.results, args.json)
-            return code
+        if alone and seen.results:
+            code = _report(seen.results[0], seen.failure, args, config)
+        else:
+            code = _report_series(args, experiment, seen, rows, out)
+        if args.report:
+            _write_pages(seen.results, args.json)
+        return code
 
 
 def _follow(
@@ -180,7 +179,7 @@ def _follow(
         except KeyboardInterrupt as stop:
             if alone:
                 raise
-            cause = f"{interruption.cause(stop)} between two trials"
+            cause = f"{signals.cause(stop)} between two trials"
             seen.failure = Failure("interrupted", cause, "")
         except GraspError as error:  # of the disk, between two trials
             if not seen.results:

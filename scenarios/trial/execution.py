@@ -12,7 +12,7 @@ from detector.decision import make_rule
 from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
 from grasp.fault import INTERNAL, INTERRUPTED, SAFETY_STOP, TRIAL, WORLD, Fault, lines
@@ -302,12 +302,11 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with interruption.guarded(given_up) if rig.on_wall else nullcontext():
+    with signals.guarded(given_up) if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
         )  # fmt: skip
-    interruption.seal()  # what is left is closing, judging and writing
     final, stalls = None, Stalls()
     with SuppressBugs() if bugs else nullcontext():
         final = look()
@@ -327,56 +326,34 @@ def _run_to_end(
     pursued."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
-            try:
-                _run_or_stop(loop, deadline_s)
-                return granted
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:  # some of somebody's library, which knows no better
-                bugs.append(Bug.of(error))
-                _end_as_a_fault(loop, bugs[0], trace)
-                return granted
-        except (
-            interruption.Interruption
-        ) as cut:  # of what stood still while the safe state was pursued
-            if not _aborted(loop, trace):
-                raise
-            if not bugs:
-                bugs.append(Bug.of_hanging(cut))
-            return granted
-        except BaseException:  # nothing may leave the arm moving
-            loop.abort()
-            raise
+            _run_or_stop(loop, deadline_s)
+        except BaseException as error:  # the outermost loop: arm and hand are made safe
+            bugs.append(Bug.of(error))
+            _end_as_a_fault(loop, bugs[0], trace)
+        return granted
 
 
 def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     try:
         loop.fail(bug.fault)
-    except KeyboardInterrupt:
-        raise
     except BaseException:  # no step can be taken any more
         _aborted(loop, trace)
 
 
-def _aborted(loop: ControlLoop, trace: Trace) -> bool:
-    """End where no step can be taken; whether there was one before."""
+def _aborted(loop: ControlLoop, trace: Trace) -> None:
+    """End where no step can be taken."""
     left = loop.abort()
-    if left is None:
-        return False
-    trace.last = left
-    with SuppressBugs():
-        trace.add(left, None)
-    return True
+    if left is not None:
+        trace.last = left
+        with SuppressBugs():
+            trace.add(left, None)
 
 
 def _run_or_stop(loop: ControlLoop, deadline_s: float) -> None:
     try:
         loop.run(deadline_s)
     except KeyboardInterrupt as stop:
-        if isinstance(stop, interruption.Interruption) and stop.cut:
-            raise  # what hung may be called by the next step as well
-        text = interruption.cause(stop)
-        loop.stop(Fault(INTERRUPTED, TRIAL, text, kind=INTERRUPTED))
+        loop.stop(Fault(INTERRUPTED, TRIAL, signals.cause(stop), kind=INTERRUPTED))
 
 
 def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:

@@ -16,7 +16,7 @@ import msgspec
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import SuppressBugs, text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
 from grasp.guard import CapMode
 from grasp.loop import Timing
@@ -75,24 +75,18 @@ class Bug(msgspec.Struct, frozen=True):
         return cls(type(error).__name__, text_of(error), raised)
 
     @classmethod
-    def of_hanging(cls, cut: KeyboardInterrupt) -> Self:
-        """Of what stood still until a signal cut it."""
-        text = f"{interruption.cause(cut)} while this stood still"
-        return msgspec.structs.replace(cls.of(cut), text=text)
-
-    @classmethod
     def of_stuck(cls) -> Self:
         """Of what the main thread does now, which no signal could cut: asked in another thread."""
         frame = sys._current_frames()[threading.main_thread().ident or 0]  # noqa: SLF001
-        stack = "".join(traceback.format_stack(frame))
-        cut = interruption.Interruption(interruption.number())
-        return msgspec.structs.replace(cls.of_hanging(cut), traceback=stack)
+        stop = signals.Interruption(signals.number())
+        text = f"{signals.cause(stop)} while this stood still"
+        return cls(type(stop).__name__, text, "".join(traceback.format_stack(frame)))
 
     @property
     def fault(self) -> Fault:
         """With where it was raised."""
         frames = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
-        raised = [line for line in frames if interruption.__file__ not in line]
+        raised = [line for line in frames if signals.__file__ not in line]
         where = f" ({raised[-1].strip()})" if raised else ""
         text = f"{self.name}: {self.text.partition(chr(10))[0]}{where}"
         return Fault("internal_error", TRIAL, text, REPORT, kind=INTERNAL)

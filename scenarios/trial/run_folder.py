@@ -12,7 +12,7 @@ import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord, SuppressBugs, UsageError
 from drivers.interfaces import Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.clock import VIRTUAL_EPOCH_NS, Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
@@ -161,8 +161,8 @@ class Record:
     def __enter__(self) -> Self:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
-            uncut.enter_context(interruption.held())
-            uncut.enter_context(interruption.lastly(self._abandon))
+            uncut.enter_context(signals.deferred())
+            uncut.enter_context(signals.lastly(self._abandon))
             self._folder = self._begun() if self._wanted is None else None
             self._uncut = uncut.pop_all()
         return self

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import LinkLost, Refused
-from grasp import interruption
+from grasp import signals
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -222,7 +222,7 @@ def test_a_signal_ends_a_run_between_two_ticks() -> None:
         return decide(told)
 
     bench.step.decide = struck
-    with interruption.taken(), pytest.raises(interruption.Interruption):
+    with signals.taken(), pytest.raises(signals.Interruption):
         bench.loop.run(1.0)
     assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"
 
