@@ -5,6 +5,8 @@ from grasp.commands import MoveArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 
+AT_HEIGHT_M = 0.001  # the arm counts as there within this; assumed
+
 
 class LiftLine:
     """Heights are over ``home``, in m."""
@@ -20,7 +22,7 @@ class LiftLine:
     def stands_at(self, obs: Observation, height_m: float) -> bool:
         """Whether the arm stands there, and nothing that was told is on its way."""
         away_m = abs(self.height_m(obs) - height_m)
-        return not obs.pending and not obs.arm.moving and away_m < self._settings.at_height_m
+        return not obs.pending and not obs.arm.moving and away_m < AT_HEIGHT_M
 
     def move(
         self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None

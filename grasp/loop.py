@@ -39,7 +39,7 @@ from grasp.controller import Decision
 from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
 from grasp.loop_settings import LoopSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.step import GraspStep, StepResult
 
 TIMED_OUT = "the run did not end in time"
@@ -204,7 +204,7 @@ class ControlLoop:
         """
         controller = self._step.controller
         if not controller.finished and not controller.in_safe_state:
-            answering = controller.phase is Phase.COMPENSATE
+            answering = controller.state is State.COMPENSATE
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
         self._stop = why

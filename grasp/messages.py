@@ -17,7 +17,7 @@ from grasp.controller import Decision
 from grasp.fault import Fault
 from grasp.loop import Issued, Tick
 from grasp.observation import Observation, StepInput
-from grasp.phases import PhaseChange
+from grasp.states import PhaseChange
 
 
 class TactileMessage(msgspec.Struct, frozen=True):
@@ -134,7 +134,7 @@ def arm_message(arm: ArmState) -> ArmMessage:
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
     inputs, slip = obs.inputs, decision.slip
     return ControlMessage(
-        phase=decision.phase.value,
+        phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
         armed=slip.armed,
         masked=slip.masked,

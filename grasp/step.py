@@ -22,7 +22,7 @@ from grasp.guard import ForceGuard
 from grasp.monitors.checks import Monitors, failed, no_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import OPEN_PHASES, UNRESTED_PHASES
+from grasp.states import OPEN_STATES, UNTARED_STATES
 
 HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
 
@@ -103,15 +103,15 @@ class GraspStep:
         return None if command is None else self._guard.admit(command, gripper, self._measured_n)
 
     def _observe(self, inputs: StepInput) -> Observation:
-        phase = self.controller.phase
+        phase = self.controller.state
         found = self._monitors.check(phase, inputs)
         faults = (*inputs.errors, *filter(self._monitors.stops, found))
         reported = tuple(fault for fault in found if fault not in faults)
-        self._rested = self._rested or phase not in UNRESTED_PHASES
+        self._rested = self._rested or phase not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
         safe = bool(inputs.stop or faults) or self.controller.in_safe_state
         probabilities, failure = self._ask(inputs.frame if self._rested else None, not safe)
-        if failure is not None and phase not in OPEN_PHASES:  # somebody has to feel something
+        if failure is not None and phase not in OPEN_STATES:  # somebody has to feel something
             faults = (*faults, failure)
         return Observation(
             inputs=inputs,

@@ -29,9 +29,9 @@ from grasp.messages import (
     ControlMessage,
     TactileMessage,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, checked
+from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
 from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial

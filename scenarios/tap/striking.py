@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.states import SAFE_STATES, State
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing
 from scenarios.tap.result import Alarm
@@ -110,7 +110,7 @@ class PersonStrikes:
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
         t_s = tick.t_ns * 1e-9
-        if tick.decision.phase in SAFE_PHASES:
+        if tick.decision.state in SAFE_STATES:
             self._give_up()
             return False
         if self._felt_s is None and not self._struck:
@@ -189,7 +189,7 @@ class TapSequence:
         if self._struck:
             self.watched_until_s = t_s
             self.over = self._striker.after(tick, truth)
-        elif tick.decision.phase is Phase.HOLD and not tick.arm.moving:
+        elif tick.decision.state is State.HOLD and not tick.arm.moving:
             self._hold(tick, truth, t_s)
 
     def _listen(self, tick: Tick, t_s: float) -> None:

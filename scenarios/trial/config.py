@@ -34,7 +34,7 @@ from grasp.settings import (
     read_toml,
     thing_layer,
 )
-from grasp.slip import SlipSettings
+from grasp.slip_monitor import SlipSettings
 from scenarios.rigs.calibration import (
     Files,
     calibration_layers,

@@ -6,7 +6,8 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
-from grasp.monitors.arm import THERE_M
+from grasp.safe_state import SAFE_STATE_NS
+from grasp.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig
@@ -64,9 +65,6 @@ def check_arm(config: TrialConfig) -> None:
     _check_heartbeat(config)
     _check_start(arm)
     _check_height(controller, arm)
-    if controller.at_height_m < THERE_M:
-        problem = f"an arm {controller.at_height_m:g} m from its target may stand, and is not there"
-        raise ConfigError("controller", "at_height_m", problem, f">= {THERE_M:g}")
 
 
 def _check_heartbeat(config: TrialConfig) -> None:
@@ -121,14 +119,14 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
 
 def check_waits(config: TrialConfig) -> None:
     """Raises ConfigError where a wait would cut another one short, or the way up or down."""
-    s, stop_s, safe_s = config.controller, config.loop.stop_s, config.controller.safe_state_s
+    s, stop_s, safe_s = config.controller, config.loop.stop_s, SAFE_STATE_NS * 1e-9
     if stop_s <= safe_s:
         raise ConfigError(
             "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
-            f"> {safe_s:g}, controller.safe_state_s",
+            f"> {safe_s:g}",
         )  # fmt: skip
     ramp_mps2 = s.lift_acceleration_mps2
-    gently_mps2 = min(ramp_mps2, s.resume_mps2, s.answer_stop_mps2)
+    gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.answer_stop_mps2)
     up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
     down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
     ways = {

@@ -41,7 +41,7 @@ from grasp.foxglove import (
 )
 from grasp.loop import Tick
 from grasp.messages import Write
-from grasp.phases import Phase, PhaseChange
+from grasp.states import PhaseChange, State
 from scenarios.trial.config import TrialConfig
 from scenarios.world.truth import Truth
 
@@ -65,7 +65,7 @@ UPWARDS = Quaternion(math.sqrt(0.5), y=-math.sqrt(0.5))  # x to z
 INWARDS = Quaternion(0.0, z=1.0)  # of fingers B and C: x to -x
 UPRIGHT = Quaternion(0.5, 0.5, 0.5, 0.5)  # x to y, y to z
 PRESSED = [PackedElementField("pressed", 0, INT16)]
-WRONG = {Phase.FAULT: ERROR, Phase.STOPPED: WARNING, Phase.LOST: WARNING}
+WRONG = {State.FAULT: ERROR, State.STOPPED: WARNING, State.LOST: WARNING}
 
 
 def taxel_places(told: Sequence[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
@@ -139,7 +139,7 @@ class Pictures:
         lines = [
             Log(
                 self._time(c.t_ns),
-                WRONG.get(Phase(c.phase), INFO),
+                WRONG.get(State(c.phase), INFO),
                 f"{c.phase}: {c.cause}",
                 "phase",
             )

@@ -37,9 +37,9 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load
+from grasp.states import PhaseChange
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step

@@ -26,7 +26,6 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.closing import CLOSED_COUNTS
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -38,6 +37,7 @@ from grasp.commands import (
 )
 from grasp.monitors.checks import Monitors
 from grasp.observation import StepInput
+from grasp.slip_response.base import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
@@ -195,7 +195,7 @@ def _listener(config: TrialConfig, lead: int, first: Counts, t_ns: int) -> _Lift
 
 
 def _sent(t_ns: int, result: StepResult) -> list[SentCommand]:
-    phase = result.decision.phase.value
+    phase = result.decision.state.value
     return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 

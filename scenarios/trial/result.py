@@ -20,7 +20,7 @@ from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
 from grasp.guard import CapMode
 from grasp.loop import Timing
-from grasp.phases import PhaseChange
+from grasp.states import PhaseChange
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.ending import End
 from scenarios.world.world_settings import ContactLevels

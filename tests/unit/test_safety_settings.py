@@ -60,8 +60,6 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_grasp.admitted(10.0 + x, measured_margin_n=v) is not None, 0.01),
     ("ControllerSettings.stale_after_s", (0.1, 0.3), on_grasp.both_trusted, 1e-3),
     ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not on_grasp.touches(v, x), 1e-6),
-    ("ControllerSettings.at_height_m", (0.001, 0.005), on_grasp.at_the_top, 1e-5),
-    ("ControllerSettings.contact_gap_s", (0.1, 0.3), on_grasp.lowered_after_gap, 0.011),
     ("ScoringSettings.near_m", (0.03, 0.09),
      lambda v, x: on_run.lift_verdict({"near_m": v}, {"slip_distance_m": x})
      is LiftOutcome.HELD_WITHIN_6CM, 1e-6),
@@ -124,15 +122,8 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: 2500.0 / on_grasp.overshoot_n(contact_stiffness_npm=v) ** 2, 1e-6),
     ("GuardSettings.tip_mass_kg", (0.05, 0.4),
      lambda v: 0.1 / on_grasp.overshoot_n(tip_mass_kg=v) ** 2, 1e-9),
-    ("GuardSettings.stiffness_margin", (1.6, 2.0),
-     lambda v: 80 / 2.5 / on_grasp.reach_counts(
-         stiffness_margin=v, force_limit_n=60.0, overshoot_n=20.0, first_force_margin_n=0.0
-     ), 1e-9),
-    ("GuardSettings.first_force_margin_n", (0.5, 1.0), on_grasp.worst_first_n, 0.011),
     ("GuardSettings.counts_per_newton", (100.0, 300.0),
      lambda v: 600.0 / on_grasp.guard(counts_per_newton=v).measured_n((-600.0, 0.0, 0.0))[0], 1e-9),
-    ("ControllerSettings.alarm_hold_s", (0.5, 1.5), on_grasp.held_under_alarms_s, 0.1),
-    ("ControllerSettings.overload_s", (0.05, 0.2), on_grasp.seconds_of_overload, 0.011),
     ("ControllerSettings.approach_speed_mps", (0.05, 0.1),
      lambda v: on_grasp.fingers_moved(0, approach_speed_mps=v).speed_mps, 0.0),
     ("ControllerSettings.grip_speed_mps", (0.03, 0.1),
@@ -152,7 +143,6 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: on_grasp.arm_moved(1, lower_speed_mps=v).speed_mps, 0.0),
     ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: on_grasp.risen_m(2, retreat_m=v), 1e-9),
     ("ArmSettings.max_stop_mps2", (0.5, 3.0), on_driver.hardest_stop_mps2, 0.0),
-    ("ControllerSettings.useless_pause_s", (0.5, 2.0), on_grasp.paused_for_nothing_s, 0.011),
     ("ControllerSettings.stop_deceleration_mps2", (0.5, 3.0), on_grasp.stopped_at_mps2, 0.0),
     ("ControllerSettings.cap_patience_s", (0.2, 0.6), on_grasp.patience_s, 0.011),
     ("ControllerSettings.keep", (False, True), on_grasp.kept, 0),
@@ -193,3 +183,28 @@ def test_what_is_seen_equals_the_setting() -> None:
     for name, values, seen, within in SEEN:
         for value in values:
             assert seen(value) == (pytest.approx(value, abs=within) if within else value), name
+
+
+# what of the behaviour equals a constant, its value, and a tolerance
+CONSTANTS: list[tuple[Callable[[], float], float, float]] = [
+    (on_grasp.held_under_alarms_s, 2.0, 0.1),
+    (on_grasp.seconds_of_overload, 0.03, 0.011),
+    (on_grasp.paused_for_nothing_s, 1.5, 0.011),
+    (lambda: on_grasp.reach_counts(force_limit_n=60.0, overshoot_n=20.0), 79 // (1.3 * 2.5), 0),
+    (on_grasp.worst_first_n, 1.0, 0.011),
+    (lambda: on_grasp.at_the_top(0.00099), True, 0),
+    (lambda: on_grasp.at_the_top(0.00101), False, 0),
+]
+
+
+def test_constants_take_effect_at_their_values() -> None:
+    for number, (seen, value, within) in enumerate(CONSTANTS):
+        assert seen() == pytest.approx(value, abs=within), number
+
+
+@pytest.mark.parametrize("gap_s", [0.08, 0.12])
+def test_object_not_felt_for_too_long_is_not_set_down(
+    gap_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("grasp.contact_estimator.LOST_NS", 10**9)  # no answer to lost contact
+    assert on_grasp.lowered_after_gap(gap_s) == (gap_s < 0.1)

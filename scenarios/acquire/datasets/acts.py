@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.acquire.datasets.bench import Bench, pressed
 from scenarios.tap.blows import MOST_N_S
 from scenarios.tap.settings import TapSettings
@@ -100,7 +100,7 @@ class Performer:
 
     def take(self, tick: Tick, truth: Truth | None) -> bool:
         """True when the object is to be set down."""
-        if truth is None or tick.decision.phase is not Phase.HOLD or tick.arm.moving:
+        if truth is None or tick.decision.state is not State.HOLD or tick.arm.moving:
             return False
         t_s = tick.t_ns * 1e-9
         if self._due_s is None:

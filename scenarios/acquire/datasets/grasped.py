@@ -17,8 +17,8 @@ from detector.recordings import Act, Metadata, Recording
 from drivers.interfaces import PERIOD_S
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from grasp.phases import OPEN_PHASES
 from grasp.settings import Layer, load
+from grasp.states import OPEN_STATES
 from scenarios.acquire.config import SamplingSettings
 from scenarios.acquire.datasets.acts import Acts, Done, Performer
 from scenarios.acquire.datasets.bench import Bench
@@ -154,7 +154,7 @@ def _of_lift(
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
     places = _places([truth for _, truth in seen])
     # a hand that has let go may graze what it leaves: nobody listens, and nothing is slip
-    held = np.array([t.touched and tick.decision.phase not in OPEN_PHASES for tick, t in seen])
+    held = np.array([t.touched and tick.decision.state not in OPEN_STATES for tick, t in seen])
     steps = np.diff(places, axis=0, prepend=places[:1]) * held[:, None]
     steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
     speed, turn = np.hypot(*steps[:, :2].T), abs(steps[:, 2]) / TURN_LEVER_M

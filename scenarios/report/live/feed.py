@@ -70,7 +70,7 @@ class LiveTrials:
         if controller is not self._controller:
             self._controller = controller
             self.feed.begin(self._data(tick), self._number)
-        phase = tick.decision.phase.value
+        phase = tick.decision.state.value
         news = phase != self._phase or tick.decision.slip.event
         self._phase = phase
         if self.feed.due(news):

@@ -21,16 +21,16 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.fault import lines
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.monitors.checks import CHECKS, Monitors
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import SAFE_PHASES, Phase
-from grasp.slip import DISARMED
+from grasp.slip_monitor import DISARMED
+from grasp.states import SAFE_STATES, State
 from grasp.step import GraspStep
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 
@@ -64,17 +64,17 @@ class Ears:
 class Told:
     """A controller that decides the same always."""
 
-    def __init__(self, phase: Phase = Phase.LIFT, *commands: Command, **says: bool) -> None:
-        self.phase = phase
+    def __init__(self, phase: State = State.LIFT, *commands: Command, **says: bool) -> None:
+        self.state = phase
         flags = {"reset_detector": False, "anchor": False, **says}
         self.decision = Decision(
-            phase=phase, slip=DISARMED, commands=commands, finished=False, **flags
+            state=phase, slip=DISARMED, commands=commands, finished=False, **flags
         )
         self.seen: list[Observation] = []
 
     @property
     def in_safe_state(self) -> bool:
-        return self.phase in SAFE_PHASES
+        return self.state in SAFE_STATES
 
     finished = False
 
@@ -141,21 +141,21 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert (seen.reach_counts, seen.thumb_end) == ((58, 60, 6), 61)
 
 
-@pytest.mark.parametrize("phase", [Phase.IDLE, Phase.HOME, Phase.APPROACH])
-def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])
+def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase: State) -> None:
     b = Bench(Told(phase))
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
-    b.controller.phase = Phase.FAULT  # before this run took its own
+    b.controller.state = State.FAULT  # before this run took its own
     seen = b.decide(frame(-9))
     assert (seen.measured_n, seen.felt_n, b.ears.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
     assert not seen.overloaded
 
 
-@pytest.mark.parametrize("end", [Phase.FAULT, Phase.STOPPED, Phase.LOST])
-def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: Phase) -> None:
-    b = Bench(Told(Phase.REST))
+@pytest.mark.parametrize("end", [State.FAULT, State.STOPPED, State.LOST])
+def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: State) -> None:
+    b = Bench(Told(State.TARE))
     b.decide(frame(-9))
-    b.controller.phase = end
+    b.controller.state = end
     assert b.decide(frame(-1)).measured_n == (6.0, 6.0, 6.0)
 
 
@@ -198,7 +198,7 @@ def test_a_detector_that_cannot_forget_is_a_fault_and_not_asked_until_it_can() -
 def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_the_next_step() -> (
     None
 ):
-    b = Bench(Told(Phase.REST, reset_detector=True), Stubborn(1))
+    b = Bench(Told(State.TARE, reset_detector=True), Stubborn(1))
     assert b.decide(frame(-1)).faults == ()
     assert lines(b.decide(frame(-1)).faults).startswith("detector_failed: ZeroDivisionError")
     assert b.decide(frame(-1)).faults == ()
@@ -206,17 +206,17 @@ def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_th
 
 @pytest.mark.parametrize(
     ("phase", "changes"),
-    [(Phase.FAULT, {}), (Phase.STOPPED, {}), (Phase.LOST, {}), (Phase.LIFT, {"stop": STOP}),
-     (Phase.LIFT, {"errors": LOST}), (Phase.LIFT, {"late_ns": 10**9})],
+    [(State.FAULT, {}), (State.STOPPED, {}), (State.LOST, {}), (State.LIFT, {"stop": STOP}),
+     (State.LIFT, {"errors": LOST}), (State.LIFT, {"late_ns": 10**9})],
 )  # fmt: skip
 @pytest.mark.parametrize("stale", [False, True])
 def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
-    phase: Phase, changes: dict[str, Any], stale: bool
+    phase: State, changes: dict[str, Any], stale: bool
 ) -> None:
-    b = Bench(Told(Phase.REST))
+    b = Bench(Told(State.TARE))
     b.decide(frame(-1))
     b.ears.inputs.clear()
-    b.controller.phase = phase
+    b.controller.state = phase
     observation = b.decide(frame(-2, stale=stale), t_ns=2 * TICK, **changes)
     assert b.ears.inputs == []
     assert observation.probabilities.tolist() == [0.0] * 3
@@ -237,8 +237,8 @@ def test_without_a_further_step_a_hand_that_may_hold_an_object_closes_as_the_gua
     assert step.fallback(gripper()) == HoldFingers()
 
 
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.GRASP, Phase.OPPOSE, Phase.RELAX])
-def test_without_a_further_step_a_hand_with_the_object_on_the_table_stays(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.SHAPE, State.BRACE, State.CLOSE, State.SETTLE])
+def test_without_a_further_step_a_hand_with_the_object_on_the_table_stays(phase: State) -> None:
     driver = Driver()
     driver.until(phase)
     assert guarded_step(driver).fallback(gripper()) == HoldFingers()
@@ -249,7 +249,7 @@ def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() ->
     assert guarded_step(driver).fallback(gripper()) is None
     driver.lift()
     driver.height_m = HEIGHT
-    driver.until(Phase.KEPT)
+    driver.until(State.KEPT)
     assert guarded_step(driver).fallback(gripper()) is None
 
 
@@ -262,7 +262,7 @@ def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
 
 
 def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> None:
-    b = Bench(Told(Phase.IDLE))
+    b = Bench(Told(State.START))
     seen = b.decide(None)
     assert b.ears.inputs == []
     assert seen.probabilities.tolist() == [0.0] * 3
@@ -309,7 +309,7 @@ def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -
 
 
 def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
-    controller = cast(GraspController, Told(Phase.LIFT, CloseFast(60.0, *ANY_CLOSE)))
+    controller = cast(GraspController, Told(State.LIFT, CloseFast(60.0, *ANY_CLOSE)))
     step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
     assert step.decide(told(frame(-1))).observation.last_close is None
     closed = step.decide(told(frame(-1), 2 * TICK)).observation.last_close
@@ -326,7 +326,7 @@ def test_checks_are_those_that_the_step_was_given() -> None:
 
 
 def test_report_mode_records_an_implausible_value_and_stops_for_a_lost_link() -> None:
-    controller, guard = cast(GraspController, Told(Phase.LIFT)), cast(ForceGuard, Gate())
+    controller, guard = cast(GraspController, Told(State.LIFT)), cast(ForceGuard, Gate())
     monitors = Monitors(MonitorSettings(mode="report"))
     step = GraspStep(Ears(), controller, guard, monitors)
     step.decide(told(frame(-1)))
@@ -346,7 +346,7 @@ def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
         def sent(self, commands: Sequence[Command], arm: ArmState) -> None:
             heard.append((commands, arm))
 
-    controller = cast(GraspController, Told(Phase.LIFT, CLOSE, RISE))
+    controller = cast(GraspController, Told(State.LIFT, CLOSE, RISE))
     step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(MonitorSettings()))
     given = told(frame(-1))
     step.decide(given)
@@ -354,7 +354,7 @@ def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
 
 
 def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:
-    b = Bench(Told(Phase.LIFT, CLOSE, RISE))
+    b = Bench(Told(State.LIFT, CLOSE, RISE))
     b.decide(frame(-1))
     result = b.step.decide(told(frame(-2), 2 * TICK))
     assert b.gate.asked == [(CLOSE, (6.0,) * 3), (CLOSE, (12.0,) * 3)]
@@ -365,7 +365,7 @@ def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measur
 
 
 def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
-    b, states = Bench(Told(Phase.LIFT, CLOSE)), list[GripperState]()
+    b, states = Bench(Told(State.LIFT, CLOSE)), list[GripperState]()
     admit = b.gate.admit
 
     def noted(command: GripperCommand, state: GripperState, measured_n: Vector3) -> GripperCommand:
@@ -427,10 +427,10 @@ def test_detector_that_fails_is_silent_and_a_fault_by_name(
     assert says in fault.message
 
 
-@pytest.mark.parametrize("phase", [Phase.RELEASE, Phase.RETREAT, Phase.DONE])
+@pytest.mark.parametrize("phase", [State.OPEN, State.RETREAT, State.SET_DOWN])
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
 def test_detector_that_fails_with_the_hand_open_is_silent_and_no_fault(
-    answer: Callable[[], Any], says: str, phase: Phase
+    answer: Callable[[], Any], says: str, phase: State
 ) -> None:
     b = Bench(Told(phase), Ears(answer))
     seen = b.decide(frame(-1))

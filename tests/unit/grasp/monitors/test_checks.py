@@ -13,7 +13,7 @@ from grasp.monitors.checks import CHECKS, Monitors, failed, no_probabilities, no
 from grasp.monitors.gripper import LOOKS
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import StepInput
-from grasp.phases import CONTACT_PHASES, SAFE_PHASES, Phase
+from grasp.states import CONTACT_STATES, SAFE_STATES, State
 from tests.unit.grasp.builders import MOVING, arm, codes, frame_of, gripper
 
 TICK = 10_000_000
@@ -27,7 +27,7 @@ def inputs(t_ns: int = 0, **changes: object) -> StepInput:
     return StepInput(**values)  # type: ignore[arg-type]
 
 
-def found(phase: Phase, *states: StepInput, **settings: float) -> list[str]:
+def found(phase: State, *states: StepInput, **settings: float) -> list[str]:
     """Codes of the checks that fail at the last of these steps."""
     monitors = Monitors(MonitorSettings(**settings))  # type: ignore[arg-type]
     return [[fault.code for fault in monitors.check(phase, each)] for each in states][-1]
@@ -37,11 +37,11 @@ def test_detector_and_loop_are_late_once_they_took_longer_than_they_may() -> Non
     for value in (0.05, 0.4):
         for s, late in ((value - 1e-6, False), (value + 1e-6, True)):
             ns = round(s * 1e9)
-            took = found(Phase.LIFT, inputs(took_ns=ns), detector_s=value)
-            slept = found(Phase.APPROACH, inputs(late_ns=ns), standstill_s=value)
+            took = found(State.LIFT, inputs(took_ns=ns), detector_s=value)
+            slept = found(State.SHAPE, inputs(late_ns=ns), standstill_s=value)
             assert (took, slept) == (["detector_late"] * late, ["loop_stood_still"] * late)
-    assert found(Phase.IDLE, inputs(late_ns=10**10)) == []  # a run begins when it begins
-    for phase in SAFE_PHASES:
+    assert found(State.START, inputs(late_ns=10**10)) == []  # a run begins when it begins
+    for phase in SAFE_STATES:
         assert found(phase, inputs(late_ns=10**10)) == ["loop_stood_still"]
 
 
@@ -51,7 +51,7 @@ def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_the_time_that_no
     def at(t_ns: int, late_ns: int = 0) -> list[str]:
         hand, body = gripper(t_ns, detections=MOVING, fresh=False), arm(t_ns, moving=True)
         given = inputs(t_ns, gripper=hand, arm=body, late_ns=late_ns)
-        return [fault.code for fault in monitors.check(Phase.LIFT, given)]
+        return [fault.code for fault in monitors.check(State.LIFT, given)]
 
     assert at(0) == []
     monitors.sent((MoveArm((0.3, 0.2, 0.6), 0.1, 0.5),), arm(0, moving=True))
@@ -65,13 +65,13 @@ def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_the_time_that_no
 def test_all_that_is_wrong_is_found() -> None:
     lost = msgspec.structs.replace(gripper(), active=False)
     nan = msgspec.structs.replace(arm(), position_m=(math.nan,) * 3)
-    assert found(Phase.LIFT, inputs(frame=None, gripper=lost, arm=nan)) == [
+    assert found(State.LIFT, inputs(frame=None, gripper=lost, arm=nan)) == [
         "arm_position_nan", "gripper_inactive", "fingertips_absent",
     ]  # fmt: skip
 
 
 def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
-    assert {p for p in Phase if found(p, inputs(frame=None))} == CONTACT_PHASES
+    assert {p for p in State if found(p, inputs(frame=None))} == CONTACT_STATES
 
 
 @pytest.mark.parametrize(
@@ -82,9 +82,9 @@ def test_what_a_step_commands_the_arm_is_what_it_is_judged_by(
     commands: tuple[Command, ...], says: list[str]
 ) -> None:
     monitors = Monitors(MonitorSettings())
-    assert monitors.check(Phase.IDLE, inputs()) == ()
+    assert monitors.check(State.START, inputs()) == ()
     monitors.sent(commands, arm())
-    assert [f.code for f in monitors.check(Phase.IDLE, inputs(10**9))] == says
+    assert [f.code for f in monitors.check(State.START, inputs(10**9))] == says
 
 
 def test_report_mode_lets_go_what_is_implausible_and_nothing_that_takes_control_away() -> None:

@@ -9,7 +9,7 @@ from grasp.fault import FINGERTIPS
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.fingertips import RAIL_SAMPLES, FingertipHistory
 from grasp.monitors.settings import MonitorSettings
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.builders import Codes, codes, frame_of
 
 
@@ -20,10 +20,10 @@ class Hand:
         self.limits = MonitorSettings(**settings)
         self.history = FingertipHistory(self.limits)
 
-    def see(self, raw: Codes | None, phase: Phase = Phase.LIFT, missed: int = 0) -> str:
+    def see(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
         self.history.update(None if raw is None else frame_of(raw, missed))
         checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
-        asked = ((code, c.fails) for code, c in checks if phase in c.phases)
+        asked = ((code, c.fails) for code, c in checks if phase in c.states)
         found = {code: f(self.history, self.limits) for code, f in asked if f}
         return ", ".join(f"{n} {d.get('finger', '')}".strip() for n, d in found.items() if d)
 
@@ -102,7 +102,7 @@ def test_stuck_samples(value: int) -> None:
     assert hand.history.can_tell.all() and hand.history.all_tell
 
 
-def said_of(stuck: int, phase: Phase, code: int = 420) -> str:
+def said_of(stuck: int, phase: State, code: int = 420) -> str:
     """Of finger B with so many taxels that stand still for longer than ``stuck_samples``."""
     hand = Hand(stuck_samples=20)
     return [hand.see(rails(k, code, taxels=stuck), phase) for k in range(25)][-1]
@@ -110,10 +110,10 @@ def said_of(stuck: int, phase: Phase, code: int = 420) -> str:
 
 def test_an_arm_does_not_lift_with_a_fingertip_of_which_more_than_half_stand_still() -> None:
     few = "fingertip_few_taxels B"
-    assert (said_of(3, Phase.LISTEN), said_of(4, Phase.LISTEN)) == ("", few)
-    assert {phase for phase in Phase if said_of(5, phase)} == {Phase.RELAX, Phase.LISTEN}
+    assert (said_of(3, State.BASELINE), said_of(4, State.BASELINE)) == ("", few)
+    assert {phase for phase in State if said_of(5, phase)} == {State.SETTLE, State.BASELINE}
     for code in (0, 1023):  # pressed
-        assert said_of(5, Phase.LISTEN, code=code) == ""
+        assert said_of(5, State.BASELINE, code=code) == ""
 
 
 def test_codes_at_the_rail_cannot_tell_and_of_a_whole_fingertip_are_no_force() -> None:
@@ -158,6 +158,6 @@ def test_after_a_gap_in_the_frames_codes_are_not_compared_with_those_from_before
     hand.see(codes(0))
     assert hand.see(jumped) == "fingertips_jump"
     hand = Hand()
-    hand.see(codes(0), Phase.APPROACH)
-    hand.see(None, Phase.APPROACH)
+    hand.see(codes(0), State.SHAPE)
+    hand.see(None, State.SHAPE)
     assert hand.see(jumped) == ""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from detector.decision import RuleSettings, make_rule
-from grasp.slip import SlipMonitor, SlipSettings
+from grasp.slip_monitor import SlipMonitor, SlipSettings
 from scenarios.report.run_decision import decided
 
 CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)

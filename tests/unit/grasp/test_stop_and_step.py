@@ -4,25 +4,26 @@ where a step is not enough."""
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
-from grasp.phases import Phase
-from grasp.steps import Steps
-from grasp.stiffness import Stiffness
+from grasp.slip_response.stop_and_step import StopAndStep
+from grasp.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper, seen
-from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, TICK, Driver
-from tests.unit.grasp.test_pause import told
+from tests.unit.grasp.controller_driver import LATCHED, TICK, Driver
+from tests.unit.grasp.test_stop_and_close import told
 
 
-def stepping(**settings: object) -> Driver:
-    low: dict[str, object] = {"answer": "stop_and_step", "step_below_m": 0.06}
-    return Driver(**(low | settings)).slip()  # type: ignore[arg-type]
+def stepping(height_m: float = 0.02, **settings: object) -> Driver:
+    d = Driver(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    d.climbs_m = height_m
+    return d.slip()
 
 
 def over(d: Driver) -> Driver:
     """Slip ends with the pause, and the arm goes on."""
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     return d
 
@@ -35,7 +36,7 @@ def rises(d: Driver, height_m: float, p: float = 0.0) -> None:
 def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
     newtons_per_count: float, counts: int
 ) -> None:
-    d = stepping(stiffness=Stiffness(newtons_per_count), step_n=1.5)
+    d = stepping(stiffness=Stiffness(newtons_per_count))
     assert told(d, StopArm, MoveFingers, CloseFast) == [
         StopArm(8.0), MoveFingers((55 + counts, 55, 55), 0.022, 10.0),
     ]  # fmt: skip
@@ -44,7 +45,7 @@ def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
 def test_slip_that_comes_back_is_answered_by_another_step() -> None:
     d = over(stepping())
     for _ in range(3):
-        rises(d, 0.052, 0.9)
+        rises(d, 0.022, 0.9)
     over(d)
     assert [c.targets_counts[0] for c in told(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
     assert len(told(d, StopArm)) == len(told(d, MoveArm)) == 2
@@ -52,11 +53,11 @@ def test_slip_that_comes_back_is_answered_by_another_step() -> None:
 
 
 def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands() -> None:
-    d = over(stepping(margin_steps=2, margin_after_m=0.01))
-    rises(d, 0.055)
-    assert d.controller.phase is Phase.LIFT
+    d = over(stepping(margin_steps=2))
+    rises(d, 0.025)
+    assert d.controller.state is State.LIFT
     d.commands.clear()
-    rises(d, 0.061)
+    rises(d, 0.031)
     assert d.commands == [StopArm(8.0), MoveFingers((58, 55, 55), 0.022, 10.0)]
     over(d)
     rises(d, 0.1)
@@ -65,7 +66,7 @@ def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands(
 
 
 def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_closure() -> None:
-    d = stepping(step_patience_s=0.25)
+    d = stepping()
     for _ in range(24):
         d.climb(0.9)
     assert told(d, CloseFast) == []
@@ -75,17 +76,17 @@ def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_cl
     over(d)
     rises(d, 0.1)
     assert len(told(d, MoveFingers)) == 1  # no margin on the cap
-    assert d.controller.phase is Phase.LIFT
+    assert d.controller.state is State.LIFT
 
 
 def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
-    high = stepping(step_below_m=0.03)
+    high = stepping(0.031)
     assert told(high, MoveFingers) == []
     assert len(told(high, CloseFast)) == 1
-    top = Driver(answer="stop_and_step", step_below_m=1.0, hold_s=5.0).lift()
-    top.height_m = HEIGHT
-    top.until(Phase.HOLD)
-    top.until(Phase.COMPENSATE, 0.9)
+    top = Driver(answer="stop_and_step", hold_s=5.0, lift_height_m=0.02).lift()
+    top.height_m = 0.02
+    top.until(State.HOLD)
+    top.until(State.COMPENSATE, 0.9)
     assert told(top, MoveFingers) == []
     assert len(told(top, CloseFast)) == 1
 
@@ -95,15 +96,15 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
     d.commands.clear()
     for _ in range(2):
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
-    assert d.controller.phase is Phase.COMPENSATE
+    assert d.controller.state is State.COMPENSATE
     assert told(d, MoveFingers, CloseFast) == []
     assert d.controller.closings == 1
 
 
 def held_by(end: int, **settings: object) -> Driver:
     """A thumb that may go no further than that; the first grasp is at 55 counts."""
-    d = Driver(answer="stop_and_step", step_below_m=0.06, **settings)
-    d.end = end
+    d = Driver(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    d.end, d.climbs_m = end, 0.02
     return d
 
 
@@ -127,16 +128,14 @@ def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
     assert told(d, MoveFingers) == []
 
 
-# By themselves
+# By itself
 
 
-def alone(**settings: object) -> Steps:
-    """Of one count each, on a line that begins 0.4 m below the arm."""
-    asked = ControllerSettings(
-        **({"answer": "stop_and_step", "step_below_m": 0.5, "step_tries": 2} | settings)  # type: ignore[arg-type]
-    )
-    plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.0))
-    return Steps(asked, plan, LiftLine(asked, (0.3, 0.2, 0.0)))
+def alone(height_m: float = 0.01, **settings: object) -> StopAndStep:
+    """Steps of one count each, on a line that begins so far below the arm."""
+    asked = ControllerSettings(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.5))
+    return StopAndStep(asked, plan, LiftLine(asked, (0.3, 0.2, 0.4 - height_m)))
 
 
 def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observation:
@@ -144,42 +143,51 @@ def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observa
     return seen(0, gripper=hand, thumb_end=end, arm=arm(moving=moving))
 
 
+def steps(response: StopAndStep, obs: Observation) -> bool:
+    """Whether slip on the way up is answered by a step."""
+    commands = response.begin(obs, rising=True, lost=False)
+    return any(isinstance(c, MoveFingers) for c in commands)
+
+
 def test_steps_are_taken_as_often_as_may_be_tried() -> None:
-    steps = alone(step_tries=2)
-    for _ in range(2):
-        assert steps.may(at())
-        steps.step(at())
-    assert not steps.may(at())
+    response = alone()
+    assert [steps(response, at()) for _ in range(6)] == [True] * 5 + [False]
 
 
-def test_no_step_is_taken_from_the_height_on_that_ends_them() -> None:
-    assert not alone(step_below_m=0.4).may(at())
-    assert alone(step_below_m=0.401).may(at())
+@pytest.mark.parametrize("height_m", [0.029, 0.031])
+def test_no_step_is_taken_from_the_height_on_that_ends_them(height_m: float) -> None:
+    assert steps(alone(height_m), at()) == (height_m < 0.03)
 
 
-def test_arm_may_take_all_the_time_of_a_step_to_stop() -> None:
+@pytest.mark.parametrize("brake_mps2", [0.2, 0.19])
+def test_arm_may_take_all_the_time_of_a_step_to_stop(brake_mps2: float) -> None:
     """At 0.05 m/s."""
-    assert alone(answer_stop_mps2=0.1, step_patience_s=0.5).may(at(moving=True))
-    assert not alone(answer_stop_mps2=0.1, step_patience_s=0.499).may(at(moving=True))
+    assert steps(alone(answer_stop_mps2=brake_mps2), at(moving=True)) == (brake_mps2 == 0.2)
 
 
-@pytest.mark.parametrize(("thumb", "end"), [(253, 255), (254, 255), (255, 255)])
+@pytest.mark.parametrize(("thumb", "end"), [(252, 254), (253, 255), (254, 255)])
 def test_thumb_that_force_alone_ends_goes_as_far_as_fingers_close(thumb: int, end: int) -> None:
-    steps = alone(margin_steps=2)
-    steps.step(at(thumb))
-    assert steps.may(at(thumb)) == (thumb < 255)
-    assert steps.margin_due(at(thumb), at_top=True) == (thumb < 255)
-    assert steps.margin(at(thumb)).targets_counts == (end, 55, 55)
+    response = alone(margin_steps=2)
+    assert steps(response, at(thumb))
+    (margin,) = response.follow_up(at(thumb), rising=False)
+    assert isinstance(margin, MoveFingers) and margin.targets_counts == (end, 55, 55)
+
+
+def test_thumb_that_is_as_far_as_it_goes_takes_no_step_and_gets_no_margin() -> None:
+    response = alone()
+    assert steps(response, at(254))
+    assert response.follow_up(at(255), rising=False) == ()
+    assert not steps(response, at(255))
 
 
 def test_margin_is_due_once_the_arm_has_risen_so_far_and_once_only() -> None:
-    steps = alone(margin_steps=1, margin_after_m=0.0)
-    assert not steps.margin_due(at(), at_top=True)
-    steps.step(at())
-    assert steps.margin_due(at(), at_top=False)
-    steps.margin(at())
-    assert not steps.margin_due(at(), at_top=True)
-    steps.step(at())
-    steps.forget()
-    assert not steps.margin_due(at(), at_top=True)
-    assert not (steps.lasts or steps.securing)
+    response = alone(margin_steps=1)
+    assert response.follow_up(at(), rising=False) == ()
+    assert steps(response, at())
+    assert response.follow_up(at(), rising=True) == ()
+    assert len(response.follow_up(at(), rising=False)) == 1
+    assert response.follow_up(at(), rising=False) == ()
+    assert steps(response, at())
+    assert not steps(response, at(end=55))  # a closing to the cap: nothing is left to find
+    assert response.follow_up(at(), rising=False) == ()
+    assert not response.adds_margin
