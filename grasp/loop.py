@@ -37,7 +37,7 @@ from grasp.commands import (
 )
 from grasp.controller import Decision
 from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
-from grasp.loop_settings import LoopSettings
+from grasp.loop_settings import STOP_S, LoopSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import State
 from grasp.step import GraspStep, StepResult
@@ -127,6 +127,10 @@ class _Waiting(msgspec.Struct, frozen=True):
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
+    stop_s = STOP_S
+    abort_s = 3.0  # for arm and hand to stand where no step can be taken any more; assumed
+    spared_s = 0.002  # of a period, for those who watch, though an acknowledgement is late; assumed
+
     def __init__(
         self,
         devices: Devices,
@@ -142,7 +146,6 @@ class ControlLoop:
         self._clock = clock
         self._step = step
         self._on_tick = on_tick
-        self._settings = settings
         self._period_ns = round(settings.period_s * 1e9)
         self._delay_ns = round(settings.decision_delay_s * 1e9)
         self._deadlines = Deadlines(clock.now_ns, self._period_ns)
@@ -218,7 +221,7 @@ class ControlLoop:
         self._pursue_safe_state()
 
     def _pursue_safe_state(self) -> None:
-        end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
+        end_ns = self._clock.now_ns + round(self.stop_s * 1e9)
         with signals.deferred():
             while not self._step.controller.finished and self._clock.now_ns < end_ns:
                 signals.check(end=False)
@@ -230,7 +233,7 @@ class ControlLoop:
         whatever becomes of the others, until it reports that it obeys. Returns how they were left;
         None where there was no step at all."""
         self._queue.clear()
-        end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
+        end_ns = self._clock.now_ns + round(self.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
         stop_due, hand_due, taken, began_ns = True, bool(hand), True, 0
         while True:
@@ -402,7 +405,7 @@ class ControlLoop:
         if self._clock.virtual or not self._queue:
             return
         self._advance_to(self._clock.now_ns + SOON_NS)
-        end_ns = self._deadlines.last_ns + self._period_ns - round(self._settings.spared_s * 1e9)
+        end_ns = self._deadlines.last_ns + self._period_ns - round(self.spared_s * 1e9)
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
 

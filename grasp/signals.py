@@ -19,10 +19,9 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LOOK_S = 0.01  # between two looks of the guard
-STUCK_S = 1.0
-RESCUE_S = 40.0  # more than the devices get (loop.abort_s is 30 s at most)
 INSISTS = 3  # signals, of which the last is raised though it should wait: something hangs
+LOOK_S, STUCK_S = 0.01, 1.0  # between two looks of the guard; without a check
+RESCUE_S = 40.0  # more than the devices get
 INTERNAL = 5  # exit code
 
 _WORDS = {
@@ -37,19 +36,14 @@ class Interruption(KeyboardInterrupt):
 
 
 class _State:
-    """Of a process whose signals are taken."""
-
-    def __init__(self, report: Callable[[Any], int]) -> None:
+    def __init__(self, report: Callable[[Any], int] = lambda failure: INTERNAL) -> None:
         self.report = report
         self.number: int | None = None  # of the first signal
-        self.deferred = False
-        self.once = False  # the next one that is raised defers those that follow
-        self.raised = False
-        self.sealed = False
-        self.guarded = False
         self.came = 0
+        self.deferred = self.once = self.sealed = self.guarded = False
+        self.raised = False
         self.looks = 0
-        self.given_up = False  # the guard thread commands the devices and ends the process
+        self.given_up = False  # the guard commands the devices and ends the process
         self.last_acts: list[Callable[[], object]] = []
 
     def take(self, number: int, _: object) -> None:
@@ -61,11 +55,13 @@ class _State:
             raise Interruption(self.number)
 
 
-_state: _State | None = None
+_taken: _State | None = None
 
 
-def _here() -> _State | None:
-    return _state if threading.current_thread() is threading.main_thread() else None
+def _state() -> _State:
+    """Of this process; an idle one in other threads, and where the signals are not taken."""
+    main = threading.current_thread() is threading.main_thread()
+    return _taken if main and _taken is not None else _State()
 
 
 @contextmanager
@@ -73,12 +69,12 @@ def taken(report: Callable[[Any], int] = lambda failure: INTERNAL) -> Iterator[N
     """Handle the signals, except those that the parent process ignores; restore them at the end.
 
     ``report``: prints what ``guarded``'s rescue returns, and gives the exit code."""
-    global _state  # noqa: PLW0603  (signals are the process's)
-    if threading.current_thread() is not threading.main_thread() or _state is not None:
+    global _taken  # noqa: PLW0603  (signals are the process's)
+    if threading.current_thread() is not threading.main_thread() or _taken is not None:
         yield
         return
-    _state = state = _State(report)
     before: dict[int, Any] = {}
+    _taken = state = _State(report)
     try:
         for number in map(int, SIGNALS):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
@@ -87,16 +83,13 @@ def taken(report: Callable[[Any], int] = lambda failure: INTERNAL) -> Iterator[N
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        _state = None
+        _taken = None
 
 
 @contextmanager
 def deferred(on: bool = True, sealed: bool = False) -> Iterator[None]:
     """Within, a signal waits for the next ``check``; where ``sealed``, for one after this."""
-    state = _here()
-    if state is None:
-        yield
-        return
+    state = _state()
     before = state.deferred, state.sealed
     state.deferred, state.sealed = on, sealed or state.sealed
     try:
@@ -108,27 +101,24 @@ def deferred(on: bool = True, sealed: bool = False) -> Iterator[None]:
 @contextmanager
 def immediate() -> Iterator[None]:
     """Inside ``deferred``: a long wait that a signal cuts short, and none what that unwinds."""
-    state = _here()
     check()
-    with deferred(on=False):
-        if state is not None:
-            state.once = True
-        try:
+    state = _state()
+    state.once = True
+    try:
+        with deferred(on=False):
             yield
-        finally:
-            if state is not None:
-                state.once = False
+    finally:
+        state.once = False
 
 
 def check(end: bool = True) -> None:
     """Raises Interruption, once, when a signal has come. Tells the guard that the main thread goes
     on; ``end`` is False where no signal may end what is done, as a safe state."""
-    state = _here()
-    if state is not None:
-        state.looks += 1
-        if end and state.number is not None and not (state.raised or state.sealed):
-            state.raised = True
-            raise Interruption(state.number)
+    state = _state()
+    state.looks += 1
+    if end and state.number is not None and not (state.raised or state.sealed):
+        state.raised = True
+        raise Interruption(state.number)
 
 
 def go_on() -> None:
@@ -140,12 +130,12 @@ def go_on() -> None:
 
 def asked() -> bool:
     """Whether a signal has come."""
-    return _state is not None and _state.number is not None
+    return _taken is not None and _taken.number is not None
 
 
 def number() -> int:
     """The signal that came first; SIGINT where none was taken."""
-    return signal.SIGINT if _state is None or _state.number is None else _state.number
+    return (_taken and _taken.number) or signal.SIGINT
 
 
 def cause(stop: KeyboardInterrupt) -> str:
@@ -157,7 +147,7 @@ def cause(stop: KeyboardInterrupt) -> str:
 @contextmanager
 def lastly(act: Callable[[], object]) -> Iterator[None]:
     """Within, the guard runs ``act`` before it ends the process, which runs no `finally`."""
-    acts = [] if (state := _here()) is None else state.last_acts
+    acts = _state().last_acts
     acts.append(act)
     try:
         yield
@@ -167,10 +157,10 @@ def lastly(act: Callable[[], object]) -> Iterator[None]:
 
 @contextmanager
 def guarded(rescue: Callable[[], object]) -> Iterator[None]:
-    """Within, the process ends by ``rescue`` where the main thread cannot end it: its result is
-    reported, then each act of ``lastly`` done."""
-    state = _here()
-    if state is None:
+    """Within, the process ends by ``rescue`` where the main thread cannot end it: each act of
+    ``lastly`` is done, then the rescue's result reported."""
+    state = _state()
+    if state is not _taken:
         yield
         return
     ours, wakes = socket.socketpair()  # tells of a signal though no handler runs
@@ -190,10 +180,10 @@ def guarded(rescue: Callable[[], object]) -> Iterator[None]:
 
 
 def _guard(state: _State, wakes: socket.socket, rescue: Callable[[], object]) -> None:
-    """It counts its own waits instead of reading a clock: a suspended computer must not look like a
+    """Counts its own waits instead of reading a clock: a suspended computer must not look like a
     main thread that stands still."""
-    number, looks, waits, since = state.number, state.looks, 0, 0
-    while waits * LOOK_S < STUCK_S:
+    number, looks, still, since = state.number, state.looks, 0, 0
+    while still * LOOK_S < STUCK_S:
         if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
             received = wakes.recv(4096)
             if not received:
@@ -201,14 +191,11 @@ def _guard(state: _State, wakes: socket.socket, rescue: Callable[[], object]) ->
             if number is not None and since * LOOK_S >= STUCK_S:
                 break
             number = number or next((n for n in received if n in SIGNALS), None)
-        elif state.looks != looks:
-            looks, waits, since = state.looks, 0, since + 1
         else:
-            waits, since = waits + 1, since + 1
+            still = 0 if state.looks != looks else still + 1
+            looks, since = state.looks, since + 1
     state.number, state.given_up = state.number or number, True
-    ident = threading.main_thread().ident
-    assert ident is not None  # noqa: S101
-    signal.pthread_kill(ident, number or signal.SIGINT)  # code that comes back stops in `take`
+    signal.pthread_kill(threading.main_thread().ident or 0, number or signal.SIGINT)  # to `take`
     limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))
     limit.daemon = True
     limit.start()

@@ -114,7 +114,6 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
     (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
-    (("loop.stop_s=3",), "stop_s"),
     (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
     (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
