@@ -39,9 +39,6 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float,
         Meta(ge=0.1, le=30.0, description="for arm and hand to stand after a bug of ours; assumed"),
     ] = 3.0
-    abort_repeat_s: Annotated[
-        float, Meta(ge=0.01, le=1.0, description="between two stops then; assumed")
-    ] = 0.05
     spared_s: Annotated[
         float,
         Meta(

@@ -14,6 +14,7 @@ from detector.motion import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
 from grasp.controller import Decision
+from grasp.fault import Fault
 from grasp.loop import Issued, Tick
 from grasp.observation import Observation, StepInput
 from grasp.states import PhaseChange
@@ -62,14 +63,15 @@ class ControlMessage(msgspec.Struct, frozen=True):
     measured_n: Vector3
     rest_taken: bool
     pending: bool
-    trouble: str
+    errors: tuple[Fault, ...]
     gripper_lost: bool
     commands: list[Command]
     set_down: bool = False
-    stop: str = ""
+    stop: Fault | None = None
     late_ns: int = 0
     took_ns: int = 0
-    doubt: str = ""
+    faults: tuple[Fault, ...] = ()
+    reported: tuple[Fault, ...] = ()  # checks that failed in report mode
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -142,14 +144,15 @@ def control_message(obs: Observation, decision: Decision) -> ControlMessage:
         measured_n=obs.measured_n,
         rest_taken=inputs.rest_taken,
         pending=inputs.pending,
-        trouble=inputs.trouble,
+        errors=inputs.errors,
         gripper_lost=inputs.gripper_lost,
         commands=list(decision.commands),
         set_down=inputs.set_down,
         stop=inputs.stop,
         late_ns=inputs.late_ns,
         took_ns=inputs.took_ns,
-        doubt=obs.doubt,
+        faults=obs.faults,
+        reported=obs.reported,
     )
 
 
@@ -208,7 +211,7 @@ def recorded_input(
         gripper=gripper,
         arm=arm,
         pending=control.pending,
-        trouble=control.trouble,
+        errors=control.errors,
         gripper_lost=control.gripper_lost,
         set_down=control.set_down,
         stop=control.stop,

@@ -4,7 +4,7 @@ gripper or the arm reports."""
 import argparse
 from typing import Any
 
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits, gripper
 from grasp.cli.lab import add_verb, lab_config, leave_to_move, say, tell, tell_slow, will
 from grasp.cli.options import decimal
@@ -85,7 +85,7 @@ def step_arm(args: argparse.Namespace) -> int:
     permit = leave_to_move(config, args, plan)
     will(plan())
     tell_slow(config)
-    with interruption.held():
+    with signals.deferred():
         at_m = step(config, permit, by_m, say)
     return tell(args, {"done": f"the arm stands at {_mm(at_m)}, after {way}"})
 

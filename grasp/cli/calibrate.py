@@ -7,7 +7,7 @@ import sys
 import tomllib
 from typing import Any
 
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits, fingertip
 from grasp.cli.lab import (
     FINGERS,
@@ -109,7 +109,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
         return tell(args, {"would": f"move {pressing if args.press else 'nothing'}"})
     if not args.press:
         operator = _operator()
-        with interruption.held():
+        with signals.deferred():
             text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
         return _written(args, text)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
@@ -117,7 +117,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
     _over_a_scale(args)
     operator = _operator()
     will(f"move {pressing}")
-    with interruption.held():
+    with signals.deferred():
         text = press_force(config, permit, args.finger, up_to_n, operator, _tell, args.note)
     return _written(args, text)
 
@@ -148,7 +148,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     _over_a_scale(args)
     operator = _operator()
     will(f"move {pressing}")
-    with interruption.held():
+    with signals.deferred():
         text = press(
             config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
             operator, _tell, args.note,
@@ -193,7 +193,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     tell_mode(config)
     operator = _operator()
     will(f"move {holding}; the arm stands")
-    with interruption.held():
+    with signals.deferred():
         counts = held_still(config, permit, args.seconds, operator, _tell)
         found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
     return _written(args, _rule_file(args, found, found.rule == judged.rule))

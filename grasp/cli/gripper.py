@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.lab import (
     FINGERS,
@@ -120,7 +120,7 @@ def activate(args: argparse.Namespace) -> int:
     permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
     will(f"{ALL}, if it is not active; {SET_BASIC}, if it is active in another")
-    with interruption.held():
+    with signals.deferred():
         positions = activate_hand(config, permit, say)
     if positions is None:
         return tell(args, {"done": "already active: nothing moved"})
@@ -137,7 +137,7 @@ def release(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _would_release(args, config)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
-    with interruption.held():
+    with signals.deferred():
         make_ready(config, permit, args.activate)
         with open_hand(config, permit, closing=False) as hand:
             will(_move(to_open(config), hand.state.positions, OPEN) + _spreads(hand.mode))
@@ -204,7 +204,7 @@ def _moved(
         order = _order(config, closing)
     permit = leave_to_move(config, args, lambda: f"{plan} at {_how(config)}{order}")
     tell_mode(config)
-    with interruption.held(), open_hand(config, permit, closing=bool(closing)) as hand:
+    with signals.deferred(), open_hand(config, permit, closing=bool(closing)) as hand:
         to = targets(hand.state.positions)
         will(_move(config, hand.state.positions, to) + order)
         moved = hand.close(to, say) if closing else hand.move(to, say)

@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
-from grasp import interruption
+from grasp import signals
 from grasp.cli import (
     arm,
     calibrate,
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked = {"-h", "--help", "--version"} & set(words)
     try:
         json = only_json() if as_json and not asked else nullcontext()
-        with interruption.taken(lambda f: exits.report_failure(f, as_json)), known_streams(), json:
+        with signals.taken(lambda f: exits.report_failure(f, as_json)), known_streams(), json:
             return _run(words, as_json)
     except KeyboardInterrupt:  # before or after all that could be told of it
         return exits.INTERRUPTED
@@ -131,7 +131,6 @@ def _run(words: Sequence[str], as_json: bool) -> int:
 def _done(args: argparse.Namespace, words: Sequence[str], as_json: bool) -> int:
     try:
         code = int(args.handler(args))
-        interruption.check_put_off()
     except UnreadError:
         return exits.nobody_reads()
     except BaseException as error:  # some of somebody's library, as its sys.exit()
@@ -141,7 +140,7 @@ def _done(args: argparse.Namespace, words: Sequence[str], as_json: bool) -> int:
 
 def _told(error: BaseException, words: Sequence[str], as_json: bool) -> int:
     if isinstance(error, KeyboardInterrupt):
-        with interruption.sealed():
+        with signals.deferred(sealed=True):
             return exits.report("interrupted", "interrupted", "", as_json)
     if isinstance(error, GraspError):
         return exits.report(error.kind, error.message, error.remedy, as_json)

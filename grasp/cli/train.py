@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
 from grasp.cli.parser import verb
@@ -108,11 +108,11 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     with (
         _log(out.with_suffix(".log"), "a" if args.resume else "w") as log,
         progress("training", hidden=args.json, every_s=TELL_S) as show,
-        interruption.watched(),
+        signals.deferred(),
     ):
         reporter = Reporter(log, show, args.minutes)
         training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
-    interruption.check()
+    signals.check()
     return export(training, validation, out, versions()["commit"])
 
 
@@ -195,7 +195,7 @@ class Reporter:
                 f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
             )
             self._log.flush()
-        interruption.check()
+        signals.check()
 
     def _last_step(self, p: Any) -> int:
         """Where it ends: with its steps, or with its minutes before, at the pace until now."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import GraspError, UnreadError, UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
@@ -104,19 +104,18 @@ def run_trials(
     if out is None and config.rig == "hardware" and not alone:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
-    with interruption.held():  # no signal cuts off what is to be told of arm and hand
+    with signals.deferred():  # no signal cuts off what is to be told of arm and hand
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
             begin()
             seen = _follow(args, experiment, permit, store, alone)
             rows = seen.rows if store is None else store.rows()
-        with interruption.watched():
-            if alone and seen.results:
-                code = _report(seen.results[0], seen.failure, args, config)
-            else:
-                code = _report_series(args, experiment, seen, rows, out)
-            if args.report:
-                _write_pages(seen.results, args.json)
-            return code
+        if alone and seen.results:
+            code = _report(seen.results[0], seen.failure, args, config)
+        else:
+            code = _report_series(args, experiment, seen, rows, out)
+        if args.report:
+            _write_pages(seen.results, args.json)
+        return code
 
 
 def _follow(
@@ -174,12 +173,13 @@ def _follow(
                     if args.json:
                         print(trial_line(finished.result), file=sys.stderr, flush=True)
                     display.note(trial_line(finished.result))
+                    _tell_reported(finished.result)
                     if args.verbose and seen.first_of_its_physics(finished.result):
                         display.note("\n".join(physics_lines(finished.result)))
         except KeyboardInterrupt as stop:
             if alone:
                 raise
-            cause = f"{interruption.cause(stop)} between two trials"
+            cause = f"{signals.cause(stop)} between two trials"
             seen.failure = Failure("interrupted", cause, "")
         except GraspError as error:  # of the disk, between two trials
             if not seen.results:
@@ -251,12 +251,19 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
             _tell_height(result, config)
             if args.first and failure is None:
                 tell_end(result)
+        _tell_reported(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)
     if args.json:
         print(msgspec.json.encode(result).decode())
     return exits.SUCCESS if result.success else exits.TRIAL_FAILED
+
+
+def _tell_reported(result: Any) -> None:
+    """What would have ended a run, had `monitors.mode` not been "report"."""
+    for fault in result.reported:
+        exits.report_line(f"seed {result.seed}, would have stopped it: {fault.line}")
 
 
 def _by(args: argparse.Namespace, config: Any) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from detector.recordings import SUFFIX, Metadata, Recording, write
 from drivers.errors import CouldNotRecord, GraspError
-from grasp import interruption
+from grasp import signals
 from grasp.messages import (
     ARM,
     TACTILE,
@@ -37,8 +37,7 @@ from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.execution import REPORT
-from scenarios.trial.result import Bug, Failure, versions
+from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, dated, metadata
 from scenarios.world.truth import PressedTruth
 
@@ -163,7 +162,7 @@ def run(
     Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
     """
     check_runs(runs)
-    with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
+    with signals.deferred(), open_acquire_rig(config, seed, paced, permit) as rig:
         dates = dated(rig.clock.virtual, rig.clock.unix_ns)
         known = {**metadata(config, seed), **dates, "motion": msgspec.json.encode(motion).decode()}
         name = f"{SCENARIO}-{config.surface.name}"
@@ -178,7 +177,6 @@ def run(
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / config.sampling.period_s)
             ended, granted = _run_to_end(config, rig, session, samples)
-            interruption.seal()  # what is left is labelling and writing
             return _finish(config, motion, seed, session, folder, ended, granted)
 
 
@@ -210,11 +208,11 @@ def _run_to_end(
             failure = Failure(error.kind, error.message, error.remedy, _left(session))
             return _Ended(failure), granted
         except KeyboardInterrupt as stop:
-            cause = f"{interruption.cause(stop)} in phase {session.phase}"
+            cause = f"{signals.cause(stop)} in phase {session.phase}"
             return _Ended(Failure("interrupted", cause, "", _left(session))), granted
         except BaseException as error:
             bug = Bug.of(error)
-            return _Ended(Failure("internal", bug.line, REPORT, _left(session)), bug), granted
+            return _Ended(Failure("internal", bug.fault.line, REPORT, _left(session)), bug), granted
     return _Ended(), granted
 
 

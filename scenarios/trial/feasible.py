@@ -6,7 +6,6 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
-from grasp.lift_line import AT_HEIGHT_M
 from grasp.safe_state import SAFE_STATE_NS
 from grasp.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
@@ -51,7 +50,7 @@ def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
 
 def check_arm(config: TrialConfig) -> None:
     """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
-    controller, arm, doubt = config.controller, config.arm, config.doubt
+    controller, arm = config.controller, config.arm
     limits = {
         "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
@@ -66,13 +65,6 @@ def check_arm(config: TrialConfig) -> None:
     _check_heartbeat(config)
     _check_start(arm)
     _check_height(controller, arm)
-    there_m = doubt.arm_there_m
-    if there_m > AT_HEIGHT_M:
-        raise ConfigError(
-            "doubt", "arm_there_m",
-            f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
-            f"<= {AT_HEIGHT_M:g}",
-        )  # fmt: skip
 
 
 def _check_heartbeat(config: TrialConfig) -> None:

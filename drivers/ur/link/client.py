@@ -47,7 +47,7 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     heartbeat_timeout_s: Annotated[
         float,
         Meta(ge=0.05, le=5.0, description="s without a read() after which a motion is braked and "
-             "its program left to the watchdog; doubt.standstill_s: that a step may be late"),
+             "its program left to the watchdog; monitors.standstill_s: that a step may be late"),
     ] = 0.15  # fmt: skip
     step_timeout_s: Annotated[
         float, Meta(ge=0.1, le=30.0, description="s for each question before ur_rtde is started")

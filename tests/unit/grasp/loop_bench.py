@@ -32,7 +32,7 @@ class Bench:
         self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, fault_cause="",
+            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
             aborted=lambda: (StopArm(2.0), HoldFingers()),
             missing=lambda seen: Missing((), self.missing_of_hand),
         )  # fmt: skip

@@ -148,7 +148,6 @@ REFUSED = [
     (("arm.workspace_low_m=[-0.1,-0.1,0.001]",), "workspace_low_m"),
     (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
     (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
-    (("doubt.arm_there_m=0.002",), "arm_there_m"),
 ]
 
 
