@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast
 from grasp.fault import ARM, GRIPPER, Fault, stale

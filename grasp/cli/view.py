@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from detector.motion import SECTOR_DEG, Motion
+from detector.auxiliary_outputs import SECTOR_DEG, Motion
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State

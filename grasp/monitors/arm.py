@@ -13,7 +13,7 @@ from grasp.monitors.settings import MonitorSettings
 
 Data = dict[str, float | str] | None  # of a check that failed
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
-STANDING_MPS = 0.001  # an arm that stands reports no more, as ur.standing_below_mps
+STANDING_MPS = 0.001  # an arm that stands reports no more, as the link of the arm
 THERE_M = AT_HEIGHT_M  # so close to its target it need not move
 OFF_LINE_M = 0.002  # from its line, or back on it, beyond braking; assumed
 FASTEST_MPS = 1.0  # no arm of this kind is faster; UR manual

@@ -1,7 +1,7 @@
 """The table of plausibility checks, and ``Monitors``, which makes all of them once a step.
 
 Pure: fed the inputs of a step before the controller, time an argument. A check that fails is a
-``Fault``; the controller answers it with the safe state of the phase. How soon each speaks, and
+``Fault``; the controller answers it with the safe state. How soon each speaks, and
 what a run without a fault leaves of margin: docs/faults.md.
 """
 
@@ -10,17 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drivers.interfaces import FINGERS
+from drivers.interfaces import FINGERS, ArmState
 from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors import arm, fingertips, gripper
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import StepInput
-from grasp.states import CONTACT_STATES, OPEN_STATES, State
+from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 
 ALWAYS = frozenset(State)
 TOUCHING = ALWAYS - OPEN_STATES  # somebody has to feel something
-GRIPPED = frozenset({State.SETTLE, State.BASELINE})  # all is touched, and nothing moves yet
 STARTED = ALWAYS - {State.START}
 STOOD_STILL = "loop_stood_still"
 
@@ -35,7 +34,7 @@ Condition = Callable[[Any, MonitorSettings], Data]
 
 
 class Check(NamedTuple):
-    """``fails`` is asked in ``phases`` for the fields of ``message``; None: found elsewhere.
+    """``fails`` is asked in ``states`` for the fields of ``message``; None: found elsewhere.
 
     ``vital``: stops a run in report mode too, for without it nothing can be controlled.
     """
@@ -44,7 +43,7 @@ class Check(NamedTuple):
     fails: Condition | None
     message: str
     remedy: str
-    phases: frozenset[State] = ALWAYS
+    states: frozenset[State] = ALWAYS
     vital: bool = False
     lies: bool = True  # nothing else that the device reports is believed
 
@@ -102,7 +101,8 @@ CHECKS = {
     "fingertip_dead": Check(FINGERTIPS, fingertips.dead,
         "finger {finger} gives the same codes for ever", LOOK_AT_PADS, TOUCHING),
     "fingertip_few_taxels": Check(FINGERTIPS, fingertips.few_living,
-        "more than half of the taxels of finger {finger} stand still", LOOK_AT_PADS, GRIPPED),
+        "more than half of the taxels of finger {finger} stand still", LOOK_AT_PADS,
+        GRIPPED_STATES),
     "fingertips_slow": Check(FINGERTIPS, None,
         "too few samples for rest counts within {seconds:g} s", LOOK_AT_PADS, vital=True),
     "detector_failed": Check(DETECTOR, None, "{how}",
@@ -138,12 +138,12 @@ class Monitors:
         self.gripper = gripper.GripperHistory()
         self.fingertips = fingertips.FingertipHistory(settings)
 
-    def check(self, phase: State, inputs: StepInput) -> tuple[Fault, ...]:
+    def check(self, state: State, inputs: StepInput) -> tuple[Fault, ...]:
         """What cannot be believed of this step's inputs."""
         if not self._checks:
             return ()
         s = self._settings
-        if phase in STARTED and stood_still(inputs, s):  # nobody saw what the devices did
+        if state in STARTED and stood_still(inputs, s):  # nobody saw what the devices did
             self.arm.restart(inputs.arm, inputs.late_ns)
             self.gripper.restart(inputs.gripper)
         self.arm.update(inputs.arm, inputs.pending)
@@ -152,7 +152,7 @@ class Monitors:
         of = {ARM: self.arm, GRIPPER: self.gripper, FINGERTIPS: self.fingertips}
         found = []
         for code, check, fails in self._checks:
-            if fails is not None and phase in check.phases:
+            if fails is not None and state in check.states:
                 data = fails(of.get(check.device, inputs), s)
                 if data is not None:
                     found.append(failed(code, **data))
@@ -163,11 +163,11 @@ class Monitors:
         implausible = fault.kind == IMPLAUSIBLE and not CHECKS[fault.code].vital
         return not (implausible and self._settings.mode == "report")
 
-    def sent(self, commands: Sequence[Command], state: Any) -> None:
-        """These commands follow from the step; ``state`` of the arm is as it was then."""
+    def sent(self, commands: Sequence[Command], arm_state: ArmState) -> None:
+        """These commands follow from the step; ``arm_state`` is as the arm was then."""
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
-                self.arm.command(command, state)
+                self.arm.command(command, arm_state)
             elif isinstance(command, GripperCommand):
                 self.gripper.command()
 

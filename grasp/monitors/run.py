@@ -55,7 +55,7 @@ class RunMonitor:
             text = f"{said}: it comes to no end"
         else:
             return None
-        return Fault("arm_slow", ARM, text, "turn up the speed slider of the arm's pendant")
+        return Fault("arm_slow", ARM, text, "turn up the speed slider at the arm's pendant")
 
     def _timeout(self, obs: Observation, state: State) -> Fault | None:
         timeout_s = self._settings.phase_timeout_s

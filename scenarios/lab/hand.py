@@ -25,7 +25,7 @@ from drivers.interfaces import (
     Vector3,
 )
 from drivers.robotiq.exchange import RESET
-from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
 from grasp import signals
 from grasp.clock import Clock, WallClock

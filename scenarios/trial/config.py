@@ -14,7 +14,7 @@ from detector.energy import EnergySettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
 from detector.network_file import is_weights, weights_digest, weights_path
-from detector.own import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
+from detector.plugins import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
 from detector.psd import PsdFairSettings, PsdSettings
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
@@ -62,7 +62,7 @@ NAMES = {
     "calibration": ("name", *EVIDENCE),
     "object": ("description",),
 }
-ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
+ADDRESSES = {"modbus": ("host", "port", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
 MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from detector.decision import make_rule
+from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
@@ -95,7 +95,7 @@ def patience_s(config: TrialConfig) -> float:
 
 def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
     """With the arm's ``home`` of an earlier run, or none: then where it stands."""
-    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
+    monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
     settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
     return GraspController(settings, grip_plan(config, home), monitor)
 

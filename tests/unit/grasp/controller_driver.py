@@ -2,7 +2,7 @@
 
 import msgspec
 
-from detector.decision import ConsecutiveRule, RuleSettings
+from detector.decision import DecisionRule, RuleSettings
 from drivers.interfaces import Counts3, Detection, GripperState, Vector3
 from grasp.commands import (
     CloseFast,
@@ -39,7 +39,7 @@ class Driver:
         self, home: Vector3 | None = None, stiffness: Stiffness = STIFF, **settings: object
     ) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
-        monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
+        monitor = SlipMonitor(DecisionRule(RuleSettings(), 3), SlipSettings())
         plan = GripPlan((25, 40, 40), (self.grip,) * 3, 10.0, stiffness, home)
         self.controller = GraspController(merged, plan, monitor)
         self.t_ns = 0

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from detector.decision import ConsecutiveRule, RuleSettings
+from detector.decision import DecisionRule, RuleSettings
 from grasp.slip_monitor import SlipMonitor, SlipSettings, SlipStatus
 
 TICK = 10_000_000
 
 
 def monitor(**settings: float) -> SlipMonitor:
-    return SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings(**settings))  # type: ignore[arg-type]
+    return SlipMonitor(DecisionRule(RuleSettings(), 3), SlipSettings(**settings))  # type: ignore[arg-type]
 
 
 def feed(m: SlipMonitor, *samples: tuple[float, float, float], start: int = 0) -> list[SlipStatus]:

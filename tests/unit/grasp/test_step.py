@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.errors import Refused
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import (

@@ -23,7 +23,7 @@ class Hand:
     def see(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
         self.history.update(None if raw is None else frame_of(raw, missed))
         checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
-        asked = ((code, c.fails) for code, c in checks if phase in c.phases)
+        asked = ((code, c.fails) for code, c in checks if phase in c.states)
         found = {code: f(self.history, self.limits) for code, f in asked if f}
         return ", ".join(f"{n} {d.get('finger', '')}".strip() for n, d in found.items() if d)
 

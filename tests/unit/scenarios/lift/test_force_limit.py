@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from detector.decision import make_rule
+from detector.decision import DecisionRule
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.driver import RegisterTransport
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
@@ -93,7 +93,7 @@ class FixedDetector:
 def greedy(config: TrialConfig, asked_n: float) -> GraspController:
     """A controller that asks for this force, whatever the limit is."""
     plan = msgspec.structs.replace(grip_plan(config), force_cap_n=asked_n)
-    monitor = SlipMonitor(make_rule(config.rule, 3), config.slip)
+    monitor = SlipMonitor(DecisionRule(config.rule, 3), config.slip)
     return GraspController(config.controller, plan, monitor)
 
 
