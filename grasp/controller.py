@@ -25,7 +25,7 @@ from grasp.slip_response import make_response
 from grasp.state_clock import StateClock
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
-ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing answers prolong a hold by this; assumed
+ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing ends prolong a hold by this; assumed
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -66,24 +66,14 @@ class GraspController:
         self._reset_detector = False
         self._anchor = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
-            State.START: self._start,
-            State.HOME: self._home,
-            State.SHAPE: self._shape,
-            State.TARE: self._tare,
-            State.BRACE: self._brace,
-            State.CLOSE: self._close,
-            State.SETTLE: self._settle,
-            State.BASELINE: self._baseline,
-            State.LIFT: self._lift,
-            State.COMPENSATE: self._compensate,
-            State.HOLD: self._hold,
-            State.DESCEND: self._descend,
-            State.FEEL: self._feel,
-            State.OPEN: self._open,
-            State.RETREAT: self._retreat,
-            State.SET_DOWN: self._end,
-            State.KEPT: self._end,
-        }
+            State.START: self._start, State.HOME: self._home, State.SHAPE: self._shape,
+            State.TARE: self._tare, State.BRACE: self._brace, State.CLOSE: self._close,
+            State.SETTLE: self._settle, State.BASELINE: self._baseline,
+            State.LIFT: self._lift, State.COMPENSATE: self._compensate, State.HOLD: self._hold,
+            State.DESCEND: self._descend, State.FEEL: self._feel,
+            State.OPEN: self._open, State.RETREAT: self._retreat,
+            **dict.fromkeys(END_STATES, self._end),
+        }  # fmt: skip
 
     @property
     def state(self) -> State:
@@ -96,7 +86,7 @@ class GraspController:
 
     @property
     def closings(self) -> int:
-        """How often slip or lost contact was answered by closing."""
+        """How often the fingers closed in response to slip or lost contact."""
         return self.response.closings
 
     @property
@@ -120,7 +110,7 @@ class GraspController:
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """What of the safe state was not seen when the run ended."""
+        """What of the safe state was not observed when the run ended."""
         return self._pursuit.unreached if self._pursuit else ()
 
     @property
@@ -154,13 +144,13 @@ class GraspController:
     def aborted(self) -> tuple[Command, ...]:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
         was entered before."""
-        hand: tuple[Command, ...] = (HoldFingers(),)  # where not even that can be told
+        hand: tuple[Command, ...] = (HoldFingers(),)  # where even that fails
         with SuppressBugs():
             hand = self._aborted.of_hand(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def missing(self, obs: Observation) -> Missing:
-        """What of that is not seen; a hand not heard of for as long as makes it stale is not."""
+        """What of that was not observed; a hand whose status is stale was not."""
         safe, stale_ns = self._aborted, self._settings.stale_after_s * 1e9
         if obs.gripper.age_ns(obs.t_ns) > stale_ns:
             inputs = msgspec.structs.replace(obs.inputs, gripper_lost=True)
@@ -187,8 +177,8 @@ class GraspController:
         if math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
             self._go(Trigger.AT_HOME, obs, "run started", self._preshape())
         else:
-            way = self._line.down(0.0, self._settings.lower_speed_mps)
-            self._go(Trigger.AWAY, obs, "run started", way)
+            move = self._line.down(0.0, self._settings.lower_speed_mps)
+            self._go(Trigger.AWAY, obs, "run started", move)
 
     def _home(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stands_at(obs, 0.0):
@@ -197,7 +187,7 @@ class GraspController:
     def _shape(self, obs: Observation) -> None:
         if not obs.hand_rests or not self._line.stands_at(obs, 0.0):
             return
-        if obs.gripper.requested != self._plan.preshape_counts:  # lost on its way
+        if obs.gripper.requested != self._plan.preshape_counts:  # the command was lost
             self._out.append(self._preshape())
         else:
             self._go(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
@@ -248,8 +238,8 @@ class GraspController:
             nothing = "the thumb feels nothing at its position: no object, or a narrower one"
             self._fail(obs, nothing)
         elif self._lasted(obs, s.listen_s):
-            way = self._line.move(s.lift_height_m, s.lift_speed_mps)
-            self._go(Trigger.READY, obs, "the detector has listened", way)
+            move = self._line.move(s.lift_height_m, s.lift_speed_mps)
+            self._go(Trigger.READY, obs, "the detector has listened", move)
             self._anchor = True
 
     # In the air
@@ -321,7 +311,7 @@ class GraspController:
             self._go(Trigger.STEADY, obs, cause, *resume)
 
     def _hold(self, obs: Observation) -> None:
-        """Ends a while after the last response to slip, or where alarms that no closing can answer
+        """Ends a while after the last response to slip, or where alarms that no closing can end
         come and go, a while after the arm first came to the top."""
         s, set_down = self._settings, obs.inputs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
@@ -363,8 +353,8 @@ class GraspController:
         if obs.hand_rests and not obs.gripper.is_open:
             self._fail(obs, f"the fingers stopped at {obs.gripper.positions} counts: not open")
         elif obs.hand_rests:
-            way = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
-            self._go(Trigger.OPENED, obs, "fingers open", way)
+            move = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
+            self._go(Trigger.OPENED, obs, "fingers open", move)
 
     def _retreat(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stands_at(obs, self._set_down.clear_m):

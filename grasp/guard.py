@@ -3,7 +3,7 @@
 Three forces are kept apart. *Commanded*: the calibrated static force of what goes to the gripper;
 never above the limit, whatever the controller asks. *Measured*: estimated from the fingertips,
 20-80 ms late; it can only stop further closing, it cannot limit a rigid contact. *True*: known in
-simulation alone, and never seen here.
+simulation alone, and never used here.
 
 One finger (A, the thumb) opposes two, so it carries their sum. With `every_finger` the thumb
 therefore closes alone while B and C hold; with `each_motor` all three close and each motor keeps

@@ -31,7 +31,7 @@ class StateClock:
         self.still_ns: int | None = None
         self.excused_ns = 0.0
         self._before_ns: int | None = None
-        self._asked_ns = 0  # when the device was last told what the state waits for
+        self._asked_ns = 0  # when what the state waits for was last asked for
         self._lasted_ns = 0.0  # at the pace of the arm
         self._slow_ns = 0.0  # for so long the slider has let the arm stand
 

@@ -2,7 +2,7 @@
 
 A loop on devices, a run in virtual time and the replay of a recording all feed this unit and none
 of them repeats anything of it. No clock is read, nothing sleeps, nothing does I/O: what a step
-concludes follows from what it is told now and was told before.
+concludes follows from its inputs and those before.
 """
 
 from collections.abc import Callable
