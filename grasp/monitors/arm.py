@@ -9,16 +9,16 @@ import math
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
 from grasp.lift_line import AT_HEIGHT_M
-from grasp.monitors.settings import MonitorSettings
+from grasp.monitors.flips import Flips
+from grasp.monitors.settings import Data, MonitorSettings
+from grasp.state_clock import LEAST_PACE
 
-Data = dict[str, float | str] | None  # of a check that failed
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
 STANDING_MPS = 0.001  # an arm that stands reports no more, as the link of the arm
 THERE_M = AT_HEIGHT_M  # so close to its target it need not move
 OFF_LINE_M = 0.002  # from its line, or back on it, beyond braking; assumed
 FASTEST_MPS = 1.0  # no arm of this kind is faster; UR manual
 JUMP_M = 0.01  # beside that: samples come late; assumed
-LEAST_PACE = 0.05  # of the speed slider: one that is lower is waited for no longer than at this
 
 
 class ArmHistory:
@@ -26,8 +26,7 @@ class ArmHistory:
 
     def __init__(self, settings: MonitorSettings) -> None:
         self._start_s = settings.arm_start_s
-        self.state: ArmState | None = None
-        self.usable = False  # its state is numbers
+        self.state: ArmState | None = None  # of this step; None where it is no numbers
         self.move: MoveArm | None = None  # that it is carrying out
         self.stop: StopArm | None = None  # that it was commanded since
         self.from_m: Vector3 = (0.0, 0.0, 0.0)  # where the command found it
@@ -36,24 +35,26 @@ class ArmHistory:
         self.stood_m: Vector3 | None = None  # where it first reported that a stop was obeyed
         self.seen_moving: tuple[int, Vector3] = (0, (0.0, 0.0, 0.0))  # when and where it last was
         self.must_move = False
+        self.flips = Flips()
         self.leapt_m = 0.0  # beyond what it can have gone since the last sample
         self.ramp_s = 0.0  # twice as long as it takes to speed up or brake within MOVED_M
+        self._last: ArmState | None = None
         self._pending = False
         self._unheard = False  # the stop has not left yet
         self._settles_ns = -1  # until then what it did while nobody looked may come in
 
     def command(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this. A repeated stop changes nothing."""
-        if isinstance(command, StopArm) and self.stop:
-            return
-        if isinstance(command, StopArm):
+        if isinstance(command, MoveArm):
+            self.move, self.stop, self.stood_m = command, None, None
+            self._begin(arm, _speed(arm), command.acceleration_mps2)
+        elif not self.stop:
             fastest_mps, self._unheard = self._fastest_mps(arm), True
-            self.move, self.stop, ramp_mps2 = None, command, command.deceleration_mps2
+            self.move, self.stop = None, command
+            self._begin(arm, fastest_mps, command.deceleration_mps2)
         else:
-            fastest_mps = _speed(arm)
-            self.move, self.stop, ramp_mps2 = command, None, command.acceleration_mps2
-        self.stood_m = None
-        self._begin(arm, fastest_mps, ramp_mps2)
+            return
+        self.flips.clear()
 
     def _begin(self, arm: ArmState, fastest_mps: float, ramp_mps2: float) -> None:
         self.from_m = arm.position_m
@@ -72,18 +73,18 @@ class ArmHistory:
 
     def restart(self, arm: ArmState, late_ns: int) -> None:
         """Nobody looked for so long: the arm went on, and what it reported may come in a burst."""
-        seen_ns = arm.t_ns if self.state is None else self.state.t_ns
+        seen_ns = (self._last or arm).t_ns
         self._settles_ns = max(arm.t_ns, seen_ns + late_ns) + round(self._start_s * 1e9)
 
     def update(self, arm: ArmState, pending: bool) -> None:
         """Its state of this step. ``pending``: a command has not left yet."""
-        before, self.state = self.state or arm, arm
-        self.usable = all(map(math.isfinite, (*arm.position_m, *arm.velocity_mps, arm.angle_rad)))
-        if not self.usable:
+        numbers = (*arm.position_m, *arm.velocity_mps, arm.angle_rad)
+        self.state = arm if all(map(math.isfinite, numbers)) else None
+        if self.state is None:
             return
+        before, self._last, self._pending = self._last or arm, arm, pending
         if before is arm:
             self.from_m = arm.position_m
-        self._pending = pending
         self._unheard = self._unheard and pending
         settling = arm.t_ns <= self._settles_ns
         if self.stop and (self._unheard or settling):
@@ -91,10 +92,11 @@ class ArmHistory:
         elif self.move and pending:  # it goes on as before
             self._begin(arm, _speed(arm), self.move.acceleration_mps2)
         self.nearest_m = min(self.nearest_m, self.away_m(arm))
-        if not self.stop or arm.moving or settling:
-            self.stood_m = None
-        else:
-            self.stood_m = self.stood_m or arm.position_m
+        stands = self.stop and not (arm.moving or settling)
+        self.stood_m = (self.stood_m or arm.position_m) if stands else None
+        if settling:
+            self.flips.clear()
+        self.flips.update(arm.t_ns, arm.moving)
         there = self.move is None or self.away_m(arm) <= THERE_M
         self.must_move = (arm.moving or not there) and not (pending or settling)
         self.leapt_m = 0.0 if settling else self._leapt_m(before, arm)
@@ -117,7 +119,7 @@ class ArmHistory:
 
     def off_line_m(self) -> float:
         """How far it is off its line or back on it, beyond what reacting and braking take."""
-        if self.state is None or not self.usable or self.stop or self._pending:
+        if self.state is None or self.stop or self._pending:
             return 0.0
         end_m = self.move.position_m if self.move else self.from_m
         aside_m = _distance(self.state.position_m, self.from_m, end_m)
@@ -126,7 +128,7 @@ class ArmHistory:
 
 def position_nan(h: ArmHistory, s: MonitorSettings) -> Data:
     """Position, speed or angle is not a number."""
-    return None if h.usable else {}
+    return {} if h.state is None else None
 
 
 def off_line(h: ArmHistory, s: MonitorSettings) -> Data:
@@ -136,12 +138,17 @@ def off_line(h: ArmHistory, s: MonitorSettings) -> Data:
 
 def jumped(h: ArmHistory, s: MonitorSettings) -> Data:
     """It is further from where it was than any arm can have gone."""
-    return {"mm": _mm(h.leapt_m)} if h.usable and h.leapt_m > 0.0 else None
+    return {"mm": _mm(h.leapt_m)} if h.state and h.leapt_m > 0.0 else None
+
+
+def flickers(h: ArmHistory, s: MonitorSettings) -> Data:
+    """It reports by turns that it moves and that it stands."""
+    return {} if h.flips.too_many else None
 
 
 def frozen(h: ArmHistory, s: MonitorSettings) -> Data:
     """It keeps its place though it has to move, or though it reports that it does."""
-    if h.state is None or not (h.usable and h.must_move):
+    if h.state is None or not h.must_move:
         return None
     still_s = (h.state.t_ns - h.seen_moving[0]) * 1e-9
     pace = min(1.0, max(LEAST_PACE, h.state.speed_fraction))
@@ -150,12 +157,11 @@ def frozen(h: ArmHistory, s: MonitorSettings) -> Data:
 
 def goes_on(h: ArmHistory, s: MonitorSettings) -> Data:
     """Commanded to stop it goes further than braking takes, or on after it reported to stand."""
-    if h.state is None or not (h.usable and h.stop):
+    if h.state is None or not h.stop:
         return None
     gone_m = math.dist(h.state.position_m, h.from_m)
-    if h.stood_m is not None and math.dist(h.state.position_m, h.stood_m) > THERE_M:
-        return {"mm": _mm(gone_m)}
-    return {"mm": _mm(gone_m)} if gone_m > h.room_m + THERE_M else None
+    on_m = math.dist(h.state.position_m, h.stood_m or h.state.position_m)
+    return {"mm": _mm(gone_m)} if gone_m > h.room_m + THERE_M or on_m > THERE_M else None
 
 
 def _mm(m: float) -> float:

@@ -14,7 +14,7 @@ from drivers.interfaces import FINGERS, ArmState
 from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors import arm, fingertips, gripper
-from grasp.monitors.settings import MonitorSettings
+from grasp.monitors.settings import Data, MonitorSettings
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 
@@ -23,14 +23,16 @@ TOUCHING = ALWAYS - OPEN_STATES  # somebody has to feel something
 STARTED = ALWAYS - {State.START}
 STOOD_STILL = "loop_stood_still"
 
-LOOK_AT_ARM = "look at the arm and its pendant, then run `grasp doctor`"
-LOOK_AT_HAND = "look at the hand, its power and who else commands it, then run `grasp doctor`"
-LOOK_AT_PADS = "look at the fingertips, their cable and their board, then run `grasp doctor`"
-KEEP_UP = (
-    "this computer stood still: end what else it does, then start the run again (docs/real-time.md)"
-)
-Data = dict[str, float | str] | None  # of a check that failed
-Condition = Callable[[Any, MonitorSettings], Data]
+REMEDIES = {
+    ARM: "look at the arm and its pendant, then run `grasp doctor`",
+    GRIPPER: "look at the hand, its power and who else commands it, then run `grasp doctor`",
+    FINGERTIPS: "look at the fingertips, their cable and their board, then run `grasp doctor`",
+    DETECTOR: "choose another detector (--detector), or end what else this computer does",
+    LOOP: "this computer stood still: end what else it does, then start the run again "
+    "(docs/real-time.md)",
+}
+BELIEVED = frozenset({"gripper_inactive"})  # such a device reports the truth
+Fails = Callable[[Any, MonitorSettings], Data]
 
 
 class Check(NamedTuple):
@@ -40,89 +42,70 @@ class Check(NamedTuple):
     """
 
     device: str
-    fails: Condition | None
+    fails: Fails | None
     message: str
-    remedy: str
     states: frozenset[State] = ALWAYS
     vital: bool = False
-    lies: bool = True  # nothing else that the device reports is believed
 
 
-def stood_still(inputs: StepInput, s: MonitorSettings) -> Data:
+def late(inputs: StepInput, s: MonitorSettings) -> Data:
     """This step began too late."""
     late_s = inputs.late_ns * 1e-9
     return {"seconds": round(late_s, 3)} if late_s > s.standstill_s else None
 
 
-def took_long(inputs: StepInput, s: MonitorSettings) -> Data:
+def slow(inputs: StepInput, s: MonitorSettings) -> Data:
     """The step before this one took too long."""
     took_s = inputs.took_ns * 1e-9
     return {"seconds": round(took_s, 3)} if took_s > s.detector_s else None
 
 
 CHECKS = {
-    "detector_late": Check(DETECTOR, took_long, "a step took {seconds:g} s",
-        "choose a faster detector, or end what else this computer does (docs/real-time.md)",
-        CONTACT_STATES, vital=True),
-    STOOD_STILL: Check(LOOP, stood_still, "for {seconds:g} s nobody was in control", KEEP_UP,
-        STARTED, vital=True),
+    "detector_late": Check(DETECTOR, slow, "a step took {seconds:g} s", CONTACT_STATES, vital=True),
+    STOOD_STILL: Check(LOOP, late, "for {seconds:g} s nobody was in control", STARTED, vital=True),
     "arm_position_nan": Check(ARM, arm.position_nan, "position or speed is not a number",
-        LOOK_AT_ARM, vital=True),
-    "arm_jump": Check(
-        ARM, arm.jumped, "{mm:g} mm further than an arm can have gone since the last sample",
-        LOOK_AT_ARM),
-    "arm_wrong_way": Check(ARM, arm.off_line, "{mm:g} mm away from where it was commanded to be",
-        LOOK_AT_ARM),
-    "arm_goes_on": Check(ARM, arm.goes_on, "{mm:g} mm since it was commanded to stop",
-        LOOK_AT_ARM),
-    "arm_frozen": Check(ARM, arm.frozen,
-        "{seconds:g} s at one place, though it has to move or reports that it does", LOOK_AT_ARM),
-    "gripper_inactive": Check(GRIPPER, gripper.inactive,
-        "the hand has lost its activation and obeys no motion", LOOK_AT_HAND, vital=True,
-        lies=False),
-    "gripper_impossible": Check(GRIPPER, gripper.impossible, "finger {finger} {how}",
-        LOOK_AT_HAND),
-    "gripper_silent": Check(GRIPPER, gripper.silent,
-        "{seconds:g} s without an answer to a command", LOOK_AT_HAND),
-    "gripper_stands": Check(GRIPPER, gripper.stands,
-        "finger {finger} reports motion and does not move", LOOK_AT_HAND),
-    "gripper_flickers": Check(
-        GRIPPER, gripper.flickers,
-        "finger {finger} reports one thing of its motion and then another", LOOK_AT_HAND),
-    "fingertips_absent": Check(FINGERTIPS, fingertips.absent,
-        "there is no frame: the board came back without its rest", LOOK_AT_PADS, CONTACT_STATES,
         vital=True),
+    "arm_jump": Check(ARM, arm.jumped, "{mm:g} mm further than it can have gone since it was read"),
+    "arm_wrong_way": Check(ARM, arm.off_line, "{mm:g} mm away from where it was commanded to be"),
+    "arm_goes_on": Check(ARM, arm.goes_on, "{mm:g} mm since it was commanded to stop"),
+    "arm_flickers": Check(ARM, arm.flickers, "reports by turns that it moves and that it stands"),
+    "arm_frozen": Check(ARM, arm.frozen, "{seconds:g} s at one place, though it has to move"),
+    "gripper_inactive": Check(GRIPPER, gripper.inactive,
+        "the hand has lost its activation and obeys no motion", vital=True),
+    "gripper_impossible": Check(GRIPPER, gripper.impossible, "finger {finger} {how}"),
+    "gripper_silent": Check(GRIPPER, gripper.silent, "{seconds:g} s without an answer"),
+    "gripper_stands": Check(GRIPPER, gripper.stands,
+        "finger {finger} reports motion and does not move"),
+    "gripper_flickers": Check(GRIPPER, gripper.flickers,
+        "finger {finger} reports one thing of its motion and then another"),
+    "fingertips_absent": Check(FINGERTIPS, fingertips.absent,
+        "there is no frame: the board came back without its rest", CONTACT_STATES, vital=True),
     "fingertips_at_rail": Check(FINGERTIPS, fingertips.whole_at_rail,
-        "finger {finger} reads 0 or 1023 at every taxel", LOOK_AT_PADS, TOUCHING),
+        "finger {finger} reads 0 or 1023 at every taxel", TOUCHING),
     "fingertips_jump": Check(FINGERTIPS, fingertips.jumped,
-        "every taxel changed by {counts:g} counts or more at once", LOOK_AT_PADS, TOUCHING),
+        "every taxel changed by {counts:g} counts or more at once", TOUCHING),
     "fingertips_frozen": Check(FINGERTIPS, fingertips.frozen,
-        "all codes have come {samples:g} times alike", LOOK_AT_PADS, TOUCHING),
+        "all codes have come {samples:g} times alike", TOUCHING),
     "fingertip_dead": Check(FINGERTIPS, fingertips.dead,
-        "finger {finger} gives the same codes for ever", LOOK_AT_PADS, TOUCHING),
+        "finger {finger} gives the same codes for ever", TOUCHING),
     "fingertip_few_taxels": Check(FINGERTIPS, fingertips.few_living,
-        "more than half of the taxels of finger {finger} stand still", LOOK_AT_PADS,
-        GRIPPED_STATES),
+        "more than half of the taxels of finger {finger} stand still", GRIPPED_STATES),
     "fingertips_slow": Check(FINGERTIPS, None,
-        "too few samples for rest counts within {seconds:g} s", LOOK_AT_PADS, vital=True),
-    "detector_failed": Check(DETECTOR, None, "{how}",
-        "choose another detector (--detector), or correct this one", vital=True),
+        "too few samples for rest counts within {seconds:g} s", vital=True),
+    "detector_failed": Check(DETECTOR, None, "{how}", vital=True),
 }  # fmt: skip
 
 
 def failed(code: str, **data: float | str) -> Fault:
     """The fault of a check, with the numbers of its message."""
-    check = CHECKS[code]
-    text = check.message.format(**data)
-    return Fault(code, check.device, text, check.remedy, data, IMPLAUSIBLE)
+    device, text = CHECKS[code].device, CHECKS[code].message.format(**data)
+    return Fault(code, device, text, REMEDIES[device], data, IMPLAUSIBLE)
 
 
 def not_believed(faults: Iterable[Fault], device: str) -> bool:
     """Whether what the device reports is not to be taken for true."""
-    return any(
-        fault.device == device and fault.kind == IMPLAUSIBLE and CHECKS[fault.code].lies
-        for fault in faults
-    )
+    lies = (f for f in faults if f.kind == IMPLAUSIBLE and f.code not in BELIEVED)
+    return any(fault.device == device for fault in lies)
 
 
 class Monitors:
@@ -143,7 +126,7 @@ class Monitors:
         if not self._checks:
             return ()
         s = self._settings
-        if state in STARTED and stood_still(inputs, s):  # nobody saw what the devices did
+        if state in STARTED and late(inputs, s):  # nobody saw what the devices did
             self.arm.restart(inputs.arm, inputs.late_ns)
             self.gripper.restart(inputs.gripper)
         self.arm.update(inputs.arm, inputs.pending)
@@ -174,11 +157,9 @@ class Monitors:
 
 def no_probabilities(answer: object) -> Fault | None:
     """What is wrong with a detector's answer; None for one probability a finger."""
-    if not isinstance(answer, np.ndarray) or answer.shape != (FINGERS,):
-        shape = getattr(answer, "shape", type(answer).__name__)
+    shape = getattr(answer, "shape", type(answer).__name__)
+    if not isinstance(answer, np.ndarray) or shape != (FINGERS,):
         return failed("detector_failed", how=f"its answer has shape {shape}, not ({FINGERS},)")
-    if answer.dtype.kind not in "fiub":
-        return failed("detector_failed", how=f"its answer is of type {answer.dtype}, no numbers")
-    if not all(0.0 <= p <= 1.0 for p in answer.tolist()):
-        return failed("detector_failed", how=f"{answer.tolist()} are no probabilities")
-    return None
+    if answer.dtype.kind in "fiub" and all(0.0 <= p <= 1.0 for p in answer.tolist()):
+        return None
+    return failed("detector_failed", how=f"{answer.tolist()} are no probabilities")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, TactileFrame
-from grasp.monitors.settings import MonitorSettings
+from grasp.monitors.settings import Data, MonitorSettings
 
 T = TypeVar("T")
 Flags = NDArray[np.bool_]
@@ -100,9 +100,6 @@ class FingertipHistory:
         for i in self.rails:
             pressed[i] = False
         return [any(own) for own in by_finger(pressed)]
-
-
-Data = dict[str, float | str] | None  # of a check that failed
 
 
 def absent(h: FingertipHistory, s: MonitorSettings) -> Data:

@@ -3,9 +3,9 @@
 from itertools import compress
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, FingerState, GripperState
-from grasp.monitors.settings import MonitorSettings
+from grasp.monitors.flips import Flips
+from grasp.monitors.settings import Data, MonitorSettings
 
-Data = dict[str, float | str] | None  # of a check that failed
 LOOKS = 5  # without an answer, however long each took: one may be under way for two
 TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
 # A finger whose motor draws so much presses on something (manual p. 68-73: 110-160 mA moving
@@ -15,10 +15,6 @@ PRESSING_S = 2.0
 TARGET_COUNTS = 8  # a finger 'at target' may be off it; a zero is off by up to 5, manual p. 74
 CONTACT_COUNTS = 3  # a finger that reports contact stands; it may move by this; assumed
 SOFT_COUNTS = range(20, 201)  # targets beyond are cut by software limits of opening and closing
-# A finger begins, ends and may settle without a new command; more changes in its report of motion
-# than this within a second come from another client of the hand, or from no hand at all.
-MOST_FLIPS = 8
-FLIPS_NS = 1_000_000_000
 FINGER_COUNTS_PS = 300.0  # no finger is faster: twice full speed (manual: 0.11 m/s, 143 counts/s)
 
 
@@ -33,12 +29,12 @@ class GripperHistory:
         self.moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
         self.touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
 
-        self.flips_ns: list[list[int]] = [[] for _ in range(FINGERS)]  # changes in its report
+        self.flips = [Flips() for _ in range(FINGERS)]
 
     def command(self) -> None:
         """A command goes out: what the hand reports of its motion may change for it."""
-        for flips_ns in self.flips_ns:
-            flips_ns.clear()
+        for flips in self.flips:
+            flips.clear()
 
     def restart(self, state: GripperState) -> None:
         """How long it has been silent, or stood, was not seen: that counts from now."""
@@ -57,22 +53,15 @@ class GripperHistory:
         self.before, self.state = self.state, state
         for i, (was, now) in enumerate(zip(self.before.fingers, state.fingers, strict=True)):
             moving = state.fresh and now.detection is Detection.MOVING
-            self._count_flips(i, self.before, state)
+            if was.requested_counts != now.requested_counts:
+                self.flips[i].clear()
+            self.flips[i].update(state.t_ns, now.detection if state.fresh else "unknown")
             if not moving or was.position_counts != now.position_counts:
                 self.moved_ns[i] = state.t_ns
             if not state.fresh or now.detection not in TOUCHING:
                 self.touched_at[i] = None
             elif self.touched_at[i] is None:
                 self.touched_at[i] = now.position_counts
-
-    def _count_flips(self, i: int, before: GripperState, state: GripperState) -> None:
-        was, now, flips_ns = before.fingers[i], state.fingers[i], self.flips_ns[i]
-        if was.requested_counts != now.requested_counts:
-            flips_ns.clear()
-        elif before.fresh != state.fresh or (state.fresh and was.detection != now.detection):
-            flips_ns.append(state.t_ns)
-        while flips_ns and state.t_ns - flips_ns[0] > FLIPS_NS:
-            flips_ns.pop(0)
 
 
 def inactive(h: GripperHistory, s: MonitorSettings) -> Data:
@@ -124,8 +113,8 @@ def stands(h: GripperHistory, s: MonitorSettings) -> Data:
 
 
 def flickers(h: GripperHistory, s: MonitorSettings) -> Data:
-    """A finger reports one thing of its motion and then another, without a new command."""
-    return _named([len(flips_ns) > MOST_FLIPS for flips_ns in h.flips_ns])
+    """As another client's commands make a hand report."""
+    return _named([flips.too_many for flips in h.flips])
 
 
 def _named(fingers: list[bool]) -> Data:

@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+Data = dict[str, float | str] | None  # what a check found, by the fields of its message
+
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of the plausibility checks. "measured": docs/faults.md."""

@@ -351,3 +351,17 @@ def test_a_controllers_clock_that_lies_hides_no_leap_beyond_what_a_command_takes
     there_s: float,
 ) -> None:
     assert leapt(dated(0.0, 0.0, 0.0), dated(0.01, there_s, 0.28)) == [True]
+
+
+@pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen
+def test_arm_that_reports_motion_and_standing_by_turns_is_noticed(stopped: bool) -> None:
+    def found(every: int) -> bool:
+        watched, said = Watched(), []
+        for i in range(120):
+            if stopped:
+                watched.command(StopArm(1.0), at(0.01 * i, 0.0))
+            says = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
+            said.append(watched.see(says))
+        return "arm_flickers" in said
+
+    assert [found(every) for every in (2, 4, 10, 13)] == [True, True, True, False]
