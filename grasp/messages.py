@@ -51,7 +51,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
-    """One control step: what it was told beside the device states, and what it concluded."""
+    """One control step: its inputs beside the device states, and what it concluded."""
 
     phase: str
     probabilities: list[float]
@@ -72,6 +72,10 @@ class ControlMessage(msgspec.Struct, frozen=True):
     took_ns: int = 0
     faults: tuple[Fault, ...] = ()
     reported: tuple[Fault, ...] = ()  # checks that failed in report mode
+
+
+# fields that it shares with the inputs of a step
+INPUTS = [name for name in ControlMessage.__struct_fields__ if hasattr(StepInput, name)]
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -132,25 +136,13 @@ def arm_message(arm: ArmState) -> ArmMessage:
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
-    inputs, slip = obs.inputs, decision.slip
     return ControlMessage(
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
-        armed=slip.armed,
-        masked=slip.masked,
-        registered=slip.registered,
-        event=slip.event,
-        finger=slip.finger,
+        **msgspec.structs.asdict(decision.slip),
+        **{name: getattr(obs.inputs, name) for name in INPUTS},
         measured_n=obs.measured_n,
-        rest_taken=inputs.rest_taken,
-        pending=inputs.pending,
-        errors=inputs.errors,
-        gripper_lost=inputs.gripper_lost,
         commands=list(decision.commands),
-        set_down=inputs.set_down,
-        stop=inputs.stop,
-        late_ns=inputs.late_ns,
-        took_ns=inputs.took_ns,
         faults=obs.faults,
         reported=obs.reported,
     )
@@ -203,18 +195,6 @@ def recorded_input(
     gripper: GripperState,
     arm: ArmState,
 ) -> StepInput:
-    """What a recorded step was told."""
-    return StepInput(
-        t_ns=t_ns,
-        frame=frame,
-        rest_taken=control.rest_taken,
-        gripper=gripper,
-        arm=arm,
-        pending=control.pending,
-        errors=control.errors,
-        gripper_lost=control.gripper_lost,
-        set_down=control.set_down,
-        stop=control.stop,
-        late_ns=control.late_ns,
-        took_ns=control.took_ns,
-    )
+    """The inputs of a recorded step."""
+    others = {name: getattr(control, name) for name in INPUTS}
+    return StepInput(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)

@@ -1,4 +1,4 @@
-"""What one step is told, and what it makes of it before anything is decided."""
+"""The inputs of one step, and what follows from them before anything is decided."""
 
 import msgspec
 import numpy as np
@@ -11,7 +11,7 @@ from grasp.fault import ARM, GRIPPER, Fault, stale
 
 
 class StepInput(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
+    """All inputs of one step; ``frame`` is None until the fingertips have sent one.
 
     ``pending``: a command of an earlier step has not reached its device yet. ``errors``: what the
     drivers raised since the last step.
@@ -104,7 +104,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def hand_rests(self) -> bool:
-        """The fingers stand, and nothing that they were told is on its way."""
+        """The fingers stand, and no command is on its way."""
         return not self.pending and self.gripper.at_rest
 
     @property
@@ -133,7 +133,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
             return False
         if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
             return True
-        if close is None:  # only a step to the cap latches a thumb that nobody has told to close
+        if close is None:  # only a step to the cap latches a thumb that no closing was sent to
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(

@@ -5,13 +5,10 @@ at full pace: where it is waited for, time-outs count that. It is waited for in 
 what is in the hand can come down no other way.
 """
 
-from drivers.interfaces import LEAST_SPEED_FRACTION
-from grasp.fault import ARM, Fault
 from grasp.observation import Observation
 from grasp.states import LOWERING_STATES, State
 
 SLOWED_STATES = frozenset({State.HOME, State.LIFT, State.RETREAT}) | LOWERING_STATES
-RISING_STATES = frozenset({State.BASELINE, State.LIFT})  # about to, or doing so
 # No arm is waited for without end: slower than this it counts as going at this, and once it has
 # been so for a while as one that stands.
 LEAST_PACE = 0.05
@@ -34,7 +31,7 @@ class StateClock:
         self.still_ns: int | None = None
         self.excused_ns = 0.0
         self._before_ns: int | None = None
-        self._asked_ns = 0  # when the device was last told what the state waits for
+        self._asked_ns = 0  # when what the state waits for was last asked for
         self._lasted_ns = 0.0  # at the pace of the arm
         self._slow_ns = 0.0  # for so long the slider has let the arm stand
 
@@ -54,6 +51,11 @@ class StateClock:
         stands = slowed and fraction < LEAST_PACE
         self._slow_ns = self._slow_ns + self.passed_ns if stands else 0.0
 
+    @property
+    def arm_stands(self) -> bool:
+        """Whether the slider has let the arm stand for so long that it is not waited for."""
+        return self._slow_ns >= STANDS_NS
+
     def restart(self, t_ns: int) -> None:
         """Another state begins."""
         self.entered_ns = self._asked_ns = t_ns
@@ -70,14 +72,3 @@ class StateClock:
         if due:
             self._asked_ns = t_ns
         return due
-
-    def slow_arm(self, obs: Observation, state: State) -> Fault | None:
-        """What the slider makes impossible; None if nothing."""
-        text = f"the arm's speed slider is at {100.0 * obs.arm.speed_fraction:.3g} %"
-        if state in RISING_STATES and obs.arm.speed_fraction < LEAST_SPEED_FRACTION:
-            text = f"{text}, and no lift goes on below {100.0 * LEAST_SPEED_FRACTION:g} %"
-        elif self._slow_ns >= STANDS_NS:
-            text = f"{text}: it comes to no end"
-        else:
-            return None
-        return Fault("arm_slow", ARM, text, "turn up the speed slider at the arm's pendant")

@@ -2,7 +2,7 @@
 
 A loop on devices, a run in virtual time and the replay of a recording all feed this unit and none
 of them repeats anything of it. No clock is read, nothing sleeps, nothing does I/O: what a step
-concludes follows from what it is told now and was told before.
+concludes follows from its inputs and those before.
 """
 
 from collections.abc import Callable
@@ -103,15 +103,15 @@ class GraspStep:
         return None if command is None else self._guard.admit(command, gripper, self._measured_n)
 
     def _observe(self, inputs: StepInput) -> Observation:
-        phase = self.controller.state
-        found = self._monitors.check(phase, inputs)
+        state = self.controller.state
+        found = self._monitors.check(state, inputs)
         faults = (*inputs.errors, *filter(self._monitors.stops, found))
         reported = tuple(fault for fault in found if fault not in faults)
-        self._rested = self._rested or phase not in UNTARED_STATES
+        self._rested = self._rested or state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
         safe = bool(inputs.stop or faults) or self.controller.in_safe_state
         probabilities, failure = self._ask(inputs.frame if self._rested else None, not safe)
-        if failure is not None and phase not in OPEN_STATES:  # somebody has to feel something
+        if failure is not None and state not in OPEN_STATES:  # somebody has to feel something
             faults = (*faults, failure)
         return Observation(
             inputs=inputs,

@@ -8,16 +8,17 @@ import math
 
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
+from grasp.lift_line import AT_HEIGHT_M
 from grasp.monitors.flips import Flips
 from grasp.monitors.settings import Data, MonitorSettings
+from grasp.state_clock import LEAST_PACE
 
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
 STANDING_MPS = 0.001  # an arm that stands reports no more, as the link of the arm
-THERE_M = 0.001  # so close to its target it need not move; at most controller.at_height_m
+THERE_M = AT_HEIGHT_M  # so close to its target it need not move
 OFF_LINE_M = 0.002  # from its line, or back on it, beyond braking; assumed
 FASTEST_MPS = 1.0  # no arm of this kind is faster; UR manual
 JUMP_M = 0.01  # beside that: samples come late; assumed
-LEAST_PACE = 0.05  # of the speed slider: one that is lower is waited for no longer than at this
 
 
 class ArmHistory:
