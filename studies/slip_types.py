@@ -34,7 +34,8 @@ from detector.scores.evaluation import HIGH, LOW, RESAMPLES_OF_A_SET
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
-from grasp.cli.options import need, network_path, whole
+from grasp.cli.detector import network_path
+from grasp.cli.options import need, whole
 from grasp.cli.parser import Parser
 from grasp.files import write_whole
 from scenarios.benchmark.data_sets import read_set, require_whole
@@ -138,8 +139,8 @@ def trial(task: Task) -> Row:
 
 
 def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> OutputsFile:
-    from detector.training.auxiliary_outputs import Wanted, train_outputs
     from detector.training.sequences import digest
+    from studies.auxiliary_training import Wanted, train_outputs
 
     truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
     wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]

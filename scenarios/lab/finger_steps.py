@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from drivers.errors import DeviceFault, SuppressAll
 from drivers.interfaces import PERIOD_NS, Counts3, Detection, FingerState, GripperState
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock
 
 LEAD_M = 0.004  # a finger is sent at most so far beyond where it is seen to be
@@ -77,7 +77,7 @@ def until_rest(
     end_ns = clock.now_ns + round(within_s * 1e9)
     rested, on = 0, True
     while clock.now_ns < end_ns:
-        interruption.check()
+        signals.check()
         if on and step():
             rested, end_ns = 0, clock.now_ns + round(within_s * 1e9)
         on = look() and on

@@ -27,7 +27,7 @@ from drivers.interfaces import (
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
@@ -254,7 +254,7 @@ class Hand:
         tick_ns = self._clock.now_ns
         try:
             for _ in range(round(seconds * 1e9 / PERIOD_NS)):
-                interruption.check()
+                signals.check()
                 tick_ns += PERIOD_NS
                 self._clock.sleep_until_ns(tick_ns)
                 self._gripper.pump(self._clock.now_ns)
@@ -277,7 +277,7 @@ class Hand:
             self._until_rest(STAND_S)
 
         where: object = "unknown"
-        with interruption.sealed():
+        with signals.deferred(sealed=True):
             seen = self.retry(rest)
             with SuppressBugs():
                 where = self.state.positions
@@ -410,7 +410,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Take the activation back; raises nothing."""
     seen = False
     if not config.devices.gripper:
-        with interruption.sealed(), SuppressBugs():
+        with signals.deferred(sealed=True), SuppressBugs():
             link = TCP if config.gripper.link == "tcp" else RTU
             transport = ModbusTransport(config.modbus, config.gripper.link)
             try:

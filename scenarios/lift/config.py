@@ -3,7 +3,7 @@
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.physics import contact_levels
-from scenarios.world.world_settings import ContactLevels
+from scenarios.world.settings import ContactLevels
 
 
 class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

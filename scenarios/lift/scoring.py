@@ -11,8 +11,8 @@ import msgspec
 from msgspec import Meta
 
 from scenarios.trial.person import TapeMark
-from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.objects import GraspObject
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.truth import Truth
 
 

@@ -20,7 +20,7 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import GraspRig, Rig, Stalls, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 
 READY_S = 60.0  # compiling the world on a first run included

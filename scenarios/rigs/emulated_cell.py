@@ -31,8 +31,8 @@ from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.simulated import any_cell, cell_settings
-from scenarios.world.blow import Blow
 from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
+from scenarios.world.settings import Blow
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50

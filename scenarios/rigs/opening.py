@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from drivers.errors import ConfigError
-from grasp import interruption
+from grasp import signals
 from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.permission import (
@@ -48,7 +48,7 @@ def _open(
     config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
 ) -> Iterator[Rig[Any, Any]]:
     with ExitStack() as stack:
-        with interruption.allowed():  # opening may take half a minute
+        with signals.immediate():  # opening may take half a minute
             if config.rig == "simulated":
                 from scenarios.rigs.simulated import simulated
 

@@ -16,7 +16,6 @@ import msgspec
 from msgspec import Meta
 
 from drivers.errors import ConfigError, GraspError, UsageError, in_words
-from grasp import interruption
 
 Scalar = bool | int | float | str
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
@@ -93,5 +92,5 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Callable[[], int]) 
             logging.getLogger(__name__).warning(
                 "%s %r does not let go: %s", device, name, in_words(error)
             )
-            if isinstance(error, KeyboardInterrupt) and not interruption.put_off():
+            if isinstance(error, KeyboardInterrupt):
                 raise

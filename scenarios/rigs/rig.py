@@ -9,12 +9,12 @@ from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import BASIC, check_closing
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 
 if TYPE_CHECKING:  # a rig of real devices has no world, and needs nothing compiled
@@ -207,7 +207,7 @@ def until_active(gripper: Gripper, clock: Clock) -> GripperState:
                 f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
                 "look at its LED, clear what blocks the fingers, switch it off and on",
             )
-        interruption.check()
+        signals.check()
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
         gripper.pump(clock.now_ns)
     return state

@@ -36,7 +36,7 @@ from scenarios.rigs.rig import Rig, calibration, connect
 from scenarios.world.cell import CellSettings, SimulatedCell
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
-from scenarios.world.world_settings import Level, level_named
+from scenarios.world.settings import Level, level_named
 
 
 class Wires(msgspec.Struct, frozen=True):
@@ -48,7 +48,7 @@ class Wires(msgspec.Struct, frozen=True):
 
 
 DIRECT = Wires()
-UNREAD_S = 0.16  # doubt.standstill_s and a cycle: a run that goes on unharmed has not been braked
+UNREAD_S = 0.16  # monitors.standstill_s and a cycle: a run that goes on has not been braked
 
 
 def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIRECT) -> Rig[Any, Any]:

@@ -11,10 +11,8 @@ import numpy as np
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.tap.settings import TapSettings
-from scenarios.world.blow import Blow
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 
 if TYPE_CHECKING:  # what is compiled is needed for a search, and not by a hand that strikes
     from scenarios.world.contact import Contact, Floats
@@ -107,7 +105,7 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
     kept = 1 - hand.relaxation_fraction
-    pressed_m = np.array(grip_n) / (kept * finger_stiffness(hand, body))
+    pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
     touch_m = hand.half_aperture_m - width_m
     held = Held(contact, touch_m + pressed_m)

@@ -4,7 +4,7 @@ from scenarios.tap.blows import direction_of
 from scenarios.tap.settings import TapScoringSettings, TapSettings
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.physics import contact_levels
-from scenarios.world.world_settings import ContactLevels
+from scenarios.world.settings import ContactLevels
 
 
 class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

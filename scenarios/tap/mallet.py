@@ -13,7 +13,7 @@ import numpy as np
 from scenarios.rigs.config import CUT
 from scenarios.tap.blows import blow_of, direction_of, nominal_impulse_n_s
 from scenarios.tap.config import TapConfig
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 
 
 class Swing(msgspec.Struct, frozen=True):

@@ -14,7 +14,7 @@ from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
 from scenarios.trial.person import NEVER_MIND, Operator, read_mark
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import Truth
 
 SIDES = {

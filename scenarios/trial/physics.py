@@ -4,7 +4,7 @@ from functools import cache
 
 from grasp.settings import config_dir, load, read_toml
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.world.world_settings import ContactLevels, ContactTable
+from scenarios.world.settings import ContactLevels, ContactTable
 
 
 @cache

@@ -171,7 +171,7 @@ def _lifts(day: Day) -> None:
         return ""
 
     day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *kept)
-    day.run("run", "lift", "--first", "-v", "--rig", "hardware", *MOVES, *kept, answer=answered)
+    day.run("run", "lift", "--first", "--rig", "hardware", *MOVES, *kept, answer=answered)
     day.word("home")  # as by the pendant: the arm stands where the lift ended
     day.run("runs")
     day.run("release", "--dry-run", "--rig", "hardware", *LAB)

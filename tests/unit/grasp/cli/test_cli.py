@@ -60,7 +60,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
         "energy.threshold_counts=12", capsys=capsys,
     )  # fmt: skip
     assert code == 0
-    assert "all       2 of 2 taps that moved it (100 %)" in out
+    assert "100% (34-100)  n 2" in out
     assert "REGISTERED" in out
     folders = sorted(tmp_path.iterdir())
     assert [sorted(p.name for p in f.iterdir()) for f in folders] == [
@@ -155,7 +155,7 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, says in (
-        ("tap --taps 3", "--taps 3: it is called --trials"),
+        ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
         ("tap --set controller.keep=true", "holds one object and ends"),

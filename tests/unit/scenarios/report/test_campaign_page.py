@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.cli.main import build_parser
+from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
 from scenarios.campaign.spec import CampaignSpec, combinations, trials

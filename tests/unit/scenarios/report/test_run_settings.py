@@ -3,7 +3,7 @@
 import shlex
 from pathlib import Path
 
-from grasp.cli.main import build_parser
+from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.report.run_record import RunRecord, read_run
 from scenarios.report.run_settings import command_of
