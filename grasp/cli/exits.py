@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from drivers.errors import one_line
-from grasp import interruption
+from grasp import signals
 from grasp.cli.output import print_json, standard_output
 
 SUCCESS = 0
@@ -28,7 +28,7 @@ _CODE_OF_KIND = {
     "device_fault": DEVICE,
     "refused": SAFETY_STOP,
     "stale": SAFETY_STOP,
-    "doubted": SAFETY_STOP,
+    "implausible": SAFETY_STOP,
     "safety_stop": SAFETY_STOP,
     "could_not_record": INTERNAL,
     "internal": INTERNAL,
@@ -82,7 +82,7 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
     name or what a file holds, does nothing to a terminal."""
     code = code_of(kind)
     if code == INTERRUPTED:
-        code = SIGNALLED + interruption.number()
+        code = SIGNALLED + signals.number()
     with contextlib.suppress(OSError):  # a terminal that was closed: nobody reads it
         if as_json:
             error = {"kind": kind, "message": message, "remedy": remedy}
@@ -97,4 +97,4 @@ def nobody_reads() -> int:
     """Standard output is gone: say no more there; 0, or the code of the signal that ended the
     run."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), standard_output().fileno())
-    return SIGNALLED + interruption.number() if interruption.asked() else SUCCESS
+    return SIGNALLED + signals.number() if signals.asked() else SUCCESS

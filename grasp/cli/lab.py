@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
 from drivers.ur.link.preflight import judge_speed, look
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.output import print_json
 from scenarios.campaign.config import load_for_devices
@@ -69,7 +69,7 @@ def perform(
         return print_done(args, Done(look()), "would")
     permit = motion_permit(config, args, plan) if moves else None
     before()
-    with interruption.held():
+    with signals.deferred():
         done = act(permit)
     return print_done(args, done)
 

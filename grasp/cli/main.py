@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import build_parser
 from grasp.cli.output import guarded_streams, only_json, open_standard_streams
@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
     try:
         with (
-            interruption.taken(lambda failure: exits.report_failure(failure, as_json)),
+            signals.taken(lambda failure: exits.report_failure(failure, as_json)),
             guarded_streams(),
             json,
         ):
@@ -115,7 +115,6 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         run = getattr(module_of(args.command), args.command.replace(" ", "_"))
         code = int(run(args))
         sys.stdout.flush()
-        interruption.check_put_off()
     except UnreadError:
         signalled = exits.nobody_reads()
         return code or signalled
@@ -128,7 +127,7 @@ def _run(words: Sequence[str], as_json: bool) -> int:
 
 def _failed(error: BaseException, as_json: bool) -> int:
     if isinstance(error, KeyboardInterrupt):
-        with interruption.sealed():
+        with signals.deferred(sealed=True):
             return exits.report("interrupted", "interrupted", "", as_json)
     if isinstance(error, GraspError):
         return exits.report(error.kind, error.message, error.remedy, as_json)

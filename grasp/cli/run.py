@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.errors import DeviceFault, UsageError
 from drivers.interfaces import FINGER_NAMES
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
 from grasp.cli.lab import TerminalOperator, motion_permit, say, warn_of_mode, warn_of_slow_arm
@@ -126,7 +126,7 @@ def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
     TerminalOperator().expect()
     for line in WHAT_TO_DO:
         print(f"  {line}")
-    with interruption.held():
+    with signals.deferred():
         _ask("Step 1 of 2, free air: nothing in the hand, the arm stands. The fingers close to "
              f"where they would grasp ({config.object.name}) and touch nothing")  # fmt: skip
         moved = close_in_free_air(slow, permit, say)
@@ -144,7 +144,7 @@ def _ask(question: str) -> None:
     operator = TerminalOperator()
     operator.say(f"{question}: Enter; {ENOUGH}: no more")
     while (line := operator.poll()) is None:
-        interruption.check()
+        signals.check()
         time.sleep(POLL_S)
     if line.strip():
         raise UsageError("ended by hand: nothing more was moved", "start it again")

@@ -10,7 +10,7 @@ import msgspec
 from detector.network_file import SUFFIX
 from detector.scores.evaluation import WARM_UP_SAMPLES
 from drivers.errors import UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
@@ -144,7 +144,7 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     with (
         out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
         progress("training", hidden=args.json, every_s=TELL_S) as bar,
-        interruption.watched(),
+        signals.deferred(),
     ):
         smooth: float | None = None
 
@@ -159,8 +159,8 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
                     f"{s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
                 )
                 log.flush()
-            interruption.check()
+            signals.check()
 
         training.run(args.minutes, out.with_suffix(".checkpoint"), report)
-    interruption.check()
+    signals.check()
     return export(training, validation, out, versions()["commit"])

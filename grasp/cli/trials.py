@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from drivers.errors import GraspError, UnreadError, UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
@@ -70,20 +70,19 @@ def run_trials(
     if out is None and config.rig == "hardware" and not single:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
-    with interruption.held():  # no signal cuts off how arm and hand were left
+    with signals.deferred():  # no signal cuts off how arm and hand were left
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
             begin()
             ended = _follow(args, experiment, permit, store, single)
             if store is not None:
                 ended = ended._replace(rows=store.rows())
-        with interruption.watched():
-            if single and ended.results:
-                code = _report(ended.results[0], ended.failure, args, config)
-            else:
-                code = _report_series(args, experiment, ended, out)
-            if args.report:
-                _write_pages(ended.results, args.json)
-            return code
+        if single and ended.results:
+            code = _report(ended.results[0], ended.failure, args, config)
+        else:
+            code = _report_series(args, experiment, ended, out)
+        if args.report:
+            _write_pages(ended.results, args.json)
+        return code
 
 
 def _follow(
@@ -119,16 +118,24 @@ def _follow(
                 if args.json and not single:
                     aside(trial_line(result))
                 display.ended(trial_line(result), note=not single)
+                if not single:
+                    _say_reported(result)
         except KeyboardInterrupt as stop:
             if single:
                 raise
-            failure = Failure("interrupted", f"{interruption.cause(stop)} between two trials", "")
+            failure = Failure("interrupted", f"{signals.cause(stop)} between two trials", "")
         except GraspError as error:  # of the disk, between two trials
             if not results:
                 raise
             failure = Failure(error.kind, error.message, error.remedy)
         display.close()
     return _Ended(list(results.values()), list(rows.values()), failure)
+
+
+def _say_reported(result: Any) -> None:
+    """What would have ended a run, had `monitors.mode` not been "report"."""
+    for fault in result.reported:
+        exits.report_line(f"seed {result.seed}, would have stopped it: {fault.line}")
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
@@ -143,6 +150,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
                 print("  next: the same without --first, at full speed, then an object of your own")
             elif args.first and failure is None:
                 say("look at the phases above before you go on")
+        _say_reported(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from grasp.fault import INTERRUPTED
 from scenarios.campaign.spec import Task
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
@@ -15,7 +16,6 @@ from scenarios.lift.result import LiftResult
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
 from scenarios.tap.result import TapResult
-from scenarios.trial.execution import INTERRUPTED
 from scenarios.trial.result import FinishedRun, TrialResult, Wanted, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]

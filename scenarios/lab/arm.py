@@ -7,7 +7,7 @@ from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageEr
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say
 from scenarios.lab.steps import insist
@@ -64,7 +64,7 @@ def step_arm(
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
             _until_stands(arm, clock, MOVE_S, watching=True)
         except BaseException:
-            with interruption.sealed():
+            with signals.deferred(sealed=True):
                 say(_stopped(arm, clock))
             raise
         return _place(arm)
@@ -80,7 +80,7 @@ def _until_stands(arm: Arm, clock: Clock, within_s: float, watching: bool) -> No
     end_ns = clock.now_ns + round(within_s * 1e9)
     while clock.now_ns < end_ns:
         if watching:
-            interruption.check()
+            signals.check()
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         arm.pump(clock.now_ns)
         if arm.state is not None and not arm.state.moving:

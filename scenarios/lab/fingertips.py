@@ -12,7 +12,7 @@ from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS, Vector3
 from drivers.takktile.driver import TakkTileDriver, TakkTileStatistics
 from drivers.takktile.link import ReadingThread
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
 from scenarios.rigs.permission import board_address
@@ -175,7 +175,7 @@ def _samples(touch: Touch, clock: Clock) -> list[Raw]:
     raw: list[Raw] = []
     tick_ns, frames = clock.now_ns, touch.tips.statistics.frames
     for _ in range(A_SECOND):
-        interruption.check()
+        signals.check()
         tick_ns += PERIOD_NS
         clock.sleep_until_ns(tick_ns)
         touch.pump(clock.now_ns)

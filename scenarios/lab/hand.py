@@ -27,7 +27,7 @@ from drivers.interfaces import (
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
@@ -220,7 +220,7 @@ class Hand:
         tick_ns = self._clock.now_ns
         try:
             for _ in range(round(seconds * 1e9 / PERIOD_NS)):
-                interruption.check()
+                signals.check()
                 tick_ns += PERIOD_NS
                 self._clock.sleep_until_ns(tick_ns)
                 self._gripper.pump(self._clock.now_ns)
@@ -243,7 +243,7 @@ class Hand:
             self._until_rest(STAND_S)
 
         where: object = "unknown"
-        with interruption.sealed():
+        with signals.deferred(sealed=True):
             seen = insist(rest, self._clock)
             with SuppressBugs():
                 where = self.state.positions
@@ -307,7 +307,7 @@ class Hand:
         end_ns = self._clock.now_ns + round(within_s * 1e9)
         rested = 0
         while self._clock.now_ns < end_ns:
-            interruption.check()
+            signals.check()
             self.idle(watching=False)
             rested = rested + 1 if self.state.at_rest else 0
             if rested >= AT_REST:
@@ -391,7 +391,7 @@ def _until_active(gripper: Gripper, clock: Clock) -> Counts3:
     """Where the fingers stand then; raises DeviceFault when it takes too long."""
     end_ns = clock.now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
     while clock.now_ns < end_ns:
-        interruption.check()
+        signals.check()
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         gripper.pump(clock.now_ns)
         state = gripper.state
@@ -407,7 +407,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Take the activation back; raises nothing."""
     seen = False
     if not config.devices.gripper:
-        with interruption.sealed(), SuppressBugs():
+        with signals.deferred(sealed=True), SuppressBugs():
             link = TCP if config.gripper.link == "tcp" else RTU
             transport = ModbusTransport(config.modbus, config.gripper.link)
             try:

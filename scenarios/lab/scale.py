@@ -28,7 +28,7 @@ from drivers.interfaces import (
 )
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import check_closing
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
 from scenarios.lab.fingertips import Touch
@@ -72,7 +72,7 @@ def ask(operator: Operator, question: str, idle: Callable[[], None]) -> str:
     """What a person types, the devices being looked after meanwhile; Ctrl-C raises."""
     operator.say(question)
     while (line := operator.poll()) is None:
-        interruption.check()
+        signals.check()
         idle()
     return line.strip()
 
@@ -178,7 +178,7 @@ class Presser:
         def back() -> None:
             self.to(off)
 
-        with interruption.sealed(), SuppressBugs():
+        with signals.deferred(sealed=True), SuppressBugs():
             off = max(0, self.counts - BACK_COUNTS)
             there = insist(back, self._clock)
         say(
@@ -233,7 +233,7 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
     falls, rail = [], False
     tick_ns = clock.now_ns
     for _ in range(SAMPLES):
-        interruption.check()
+        signals.check()
         tick_ns += PERIOD_NS
         clock.sleep_until_ns(tick_ns)
         touch.pump(clock.now_ns)

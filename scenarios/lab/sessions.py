@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import Refused, UsageError
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS
-from grasp import interruption
+from grasp import signals
 from grasp.clock import WallClock
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.lab.fit import (
@@ -77,7 +77,7 @@ class Weighing:
         in the second after it."""
         until_ns = self._clock.now_ns + round(SETTLES_S * 1e9)
         while self._clock.now_ns < until_ns:
-            interruption.check()
+            signals.check()
             self.idle()
 
     def ask(self, question: str) -> bool:

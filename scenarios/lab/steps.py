@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from drivers.errors import DeviceFault, SuppressAll
 from drivers.interfaces import PERIOD_NS, Counts3, Detection, FingerState, GripperState
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock
 
 TRIES = 3
@@ -79,7 +79,7 @@ def walk(
     end_ns = clock.now_ns + round(STEP_S * 1e9)
     rested, on = 0, True
     while clock.now_ns < end_ns:
-        interruption.check()
+        signals.check()
         if on and (targets := steps.next(state())) is not None:
             tell(targets)
             rested, end_ns = 0, clock.now_ns + round(STEP_S * 1e9)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import ConfigError, UsageError
-from grasp import interruption
+from grasp import signals
 from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.permission import (
@@ -89,7 +89,7 @@ def _open(
 ) -> Iterator[Rig[Any, Any]]:
     make_room()
     with ExitStack() as stack:
-        with interruption.allowed():  # opening may take half a minute
+        with signals.immediate():  # opening may take half a minute
             if config.rig == "simulated":
                 from scenarios.rigs.simulated import simulated
 

@@ -16,7 +16,6 @@ import msgspec
 from msgspec import Meta
 
 from drivers.errors import ConfigError, GraspError, UsageError, in_words
-from grasp import interruption
 
 Scalar = bool | int | float | str
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
@@ -108,5 +107,5 @@ def _let_go(opened: Opened, who: str) -> None:
         opened.__exit__(None, None, None)
     except BaseException as error:
         logging.getLogger(__name__).warning("%s does not let go: %s", who, in_words(error))
-        if isinstance(error, KeyboardInterrupt) and not interruption.put_off():
+        if isinstance(error, KeyboardInterrupt):
             raise

@@ -29,7 +29,7 @@ class Wires(msgspec.Struct, frozen=True):
 
 
 DIRECT = Wires()
-UNREAD_S = 0.16  # doubt.standstill_s and a cycle: a run that goes on unharmed has not been braked
+UNREAD_S = 0.16  # monitors.standstill_s and a cycle: a run that goes on has not been braked
 
 
 def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIRECT) -> Rig[Any, Any]:

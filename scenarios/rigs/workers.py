@@ -24,7 +24,7 @@ from typing import Generic, TypeVar, cast
 import msgspec
 
 from drivers.errors import GraspError, LinkLost, UsageError
-from grasp import interruption
+from grasp import signals
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -84,7 +84,7 @@ def _done(work: Callable[[T], R], task: T) -> Outcome[T, R]:
         result = work(task)
     except Exception as error:
         return Outcome(task, error=error)
-    interruption.go_on()
+    signals.go_on()
     return Outcome(task, result)
 
 

@@ -18,9 +18,9 @@ from detector.plugins import MARK, OwnSettings, Scalar, code_digest, is_code, is
 from detector.psd import PsdFairSettings, PsdSettings
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
-from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
+from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import (
     CHOSEN,
@@ -95,7 +95,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
     source: SourceSettings = SourceSettings()
-    doubt: DoubtSettings = DoubtSettings()
+    monitors: MonitorSettings = MonitorSettings()
     slip: SlipSettings = SlipSettings()
     rule: RuleSettings = RuleSettings()
     energy: EnergySettings = EnergySettings()

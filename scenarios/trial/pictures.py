@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import in_words
 from drivers.interfaces import FINGER_NAMES, Vector3
+from grasp.fault import Fault
 from grasp.foxglove import (
     ERROR,
     INFO,
@@ -87,7 +88,7 @@ class Pictures:
         self._ticks = 0
         self._home: Vector3 | None = None
         self._arrows_before: tuple[Arrow, ...] | None = None
-        self._doubt = ""
+        self._failed: tuple[Fault, ...] = ()
         self._ended = False
         self._kept: list[tuple[str, int, msgspec.Struct]] = []
 
@@ -147,9 +148,11 @@ class Pictures:
         now = self._time(tick.t_ns)
         if tick.decision.slip.event:
             lines.append(Log(now, INFO, "slip registered", "slip"))
-        if tick.observation.doubt and tick.observation.doubt != self._doubt:
-            lines.append(Log(now, WARNING, tick.observation.doubt, "doubt"))
-        self._doubt = tick.observation.doubt
+        failed = (*tick.observation.faults, *tick.observation.reported)
+        known = {fault.code for fault in self._failed}
+        new = [fault for fault in failed if fault.code not in known]
+        lines += [Log(now, WARNING, fault.line, "check") for fault in new]
+        self._failed = failed
         return lines + [
             Log(self._time(each.sent_ns), WARNING, each.refused, "refused")
             for each in tick.issued

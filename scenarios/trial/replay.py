@@ -332,7 +332,7 @@ class _Stepper:
         """Has all been sent that no longer waits? A run that is stopped forgets the rest."""
         self._check_sent([(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns <= t_ns])
         self._sent = [(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns > t_ns]
-        if recorded.stop or recorded.trouble:
+        if recorded.stop or recorded.errors:
             self._waiting = self._waiting if recorded.pending else []
         self.compare(t_ns, "a command waits", recorded.pending, bool(self._waiting))
         self._waiting = self._waiting if recorded.pending else []
@@ -341,7 +341,7 @@ class _Stepper:
         """Compare the bytes that the gripper acknowledged with the replayed commands."""
         if self._gripper is None or self._own_gripper:
             return
-        troubled = recorded.gripper_lost or bool(recorded.trouble)
+        troubled = recorded.gripper_lost or bool(recorded.errors)
         if (wrong := self.writes.take(self._gripper, troubled)) is not None:
             self.compare(t_ns, "bytes written to the gripper", *wrong)
 

@@ -35,7 +35,7 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.doubt import Doubts
+from grasp.monitors.checks import Monitors
 from grasp.observation import StepInput
 from grasp.slip_response.base import CLOSED_COUNTS
 from grasp.step import StepResult
@@ -124,7 +124,7 @@ class _Lift:
     def __init__(
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
-        self._step = make_step(config, doubts=Doubts(config.doubt, stand_ins=True))
+        self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
         self._devices = ObedientDevices(arm_arrives)
         self._seq = 0
         times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)

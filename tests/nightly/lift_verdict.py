@@ -4,7 +4,7 @@ import re
 
 import msgspec
 
-from grasp.doubt import STOOD_STILL
+from grasp.monitors.checks import STOOD_STILL
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome

@@ -102,7 +102,7 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
         return row_of(task, msgspec.structs.replace(finished, failure=failure))
 
     assert ended_by("interrupted") is None
-    for kind in ("link_lost", "device_fault", "stale", "doubted", "could_not_record"):
+    for kind in ("link_lost", "device_fault", "stale", "implausible", "could_not_record"):
         row = ended_by(kind)
         assert row is not None and row.status == "error" and row.error == "what happened"
     safe = ended_by("safety_stop")
