@@ -21,7 +21,7 @@ from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import twin_onset_s
-from scenarios.rigs.variation import Draw, draw
+from scenarios.rigs.simulated import Draw, draw
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 from studies.runner import PAPER_OBJECTS, Study, markdown

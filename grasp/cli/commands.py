@@ -104,8 +104,11 @@ def _add_run(group: Parser) -> None:
     for name, parser in (("lift", lift), ("tap", tap), ("acquire", press)):
         parser.set_defaults(scenario=name)
         parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-        parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it "
-            "if there is a display, and prints its address on standard error")  # fmt: skip
+        if parser is press:
+            parser.set_defaults(view=False)
+        else:
+            parser.flag("--view", "show the run on a page for a browser, on this machine only; its "
+                "address is printed on standard error")  # fmt: skip
         parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
             "possible (default: real in a terminal and with --view, max otherwise)",
             choices=("real", "max"))  # fmt: skip

@@ -21,7 +21,7 @@ from grasp.cli.output import listing, progress, show
 from grasp.files import write_whole
 from grasp.settings import config_dir, meant, named_layer, names, sources_of
 from scenarios.campaign.config import load_config
-from scenarios.report.run_decision import in_words
+from scenarios.report.run_view import in_words
 from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS, NETWORK, trial_layers
 from scenarios.trial.result import versions
 

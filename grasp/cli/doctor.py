@@ -1,5 +1,4 @@
-"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. Imports
-are inside, because it runs where packages are missing."""
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing."""
 
 import argparse
 from typing import Any

@@ -19,7 +19,7 @@ from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import aside, show
 from scenarios.campaign import experiment as experiments
 from scenarios.campaign.summary import summarize
-from scenarios.report.live.feed import LiveTrials
+from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.result import Failure
 from scenarios.trial.series import Bench
 

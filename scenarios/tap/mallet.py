@@ -10,7 +10,7 @@ blow to blow: what a trial's tap really moves is measured, not assumed.
 import msgspec
 import numpy as np
 
-from scenarios.rigs.variation import CUT
+from scenarios.rigs.config import CUT
 from scenarios.tap.blows import blow_of, direction_of, nominal_impulse_n_s
 from scenarios.tap.config import TapConfig
 from scenarios.world.settings import Blow
