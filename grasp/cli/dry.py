@@ -101,10 +101,10 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them."""
     from scenarios.lab.ready import gently
-    from scenarios.tap.tap import tap_config
+    from scenarios.tap.tap import tap
 
     if args.scenario == "tap":
-        return tap_config(config.for_tap())
+        return tap.configure(config.for_tap())
     return gently(config) if args.first else config
 
 

@@ -105,7 +105,7 @@ def _add_rig(parser: Parser, rig: str) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from scenarios.campaign.config import load_config
+    from scenarios.campaign.config import EXPERIMENTS, load_config
     from scenarios.trial.config import trial_layers
     from scenarios.trial.execution import make_guard
 
@@ -136,8 +136,7 @@ def run(args: argparse.Namespace) -> int:
             print(rule)
         tell_untuned(config, trial_layers(*chosen))
 
-    scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
-    return run_trials(args, scenario, permit, begin)
+    return run_trials(args, EXPERIMENTS[args.scenario].own(config), permit, begin)
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:

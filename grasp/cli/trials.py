@@ -91,10 +91,10 @@ def run_trials(
 ) -> int:
     """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called when nothing
     that was asked for stands against it any more."""
-    from scenarios.campaign.experiment import Experiment
+    from scenarios.campaign.trial_series import TrialSeries
 
     alone = _is_alone(args)
-    experiment = Experiment(config, args.seed, trials_of(args))
+    experiment = TrialSeries(args.scenario, config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
         raise UsageError(told, "leave it out, or --trials 1")
@@ -125,7 +125,7 @@ def _follow(
     """Run what the store lacks and show it."""
     from grasp.cli.live import Display, physics_lines, trial_line, viewed
     from grasp.cli.operator import TerminalOperator
-    from scenarios.campaign.experiment import run
+    from scenarios.campaign.trial_series import run
     from scenarios.report.live.feed import LiveTrials
     from scenarios.trial.result import Failure
     from scenarios.trial.series import Bench
@@ -284,7 +284,7 @@ def _report_series(
     from grasp.cli.campaign_view import print_summary
     from grasp.cli.live import print_taps
     from scenarios.campaign.summary import summarize
-    from scenarios.tap.summary import summarise as of_taps
+    from scenarios.tap.scoring import summarise as of_taps
 
     kept = "" if out is None else _kept(rows, out, experiment.trials)
     if seen.failure is not None and not rows and not seen.results:

@@ -14,10 +14,7 @@ from detector.own import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml
-from scenarios.campaign.config import RunConfig, load_config
-from scenarios.lift.config import LiftConfig
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
+from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name
@@ -74,7 +71,7 @@ class Task(msgspec.Struct, frozen=True):
     repetition: int
     seed: int
     swept: dict[str, Any]  # settings that differ between the combinations
-    config: LiftConfig | TapConfig
+    config: TrialConfig
     recordings: str
 
 
@@ -83,7 +80,7 @@ class Combination(msgspec.Struct, frozen=True):
 
     scenario: str
     swept: dict[str, Any]
-    config: LiftConfig | TapConfig
+    config: TrialConfig
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -141,13 +138,13 @@ def _load(
         raise ConfigError("campaign", key, f"{problem}{at}", allowed) from None
 
 
-def _of(scenario: str, whole: RunConfig) -> LiftConfig | TapConfig:
+def _of(scenario: str, whole: RunConfig) -> TrialConfig:
     """The scenario's own part of the settings, checked."""
     make_guard(whole)
-    if scenario != tap.SCENARIO:
-        return whole.for_lift()
-    tap.tap_config(whole.for_tap())
-    return whole.for_tap()
+    experiment = EXPERIMENTS[scenario]
+    own: TrialConfig = experiment.own(whole)
+    experiment.configure(own)
+    return own
 
 
 def _check_axes(spec: CampaignSpec) -> None:

@@ -8,17 +8,17 @@ from typing import Any
 
 import msgspec
 
+from scenarios.campaign.config import EXPERIMENTS
 from scenarios.campaign.spec import Task
-from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
-from scenarios.lift.result import LiftResult
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
-from scenarios.tap.result import TapResult
 from scenarios.trial.execution import INTERRUPTED
 from scenarios.trial.result import FinishedRun, TrialResult, Wanted, versions
 
-AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
+AnyRun = FinishedRun[Any]
+# columns of a row that only one of the experiments has
+OWN_COLUMNS = (
+    "reaction_latency_ms", "slip_distance_m", "turned_rad", "alarm_stayed", "moved", "direction",
+    "nominal_again_ms",
+)  # fmt: skip
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,15 +64,9 @@ class Finished(msgspec.Struct, frozen=True):
     recording: bytes | None = None
 
 
-def run_once(
-    config: LiftConfig | TapConfig, seed: int, runs: Path | None, wanted: Wanted | None = None
-) -> AnyRun:
-    """One judged trial of the scenario that the settings are of; KeyboardInterrupt passes."""
-    finished: AnyRun
-    if isinstance(config, TapConfig):
-        finished = tap.run(config, seed, runs, wanted=wanted)
-    else:
-        finished = lift.run(config, seed, runs, wanted=wanted)
+def run_once(trial: Task, runs: Path | None, wanted: Wanted | None = None) -> AnyRun:
+    """One judged trial; KeyboardInterrupt passes."""
+    finished = EXPERIMENTS[trial.scenario].run(trial.config, trial.seed, runs, wanted=wanted)
     if finished.result is not None and finished.result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
     if finished.result is not None and finished.result.bug is not None:
@@ -110,10 +104,10 @@ def error_row(trial: Task, error: str, finished: AnyRun | None = None) -> Row:
 
 def _run(trial: Task) -> Finished:
     if trial.recordings == "none":
-        return Finished(judged(trial, run_once(trial.config, trial.seed, None)))
-    wanted = failed if trial.recordings == "failures" else None
+        return Finished(judged(trial, run_once(trial, None)))
+    wanted = _failed if trial.recordings == "failures" else None
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
-        finished = run_once(trial.config, trial.seed, Path(folder), wanted)
+        finished = run_once(trial, Path(folder), wanted)
         row, result = judged(trial, finished), finished.result
         if result is not None and result.recording is not None:
             return Finished(row, Path(result.recording).read_bytes())
@@ -122,10 +116,8 @@ def _run(trial: Task) -> Finished:
         raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
 
 
-def failed(result: TrialResult) -> bool:
-    """Whether a trial is worth a recording; a tap that moved nothing is no failure."""
-    unmoved = isinstance(result, TapResult) and result.moved is False
-    return not (result.success or unmoved)
+def _failed(result: TrialResult) -> bool:
+    return result.failed
 
 
 def judged(trial: Task, finished: AnyRun) -> Row:
@@ -133,14 +125,14 @@ def judged(trial: Task, finished: AnyRun) -> Row:
     result = finished.result
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")
+    own: dict[str, Any] = {name: getattr(result, name, None) for name in OWN_COLUMNS}
     return Row(
         **identity(trial),
-        **_figures(result),
+        **own,
         status="done",
         success=result.success,
         outcome=result.outcome,
         detection_latency_ms=result.detection_latency_ms,
-        turned_rad=result.turned_rad,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
         paused_s=result.paused_s,
@@ -150,28 +142,12 @@ def judged(trial: Task, finished: AnyRun) -> Row:
     )
 
 
-def _table(result: LiftResult | TapResult) -> str:
+def _table(result: TrialResult) -> str:
     """All of a result that has no column of its own."""
     table: dict[str, Any] = msgspec.to_builtins(result)
     for column in ("timing", "recording", "versions"):
         del table[column]
     return _json(table)
-
-
-def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
-    """Columns that one of the scenarios has."""
-    if isinstance(result, LiftResult):
-        return {
-            "reaction_latency_ms": result.reaction_latency_ms,
-            "slip_distance_m": result.slip_distance_m,
-            "alarm_stayed": result.alarm_stayed,
-        }
-    return {
-        "moved": result.moved,
-        "direction": result.direction,
-        "nominal_again_ms": result.nominal_again_ms,
-        "slip_distance_m": result.displacement_m,
-    }
 
 
 def identity(trial: Task) -> dict[str, Any]:

@@ -44,6 +44,7 @@ from scenarios.rigs.calibration import (
 )
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import HARDWARE
+from scenarios.trial.physics import contact_levels
 from scenarios.world.world_settings import ContactLevels
 
 DEFAULT_PROFILE = "default"
@@ -142,9 +143,15 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         settings: DetectorSettings = getattr(self, self.detector_section)
         return settings
 
-    def physics(self, seed: int) -> ContactLevels | None:
-        """Contact levels of that trial; None on hardware, and where no scenario is known."""
+    def scene(self, seed: int) -> str | None:
+        """The row of the table of contact levels for that trial; None where no experiment is
+        known."""
         return None
+
+    def physics(self, seed: int) -> ContactLevels | None:
+        """Contact levels of that trial; None on hardware, and where no experiment is known."""
+        scene = self.scene(seed)
+        return None if scene is None else contact_levels(self, scene)
 
     def built_for(self, seed: int) -> Self:
         """The settings that a rig is opened with: those levels and steps put in."""

@@ -28,6 +28,7 @@ from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
 from scenarios.trial.feasible import check_arm, check_grip, check_override, check_waits
+from scenarios.trial.person import TapeMark
 from scenarios.trial.result import Bug, Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
 from scenarios.world.truth import Truth
@@ -143,6 +144,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     interrupted: bool  # by Ctrl-C or a signal
     bug: Bug | None  # an exception of our own code ended it
     way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
+    mark: TapeMark | None = None  # what a person read at the top of a lift
 
     @property
     def fault(self) -> str:

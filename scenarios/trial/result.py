@@ -128,6 +128,11 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     physics: ContactLevels | None = None  # None on hardware
     taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
 
+    @property
+    def failed(self) -> bool:
+        """Whether a campaign that keeps failures keeps its recording."""
+        return not self.success
+
 
 class Failure(msgspec.Struct, frozen=True):
     """Why a run ended otherwise than by a verdict alone."""

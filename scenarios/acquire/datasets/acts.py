@@ -1,7 +1,7 @@
 """What a person or the arm does to a held object: blows of the mallet, touches, pulls, drags.
 
 How hard is found on the contact law alone, for the object as drawn and held as firmly as it is
-(``bench``), as the mallet's own blow is (``scenarios.tap.blows``); what it moves is measured.
+(``bench``), as the mallet's own blow is (``scenarios.tap.mallet``); what it moves is measured.
 """
 
 import math
@@ -15,8 +15,8 @@ from msgspec import Meta
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.acquire.datasets.bench import Bench, pressed
-from scenarios.tap.blows import MOST_N_S
-from scenarios.tap.settings import TapSettings
+from scenarios.tap.config import TapSettings
+from scenarios.tap.mallet import MOST_N_S
 from scenarios.world.blow import Blow
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.truth import Truth

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from scenarios.acquire.rest import TURN_LEVER_M
-from scenarios.tap.blows import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held_at
-from scenarios.tap.settings import TapSettings
+from scenarios.tap.config import TapSettings
+from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held_at
 from scenarios.world import laws
 from scenarios.world.blow import Blow
 from scenarios.world.contact import GRAVITY_MPS2

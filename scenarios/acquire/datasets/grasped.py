@@ -26,7 +26,7 @@ from scenarios.acquire.datasets.bodies import relaxed_n
 from scenarios.acquire.datasets.draws import layout_file, with_values
 from scenarios.acquire.labels import slip_label
 from scenarios.acquire.rest import TURN_LEVER_M, moved
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial

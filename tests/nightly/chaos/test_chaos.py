@@ -18,7 +18,7 @@ import pytest
 
 from drivers.errors import GraspError
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES
 from scenarios.rigs import emulated
 from scenarios.rigs.cell_process import READY_S, CellProcess, at_endpoints, cell_process
