@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.interface import FORMULAS
 from detector.recordings import Recording
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
@@ -28,7 +29,6 @@ from grasp.cli.parser import Parser
 from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
-from scenarios.trial.config import FORMULAS
 from studies.runner import Study, add_data, markdown
 
 Floats = NDArray[np.float64]

@@ -55,9 +55,10 @@ def _list(args: argparse.Namespace) -> int:
     """The packaged detectors, a line each."""
     import msgspec
 
+    from detector.interface import FORMULAS
     from grasp.settings import named_layer, names
     from scenarios.report.run_decision import in_words
-    from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS
+    from scenarios.trial.config import DEFAULT_PROFILE
 
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     for name in names("detectors"):
@@ -73,12 +74,12 @@ def _list(args: argparse.Namespace) -> int:
 
 def _check_no_formula(word: str) -> None:
     """Raises UsageError for a detector without weights, with where its settings are."""
-    from scenarios.trial.config import FORMULAS
+    from detector.interface import FORMULAS
 
     if word in FORMULAS:
         raise UsageError(
             f"{word} is a formula: it has no weights, and so no card",
-            f"`grasp config {FORMULAS[word]} --detector {word}` has its settings, "
+            f"`grasp config {FORMULAS[word].section} --detector {word}` has its settings, "
             "`grasp detector card` every detector",
         )
 

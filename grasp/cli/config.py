@@ -102,14 +102,14 @@ def _read_by(path: Path) -> str:
     from detector.interface import DETECTORS
     from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.calibration import own_layers
-    from scenarios.trial.config import check_answer_and_rule
+    from scenarios.trial.layers import check_read
 
     default = load_config("can", "simulated").detector_name
     readers, refused = [], None
     for name in sorted(DETECTORS, key=lambda name: (name != default, name)):
         config = load_for_devices("can", "simulated", path, detector=name)
         try:
-            check_answer_and_rule(config.rule, config.controller, own_layers(path, ()))
+            check_read(config.rule, config.controller, own_layers(path, ()))
             readers.append(name)
         except ConfigError as error:
             refused = refused or error
@@ -140,7 +140,7 @@ def _show(args: argparse.Namespace) -> int:
 
     from grasp.settings import allowed, sources_of
     from scenarios.campaign.config import load_config
-    from scenarios.trial.config import trial_layers
+    from scenarios.trial.layers import trial_layers
 
     chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = load_config(*chosen)

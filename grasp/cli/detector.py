@@ -138,7 +138,7 @@ def _contenders(args: argparse.Namespace) -> Any:
     """Each detector, as soon as it has been streamed."""
     from scenarios.benchmark.data_sets import read_labelled
     from scenarios.benchmark.scoring import contender, read_split
-    from scenarios.trial.config import trial_layers
+    from scenarios.trial.layers import trial_layers
 
     if args.recording is not None:
         recordings = read_labelled(args.recording)

@@ -63,8 +63,8 @@ def tell_untuned(config: Any, layers: Any) -> None:
 
 def _own_weights(config: Any) -> str:
     """The file of them; empty for a packaged network by its name, and for what is no network."""
+    from detector.interface import NETWORK
     from detector.network_file import is_weights
-    from scenarios.trial.config import NETWORK
 
     if config.detector_section != NETWORK:
         return ""

@@ -106,8 +106,8 @@ def _add_rig(parser: Parser, rig: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import EXPERIMENTS, load_config
-    from scenarios.trial.config import trial_layers
     from scenarios.trial.execution import make_guard
+    from scenarios.trial.layers import trial_layers
 
     if args.scenario == "acquire":
         return _acquire(args)

@@ -8,8 +8,9 @@ from scenarios.lift.lift import LiftConfig, lift
 from scenarios.rigs.calibration import Files, own_layers
 from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.tap.tap import tap
-from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, check_read, trial_layers
+from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.experiment import Experiment
+from scenarios.trial.layers import check_read, trial_layers
 
 EXPERIMENTS: dict[str, Experiment[Any, Any, Any]] = {each.name: each for each in (lift, tap)}
 
@@ -39,7 +40,7 @@ def load_config(
     layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
     own = own_layers(files, assignments)
-    check_read(config.detector_name, config.rule, config.controller, own)
+    check_read(config.rule, config.controller, own, config.detector_name)
     return config
 
 

@@ -18,7 +18,8 @@ from scenarios.rigs.calibration import calibration_layers
 from scenarios.tap.config import TapSettings
 from scenarios.tap.tap import tap
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE, detector_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import detector_layers
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own

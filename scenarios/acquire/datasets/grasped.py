@@ -28,8 +28,8 @@ from scenarios.acquire.labels import slip_label
 from scenarios.acquire.rest import TURN_LEVER_M, moved
 from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
-from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
+from scenarios.trial.layers import trial_layers
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import PadFrames
 from scenarios.world.truth import Truth

@@ -5,7 +5,7 @@ import pytest
 from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.tap.tap import tap
-from scenarios.trial.physics import contact_table
+from scenarios.trial.config import contact_table
 from scenarios.world.world_settings import ContactLevels
 
 
