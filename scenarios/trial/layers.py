@@ -47,7 +47,7 @@ def detector_layers(word: str) -> list[Layer]:
     if not os.path.lexists(beside) or _is_being_written(beside):
         return [code]
     layer = says_something(read_toml(beside))
-    for section in layer.table.keys() - {"rule", *SECTIONS}:
+    for section in sorted(layer.table.keys() - {"rule", *SECTIONS}):
         problem = "is not of a detector: what lies beside one sets its rule"
         raise ConfigError(
             layer.source, section, problem, f"[rule] and [{OWN}]; all else by --config"
