@@ -35,8 +35,7 @@ def _plural(number: int, noun: str) -> str:
 def _rates(scenario: str, variants: "list[Variant]") -> Any:
     from rich.table import Table
 
-    from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
-    from scenarios.campaign.summary import paper_rate
+    from scenarios.campaign.summary import TABLE_IV, TRIALS, paper_rate, wilson
 
     names = list(dict.fromkeys(cell.object for v in variants for cell in v.cells))
     table = Table(title=TITLES[scenario], title_justify="left")

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,44 +24,25 @@ MOST_TRIALS = 1_000_000
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 
 
+Listed = Annotated[tuple[str, ...], Meta(min_length=1)]
+Seed = Annotated[int, Meta(ge=0, lt=100)]
+
+
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
+    """A grid: every combination of what is listed, each so many times. Empty: as the profile.
+    Paths are relative to the campaign's file."""
 
     name: Name
     scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
-    objects: Annotated[
-        tuple[str, ...],
-        Meta(
-            min_length=1, description="of config/objects, or paths of files beside the campaign's"
-        ),
-    ]
-    profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
-        "default",
-    )
-    detectors: Annotated[
-        tuple[str, ...],
-        Meta(description="of config/detectors, or FILE.py:NAME or FILE.onnx beside the campaign's"),
-    ] = ()
-    sweep: Annotated[
-        dict[str, tuple[Any, ...]], Meta(description="settings, section.key = [values]")
-    ] = {}
-    config: Annotated[
-        tuple[str, ...],
-        Meta(description="TOML files beside the campaign's, for every trial; later ones on top"),
-    ] = ()
-    settings: Annotated[
-        tuple[str, ...], Meta(description="section.key=value, for every trial")
-    ] = ()
-    seeds: Annotated[
-        tuple[Annotated[int, Meta(ge=0, lt=100)], ...],
-        Meta(min_length=1, description="trial seeds are seed x 10000 + repetition"),
-    ] = (0,)
-    repetitions: Annotated[
-        int, Meta(ge=1, le=SEEDS_APART, description="of every combination (paper: 20)")
-    ] = 20
-    recordings: Annotated[
-        Literal["failures", "all", "none"], Meta(description="which are kept")
-    ] = "failures"
+    objects: Listed  # of config/objects, or paths
+    profiles: Listed = ("default",)
+    detectors: tuple[str, ...] = ()  # of config/detectors, or FILE.py:NAME, or FILE.onnx
+    sweep: dict[str, tuple[Any, ...]] = {}  # settings, section.key = [values]
+    config: tuple[str, ...] = ()  # TOML files for every trial; later ones on top
+    settings: tuple[str, ...] = ()  # section.key=value, for every trial
+    seeds: Annotated[tuple[Seed, ...], Meta(min_length=1)] = (0,)  # times SEEDS_APART
+    repetitions: Annotated[int, Meta(ge=1, le=SEEDS_APART)] = 20  # of every combination (paper: 20)
+    recordings: Literal["failures", "all", "none"] = "failures"
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -150,29 +132,16 @@ def _of(scenario: str, whole: RunConfig) -> TrialConfig:
 def _check_axes(spec: CampaignSpec) -> None:
     """Nothing is run twice and counted twice, and a sweep sweeps."""
     named = ("scenarios", "objects", "profiles", "detectors", "seeds")
-    swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
-    for axis, values in ({name: getattr(spec, name) for name in named} | swept).items():
-        seen = set()
-        for value in values:
-            known = _hashable(value)
-            if known in seen:
-                raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
-            seen.add(known)
-    for axis, values in swept.items():
-        if not values:
-            raise ConfigError("campaign", axis, "is empty", "one value or more")
-    places = math.prod(
-        len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
-    )
-    if places * spec.repetitions > MOST_TRIALS:
+    axes = {name: getattr(spec, name) for name in named}
+    axes |= {f"sweep.{key}": values for key, values in spec.sweep.items()}
+    if math.prod(len(values) or 1 for values in axes.values()) * spec.repetitions > MOST_TRIALS:
         raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
-
-
-def _hashable(value: Any) -> Any:
-    """Equal for equal values of TOML."""
-    if isinstance(value, dict):
-        return frozenset((key, _hashable(each)) for key, each in value.items())
-    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
+    for axis, values in axes.items():
+        for text, times in Counter(map(_literal, values)).items():
+            if times > 1:
+                raise ConfigError("campaign", axis, f"{text} twice", "each value once")
+        if not values and axis.startswith("sweep."):
+            raise ConfigError("campaign", axis, "is empty", "one value or more")
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:

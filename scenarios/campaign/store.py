@@ -7,20 +7,22 @@ import csv
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Self, TextIO
 
 import msgspec
 
-from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from drivers.errors import BadFile, ConfigError, CouldNotRecord, one_line
 from grasp.files import (
     LEADS_NOWHERE,
+    PRIVATE_FILE,
     make_private_file,
     make_private_folder,
     partial_of,
     write_whole,
 )
-from scenarios.campaign.lock import writing
+from grasp.lock import Holder, locked
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
@@ -248,15 +250,25 @@ def _claimed(path: Path) -> Iterator[ExitStack]:
         raise ConfigError(str(path), "--out", "is a folder", "a new file")
     try:
         make_private_folder(path.parent)
-        with suppress(FileNotFoundError):
-            path.with_name(f"{path.name}-journal").lstat()  # the longest name that is needed
     except OSError as error:
         if error.errno in LEADS_NOWHERE:
             raise ConfigError(str(path), "--out", str(error.strerror), "another file") from None
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:
-        lock.enter_context(writing(path))
+        beside = path.resolve().with_name(f"{path.resolve().name}.lock")
+        try:
+            lock.enter_context(locked(beside, PRIVATE_FILE, partial(_held, path)))
+        except OSError as error:
+            raise CouldNotRecord(f"{beside}: {error.strerror}", "choose another --out") from None
         yield lock
+
+
+def _held(path: Path, holder: Holder | None) -> ConfigError:
+    by = f"process {holder.pid}: {one_line(holder.command)}" if holder else "another process"
+    return ConfigError(
+        str(path), "--out", f"is being written by {by}",
+        "another --out, or wait until that has ended",
+    )  # fmt: skip
 
 
 def _uri(path: Path) -> str:

@@ -9,10 +9,18 @@ from typing import Any
 
 import msgspec
 
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.summary import Cell, Variant, paper_rate, registered_ms, summarize
+from scenarios.campaign.summary import (
+    TABLE_IV,
+    TRIALS,
+    Cell,
+    Variant,
+    paper_rate,
+    registered_ms,
+    summarize,
+    wilson,
+)
 from scenarios.campaign.worker import Row
 from scenarios.report.charts import Plot, Rate, rates, shares
 from scenarios.report.page import render

@@ -186,7 +186,7 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
 
 def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(tmp_path: Path) -> None:
     for says, named in [
-        ('objects = ["can", "ball", "can"]', "'can' twice"),
+        ('objects = ["can", "ball", "can"]', '"can" twice'),
         ('objects = ["can"]\nseeds = [1, 2, 1]', "1 twice"),
         ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = [0.1, 0.10]', "0.1 twice"),
         ('objects = ["can"]\n[sweep]\n"rig" = ["hardware"]', "--rig"),
