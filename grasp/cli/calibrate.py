@@ -173,7 +173,7 @@ def _to_use(args: argparse.Namespace, text: str, limit_n: float) -> str:
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import rule_of
+    from scenarios.benchmark.label_free import tune_unlabelled
     from scenarios.campaign.config import load_config
     from scenarios.lab.hand import guard_of
     from scenarios.lab.ready import active_hand, check_close
@@ -195,7 +195,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     will(f"move {holding}; the arm stands")
     with interruption.held():
         counts = held_still(config, permit, args.seconds, operator, _tell)
-        found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
+        found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
     return _written(args, _rule_file(args, found, found.rule == judged.rule))
 
 

@@ -112,13 +112,15 @@ def _keep(args: argparse.Namespace, kept: list[Any]) -> None:
 
     import msgspec
 
-    from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
+    from scenarios.benchmark.evaluation_file import EvaluationFile
     from scenarios.trial.result import versions
 
-    source = args.data or [args.recording]
-    more = {"--split": [args.split] if args.data else [], "--set": args.set}
-    more["--config"] = [str(file) for file in args.config or ()]
-    command = shlex.join(command_of(args.detector, source, args.label, more))
+    source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
+    words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]
+    words += ["--split", args.split] if args.data else []
+    for option, values in (("--set", args.set), ("--config", args.config or ())):
+        words += [word for value in values for word in (option, str(value))]
+    command = shlex.join(words)
     file = EvaluationFile(
         data=_data_name(args), label=args.label, command=command, versions=versions(),
         detectors=kept,
@@ -283,11 +285,11 @@ def rest_text(minutes: float) -> str:
 def _tune_unlabelled(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.benchmark.label_free import tune_unlabelled
+    from scenarios.benchmark.label_free import hold_in, tune_unlabelled
     from scenarios.campaign.config import load_config
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    found = tune_unlabelled(config, args.unlabelled, args.budget)
+    found = tune_unlabelled(config, map(hold_in, args.unlabelled), args.budget)
     if args.json:
         print(msgspec.json.encode(found).decode())
         return exits.SUCCESS

@@ -2,7 +2,6 @@
 reads it."""
 
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,11 +57,6 @@ class SlipTrace(msgspec.Struct, frozen=True):
     pressed: list[list[float]]  # of each finger, counts over its mean before slip began
     probabilities: list[float]
     slipping: list[tuple[float, float]]  # from, to
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for columns that are not as long as one another."""
-        if {len(self.t_s)} != {len(column) for column in (*self.pressed, self.probabilities)}:
-            raise ValueError("times, pressures and probabilities differ in number")
 
 
 class Evaluated(msgspec.Struct, frozen=True):
@@ -135,7 +129,7 @@ def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
     last = len(recording.t_s) - 1
     return [
         SlipHeard(
-            recording=_name(recording.source),
+            recording="/".join(Path(recording.source).parts[-2:]),
             onset_s=float(recording.t_s[first]),
             delay_ms=_known(float(delay)),
             kind=_kind(streamed),
@@ -190,11 +184,6 @@ def _speed_mps(streamed: Streamed, first: int, after: int) -> float | None:
     return None if speed is None or turns else float(speed[first:after].max())
 
 
-def _name(source: str) -> str:
-    path = Path(source)
-    return f"{path.parent.name}/{path.name}" if path.parent.name else path.name
-
-
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -202,16 +191,3 @@ def _known(value: float) -> float | None:
 def _rounded(values: Any, digits: int) -> list[float]:
     out: list[float] = np.round(np.asarray(values, np.float64), digits).tolist()
     return out
-
-
-def command_of(
-    names: Sequence[str], source: Sequence[Path], label: str, more: Mapping[str, Sequence[str]]
-) -> list[str]:
-    """The command that repeats an evaluation; ``more``: options and their values."""
-    words = ["grasp", "detector", "evaluate", *names]
-    kind = "--data" if all(path.is_dir() for path in source) else "--recording"
-    words += [kind, *map(str, source), "--label", label]
-    for option, values in more.items():
-        for value in values:
-            words += [option, value]
-    return words
