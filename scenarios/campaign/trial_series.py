@@ -93,8 +93,11 @@ def run(
             row = None if result is None else row_of(todo[result.seed], finished)
             if row is not None:
                 row = msgspec.structs.replace(row, **spent(wall, cpu))
-            if row is not None and store is not None:
-                row = store.add(Finished(_kept_at(row, finished, store.path)))
+                if store is not None:
+                    left = None if result is None else result.recording  # where the run left it
+                    if left is not None:
+                        left = os.path.relpath(left, store.path.parent)
+                    row = store.add(Finished(msgspec.structs.replace(row, recording=left)))
             yield finished, row
             wall, cpu = time.perf_counter(), time.process_time()
 
@@ -113,17 +116,8 @@ def row_of(task: Task, finished: AnyRun) -> Row | None:
     """Its row; None for a trial that was interrupted. One that ended before it had taken a home
     tried nothing: it does not count."""
     failure, result = finished.failure, finished.result
-    if failure is not None and failure.kind == INTERRUPTED:
+    if result is None or (failure is not None and failure.kind == INTERRUPTED):
         return None
-    never_began = result is not None and result.home_m is None
-    if failure is not None and (failure.kind != JUDGED or never_began):
-        return error_row(task, failure.message, finished)
-    return judged(task, finished)
-
-
-def _kept_at(row: Row, finished: AnyRun, path: Path) -> Row:
-    """With the recording where the run has left it, from the file's folder."""
-    recording = None if finished.result is None else finished.result.recording
-    if recording is None:
-        return row
-    return msgspec.structs.replace(row, recording=os.path.relpath(recording, path.parent))
+    if failure is not None and (failure.kind != JUDGED or result.home_m is None):
+        return error_row(task, failure.message, result)
+    return judged(task, result, failure)

@@ -13,7 +13,7 @@ from scenarios.trial import series
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
 from scenarios.trial.person import Operator
-from scenarios.trial.result import FinishedRun, ResultT, Wanted
+from scenarios.trial.result import FinishedRun, ResultT
 from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Bench, Series
 
@@ -51,16 +51,15 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
         """Verdict and figures of a finished trial."""
 
     def run(
-        self, config: ConfigT, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None,
-        wanted: Wanted | None = None,
-    ) -> FinishedRun[ResultT]:  # fmt: skip
-        """One judged trial on a rig of its own. With ``runs`` it leaves a folder there, or only if
-        its result is ``wanted``; None records nothing.
+        self, config: ConfigT, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None
+    ) -> FinishedRun[ResultT]:
+        """One judged trial on a rig of its own. With ``runs`` it leaves a folder there; None
+        records nothing.
 
         Raises ConfigError, CouldNotRecord and the drivers' errors for what goes wrong before the
         run begins; an error while running ends in the safe state and is reported in the result.
         """
-        return next(self.run_series(config, (seed,), Bench(runs, on_tick=on_tick, wanted=wanted)))
+        return next(self.run_series(config, (seed,), Bench(runs, on_tick=on_tick)))
 
     def run_series(self, config: ConfigT, seeds: Sequence[int], bench: Bench) -> Series[ResultT]:
         """One judged trial a seed, as ``scenarios.trial.series`` runs them, each recorded in a
@@ -72,9 +71,7 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
         def attempt(
             seed: int, rig: GraspRig, home: Vector3 | None
         ) -> tuple[FinishedRun[ResultT], Vector3]:
-            with Record(
-                used, self.name, seed, bench.runs, bench.look, home, bench.wanted, rig.clock
-            ) as record:
+            with Record(used, self.name, seed, bench.runs, bench.look, home, rig.clock) as record:
                 trial = self.act(used, seed, rig, guard, record.tick, bench.operator, home)
                 finished = record.finish(trial, lambda: self.judge(used, seed, trial, record.path))
                 return finished, trial.controller.home

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -144,7 +144,6 @@ class Failure(msgspec.Struct, frozen=True):
 
 
 ResultT = TypeVar("ResultT", bound=TrialResult)
-Wanted = Callable[[TrialResult], bool]  # whether a trial with such a result is to be recorded
 
 
 class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
