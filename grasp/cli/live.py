@@ -240,22 +240,3 @@ def tap_line(result: Any) -> str:
     if result.nominal_again_ms is not None:
         parts.append(f"nominal {result.nominal_again_ms:.0f} ms after its end")
     return "  ".join(filter(None, parts))
-
-
-def print_taps(summary: Any) -> None:
-    """The figures of a series of taps."""
-    print()
-    for name, n in (*summary.by_direction.items(), ("all", summary.total)):
-        rate = f" ({100 * n.successes / n.moved:.0f} %)" if n.moved else ""
-        print(
-            f"{name:<9} {n.successes} of {n.moved} taps that moved it{rate}; "
-            f"{n.false_alarms} of {n.unmoved} that moved nothing registered all the same"
-        )
-    others = ", ".join(f"{spelt(name)} {n}" for name, n in summary.outcomes.items())
-    print(f"outcomes  {others}")
-    delays = (("registered after first motion", summary.detection_latency_ms),
-              ("nominal after its end", summary.nominal_again_ms))  # fmt: skip
-    for what, q in delays:
-        if q is not None:
-            print(f"{what}, ms: p50 {q.p50:.0f} p90 {q.p90:.0f} p99 {q.p99:.0f} of {q.count} "
-                  "that moved it; inf: so many never were")  # fmt: skip

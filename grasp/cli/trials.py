@@ -282,9 +282,7 @@ def _report_series(
     import msgspec
 
     from grasp.cli.campaign_view import print_summary
-    from grasp.cli.live import print_taps
     from scenarios.campaign.summary import summarize
-    from scenarios.tap.scoring import summarise as of_taps
 
     kept = "" if out is None else _kept(rows, out, experiment.trials)
     if seen.failure is not None and not rows and not seen.results:
@@ -294,19 +292,16 @@ def _report_series(
         return code
     tap = args.scenario == "tap"
     table = summarize(experiment.spec().name, rows)
-    summary = of_taps(seen.results) if tap else table
     series = {
         "scenario": args.scenario, "object": experiment.config.object.name, "rig": args.rig,
         "detector": experiment.config.detector_label, "seed": args.seed,
-        "summary": msgspec.to_builtins(summary),
+        "summary": msgspec.to_builtins(table),
         f"{args.scenario}s": msgspec.to_builtins(seen.results),
     }  # fmt: skip
     if out is not None:
-        series |= {"campaign": str(out), "table": msgspec.to_builtins(table)}
+        series["campaign"] = str(out)
     with suppress(UnreadError):
-        if tap and not args.json:
-            print_taps(summary)
-        if rows and (out is not None or not tap) and not args.json:
+        if rows and not args.json:
             print_summary(table)
         if out is not None and not args.json:
             print(out)

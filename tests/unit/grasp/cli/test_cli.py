@@ -60,7 +60,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
         "energy.threshold_counts=12", capsys=capsys,
     )  # fmt: skip
     assert code == 0
-    assert "all       2 of 2 taps that moved it (100 %)" in out
+    assert "100% (34-100)  n 2" in out
     assert "REGISTERED" in out
     folders = sorted(tmp_path.iterdir())
     assert [sorted(p.name for p in f.iterdir()) for f in folders] == [
