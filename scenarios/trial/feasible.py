@@ -61,7 +61,6 @@ def check_arm(config: TrialConfig) -> None:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
     _check_heartbeat(config)
-    _check_start(arm)
     _check_height(controller, arm)
     there_m, at_m = doubt.arm_there_m, controller.at_height_m
     if there_m > at_m:
@@ -80,18 +79,6 @@ def _check_heartbeat(config: TrialConfig) -> None:
         raise ConfigError(
             "ur", "heartbeat_timeout_s", problem, f">= {least_s:g}, two loop.period_s"
         )
-
-
-def _check_start(arm: ArmSettings) -> None:
-    """Raises ConfigError for a workspace that leaves out where every run begins and ends."""
-    for name, beyond in (("workspace_low_m", 1.0), ("workspace_high_m", -1.0)):
-        for axis, bound_m in zip("xyz", getattr(arm, name), strict=True):
-            if beyond * bound_m > 0.0:
-                raise ConfigError(
-                    "arm", name, f"{bound_m:g} m in {axis} leaves out where the arm starts, from "
-                    "which it is measured, and to which every run comes back",
-                    f"{'<=' if beyond > 0.0 else '>='} 0 in {axis}",
-                )  # fmt: skip
 
 
 def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
