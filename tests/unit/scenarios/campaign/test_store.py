@@ -170,11 +170,12 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "a.sqlite"
+    CampaignStore.create(out, SPEC, combinations(SPEC)).__exit__()
     failing: Callable[..., object] = after_half if method == "write_bytes" else full
     with monkeypatch.context() as patch:
         patch.setattr(Path, method, failing)
         with pytest.raises(CouldNotRecord, match="No space left"):
-            run(SPEC, out, Workers(0), work=judged)
+            run(SPEC, out, Workers(0), resume=True, work=judged)
     assert files(tmp_path) == ["a.sqlite"]
     with CampaignStore.open(out) as opened:
         assert opened.rows() == []
