@@ -39,7 +39,7 @@ from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
 from scenarios.trial.execution import REPORT
 from scenarios.trial.result import Bug, Failure, versions
-from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, dated, metadata
+from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
 
 
@@ -164,8 +164,8 @@ def run(
     """
     check_runs(runs)
     with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
-        dates = dated(rig.clock.virtual, rig.clock.unix_ns)
-        known = {**metadata(config, seed), **dates, "motion": msgspec.json.encode(motion).decode()}
+        course = msgspec.json.encode(motion).decode()
+        known = {**metadata(config, seed, rig.clock), "motion": course}
         name = f"{SCENARIO}-{config.surface.name}"
         drawn = PressPictures(config, rig.clock.unix_ns)
         with RunFolder(runs, name, {**CHANNELS, **pictures.CHANNELS}, known) as folder:

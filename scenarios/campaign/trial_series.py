@@ -104,12 +104,8 @@ def run(
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
     """Of the arm, that the trials up to now began from; None where none of them tells."""
-    for row in rows:
-        if row.result is not None:
-            told = msgspec.json.decode(row.result, type=Home).home_m
-            if told is not None:
-                return told
-    return None
+    homes = (msgspec.json.decode(row.result, type=Home).home_m for row in rows if row.result)
+    return next((home for home in homes if home is not None), None)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:

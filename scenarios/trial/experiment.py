@@ -71,7 +71,7 @@ class Experiment(ABC, Generic[ConfigT, TrialT, ResultT]):
         def attempt(
             seed: int, rig: GraspRig, home: Vector3 | None
         ) -> tuple[FinishedRun[ResultT], Vector3]:
-            with Record(used, self.name, seed, bench.runs, bench.look, home, rig.clock) as record:
+            with Record(used, self.name, seed, bench.runs, rig.clock, bench.look, home) as record:
                 trial = self.act(used, seed, rig, guard, record.tick, bench.operator, home)
                 finished = record.finish(trial, lambda: self.judge(used, seed, trial, record.path))
                 return finished, trial.controller.home

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, Self
@@ -133,7 +132,7 @@ def check_runs(runs: Path | None) -> None:
 class Record:
     """What one run leaves: a folder of its own in ``runs``, or nothing where that is None.
 
-        with Record(config, "lift", seed, runs, watch) as record:
+        with Record(config, "lift", seed, runs, rig.clock, watch) as record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, lambda: judge(config, seed, trial, record.path))
 
@@ -141,19 +140,16 @@ class Record:
     """
 
     def __init__(
-        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, watch: Watch,
-        home: Vector3 | None = None, clock: Clock | None = None,
+        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, clock: Clock,
+        watch: Watch, home: Vector3 | None = None,
     ) -> None:  # fmt: skip
-        """``home``: of the arm, from an earlier trial on this rig; ``clock``: of the rig, virtual
-        where nobody says."""
+        """``home``: of the arm, from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
+        self._config, self._seed, self._home = config, seed, home
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
-        virtual, unix_ns = clock is None or clock.virtual, VIRTUAL_EPOCH_NS
-        unix_ns = unix_ns if clock is None else clock.unix_ns
-        self._known = partial(_known, config, seed, home, virtual, unix_ns)
-        self._pictures = Pictures(config, unix_ns)
+        self._clock = clock
+        self._pictures = Pictures(config, clock.unix_ns)
         self._phases_written = 0
-        self._config = config
         self._watch = watch
         self._uncut = ExitStack()
 
@@ -163,7 +159,7 @@ class Record:
             uncut.enter_context(interruption.held())
             uncut.enter_context(interruption.lastly(self._abandon))
             if self._runs is not None:
-                self._folder = RunFolder(self._runs, self._name, WRITTEN, self._known())
+                self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
             self._uncut = uncut.pop_all()
         return self
 
@@ -171,6 +167,15 @@ class Record:
         with self._uncut:
             if kind is not None:
                 self._abandon()
+
+    def _metadata(self) -> dict[str, str]:
+        config, seed, home = self._config, self._seed, self._home
+        known = {**metadata(config, seed, self._clock), "config_hash": config.digest()}
+        if home is not None:  # another trial's
+            known["home_m"] = _json(home)
+        if (physics := config.physics(seed)) is not None:
+            known["physics"] = _json(physics)
+        return known
 
     def _abandon(self) -> None:
         if self._folder is not None:
@@ -239,30 +244,20 @@ def _with_bug(
     return Failure("internal", bug.line, REPORT, end)
 
 
-def _known(
-    config: TrialConfig, seed: int, home: Vector3 | None, virtual: bool, unix_ns: int
-) -> dict[str, str]:
-    """The metadata of a recording."""
-    known = {**metadata(config, seed, home), "config_hash": config.digest()}
-    if (physics := config.physics(seed)) is not None:
-        known["physics"] = msgspec.json.encode(physics).decode()
-    return {**known, **dated(virtual, unix_ns)}
-
-
-def dated(virtual: bool, unix_ns: int) -> dict[str, str]:
-    """From when on the times of a recording count."""
-    return {UNIX_NS: str(unix_ns), "epoch": EPOCHS[virtual]}
-
-
-def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> dict[str, str]:
-    """What is needed to run the same again: settings, seed, versions, and the arm's home if it was
-    another trial's."""
+def metadata(config: msgspec.Struct, seed: int, clock: Clock) -> dict[str, str]:
+    """What is needed to run the same again, settings, seed and versions; and from when on the times
+    of a recording count."""
     return {
-        **({} if home is None else {"home_m": msgspec.json.encode(home).decode()}),
-        "config": msgspec.json.encode(config).decode(),
+        "config": _json(config),
         "seed": str(seed),
         **{f"version.{name}": text for name, text in versions().items()},
+        UNIX_NS: str(clock.unix_ns),
+        "epoch": EPOCHS[clock.virtual],
     }
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
@@ -279,15 +274,12 @@ def _pretty(result: msgspec.Struct | dict[str, Any]) -> bytes:
 
 def _new_folder(runs: Path, name: str) -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
-    for attempt in range(1, 1000):
-        path = runs / (f"{stamp}-{name}" if attempt == 1 else f"{stamp}-{name}-{attempt}")
-        try:
-            make_private_folder(path, exist_ok=False)
-        except FileExistsError:
-            if path.is_dir():
-                continue
-            raise could_not_record(path, NotADirectoryError(0, f"{runs} is not a folder")) from None
-        except OSError as error:
-            raise could_not_record(path, error) from None
-        return path
-    raise could_not_record(runs / stamp, FileExistsError("too many runs within a second"))
+    attempt, path = 1, runs / f"{stamp}-{name}"
+    try:
+        while path.is_dir():
+            attempt += 1
+            path = runs / f"{stamp}-{name}-{attempt}"
+        make_private_folder(path, exist_ok=False)
+    except OSError as error:
+        raise could_not_record(path, error) from None
+    return path
