@@ -15,14 +15,10 @@ LEAST_PROBABILITY = 1.0 / (1.0 + math.exp(MOST_LOG_ODDS))
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How much evidence makes an event, and how many quiet samples end it."""
 
-    kind: Annotated[
-        Literal["consecutive", "cusum"],
-        Meta(description="count samples above threshold (paper), or add up log-odds (Page 1954)"),
-    ] = "consecutive"
-    fusion: Annotated[
-        Literal["any", "mean"],
-        Meta(description="each finger decides alone, or the mean of their log-odds does"),
-    ] = "any"
+    # count samples above threshold (paper), or add up log-odds (Page 1954)
+    kind: Literal["consecutive", "cusum"] = "consecutive"
+    # each finger decides alone, or the mean of their log-odds does
+    fusion: Literal["any", "mean"] = "any"
     consecutive: Annotated[
         int,
         Meta(ge=1, le=50, description="consecutive samples above threshold, of one finger or "
@@ -33,11 +29,6 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Meta(gt=0.0, lt=1.0, description="probability above which a sample counts, of a finger or "
              "of the mean; 0.5: the class border of the paper's two-way softmax"),
     ] = 0.5  # fmt: skip
-    fingers: Annotated[
-        int,
-        Meta(ge=1, le=3, description="fusion any: how many fingers must agree; the paper does not "
-             "say: assumed 1"),
-    ] = 1  # fmt: skip
     drift: Annotated[
         float,
         Meta(ge=-5.0, le=5.0, description="cusum: log-odds a sample that count as no evidence; 0: "
@@ -57,20 +48,26 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     @property
     def unread(self) -> frozenset[str]:
         """The settings that this kind of rule has no use for."""
-        of_kind = {"drift", "limit"} if self.kind == "consecutive" else {"consecutive"}
-        return frozenset(of_kind | ({"fingers"} if self.fusion == "mean" else set()))
+        return frozenset({"drift", "limit"} if self.kind == "consecutive" else {"consecutive"})
 
 
-class ConsecutiveRule:
-    """So many samples in a row register slip on a finger; ``release`` quiet ones on all end it.
+class DecisionRule:
+    """When slip is registered, and on which fingers.
 
-    A probability equal to the threshold is not above it.
+    ``consecutive``: after so many samples in a row above the threshold. ``cusum``: when the sum of
+    log-odds beyond the drift, never below zero, exceeds the limit; for calibrated probabilities
+    this is Page's test, the quickest at a given rate of false alarms. After ``release`` samples in
+    a row at or below the threshold on all fingers the event ends, and the sums restart.
+
+    With fusion ``mean`` one rule decides on the mean log-odds of all fingers; the one with the
+    highest probability registers.
     """
 
     def __init__(self, settings: RuleSettings, fingers: int) -> None:
         self.settings = settings
         self.threshold = settings.threshold
-        self._fingers = fingers
+        self._mean = settings.fusion == "mean"
+        self._deciding = 1 if self._mean else fingers
         self.reset()
 
     def reset(self) -> None:
@@ -79,111 +76,44 @@ class ConsecutiveRule:
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Samples are left out here: no run of them goes on, but what is registered stays so."""
-        self._runs = [0] * self._fingers
+        """Samples are left out here: runs and sums restart, what is registered stays so."""
+        self._runs = [0] * self._deciding
+        self._sums = np.zeros(self._deciding)
         self._quiet = 0
 
     def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
-        values: list[float] = probabilities.tolist()
-        self._runs = [
-            run + 1 if p > self.threshold else 0 for run, p in zip(self._runs, values, strict=True)
-        ]
-        self._quiet = 0 if any(self._runs) else self._quiet + 1
-        registering = [run >= self.settings.consecutive for run in self._runs]
-        if sum(registering) < min(self.settings.fingers, self._fingers):
-            registering = [False] * self._fingers
+        """Take (fingers,) probabilities; give which fingers (fingers,) register slip now."""
+        p = mean_probability(probabilities[None])[0] if self._mean else probabilities
+        above: list[bool] = (p > self.threshold).tolist()
+        self._quiet = 0 if any(above) else self._quiet + 1
+        registering = self._sum(p) if self.settings.kind == "cusum" else self._count(above)
         if any(registering):
             self.registered = True
         elif self._quiet >= self.settings.release:
             self.registered = False
-        return np.array(registering)
+        if not self._mean:
+            return np.array(registering)
+        fingers = np.zeros(len(probabilities), np.bool_)
+        fingers[np.nan_to_num(probabilities, nan=-1.0).argmax()] = registering[0]
+        return fingers
 
+    def _count(self, above: list[bool]) -> list[bool]:
+        self._runs = [run + 1 if high else 0 for run, high in zip(self._runs, above, strict=True)]
+        return [run >= self.settings.consecutive for run in self._runs]
 
-class CusumRule:
-    """Adds up log-odds beyond the drift, never below zero, and registers above the limit.
-
-    For calibrated probabilities this is Page's test, the quickest at a given rate of false alarms.
-    After ``release`` samples in a row at or below threshold on all fingers the sums begin anew.
-    """
-
-    def __init__(self, settings: RuleSettings, fingers: int) -> None:
-        self.settings = settings
-        self.threshold = settings.threshold
-        self._fingers = fingers
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self.registered = False
-        self.interrupt()
-
-    def interrupt(self) -> None:
-        """Samples are left out here: the sums begin anew, what is registered stays so."""
-        self._sums = np.zeros(self._fingers)
-        self._quiet = 0
-
-    def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
-        evidence = log_odds(probabilities) - self.settings.drift
-        self._sums = np.maximum(self._sums + evidence, 0.0)
-        self._quiet = 0 if (probabilities > self.threshold).any() else self._quiet + 1
+    def _sum(self, p: NDArray[np.float64]) -> list[bool]:
+        self._sums = np.maximum(self._sums + (log_odds(p) - self.settings.drift), 0.0)
         if self._quiet >= self.settings.release:
             self._sums[:] = 0.0
-            self.registered = False
-        registering = self._sums > self.settings.limit
-        if registering.sum() < min(self.settings.fingers, self._fingers):
-            registering[:] = False
-        self.registered = self.registered or bool(registering.any())
+        registering: list[bool] = (self._sums > self.settings.limit).tolist()
         return registering
-
-
-class FusedRule:
-    """One rule for all fingers, on the mean of their log-odds; the surest finger registers."""
-
-    def __init__(self, settings: RuleSettings) -> None:
-        self._rule = _one_rule(settings, 1)
-        self.threshold = settings.threshold
-
-    @property
-    def registered(self) -> bool:
-        return self._rule.registered
-
-    def reset(self) -> None:
-        """Forget everything."""
-        self._rule.reset()
-
-    def interrupt(self) -> None:
-        """Samples are left out here."""
-        self._rule.interrupt()
-
-    def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
-        registering = np.zeros(len(probabilities), np.bool_)
-        fused = mean_probability(probabilities[None])[0]
-        surest = np.nan_to_num(probabilities, nan=-1.0).argmax()
-        registering[surest] = self._rule.update(fused)[0]
-        return registering
-
-
-Rule = ConsecutiveRule | CusumRule | FusedRule
-
-
-def make_rule(settings: RuleSettings, fingers: int) -> Rule:
-    """The rule that the settings name, reset, for so many fingers."""
-    return FusedRule(settings) if settings.fusion == "mean" else _one_rule(settings, fingers)
-
-
-def _one_rule(settings: RuleSettings, fingers: int) -> ConsecutiveRule | CusumRule:
-    kind = CusumRule if settings.kind == "cusum" else ConsecutiveRule
-    return kind(settings, fingers)
 
 
 def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log-odds, limited to what a detector can be believed."""
     # np.clip takes three times as long for a handful of numbers
-    told = np.where(np.isnan(probabilities), 0.5, probabilities)  # no number tells nothing
-    p = np.minimum(np.maximum(told, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
+    known = np.where(np.isnan(probabilities), 0.5, probabilities)  # no number: no evidence
+    p = np.minimum(np.maximum(known, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
     odds: NDArray[np.float64] = np.log(p / (1.0 - p))
     return odds
 
@@ -199,7 +129,7 @@ def mean_probability(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
 def registered_events(
     probabilities: NDArray[np.float64], settings: RuleSettings
 ) -> NDArray[np.intp]:
-    """Events (m, 2) of a whole stream (n, fingers), as `make_rule`'s rule would register them.
+    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them.
 
     Each row is the sample that registered slip and the one that released it, n if none did.
     """
@@ -215,8 +145,7 @@ def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDA
     """`registered_events` of probabilities that are fused already, where the rule asks for it."""
     if settings.kind == "cusum":
         quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
-        sums = cusum(probabilities, settings)
-        registering = _agreeing(sums > settings.limit, settings)
+        registering = _any(cusum(probabilities, settings) > settings.limit)
     else:
         registering, quiet = _markers(probabilities, settings.threshold, settings)
     starts = _first_of_each(registering, quiet)
@@ -225,7 +154,7 @@ def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDA
 
 
 def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
-    """Sums (n, fingers) of `CusumRule`; they do not depend on its limit."""
+    """Sums (n, fingers) of the rule `cusum`; they do not depend on its limit."""
     quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
     evidence = log_odds(probabilities) - settings.drift
     sums = np.zeros_like(evidence)
@@ -248,22 +177,19 @@ def _markers(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Samples (n,) on which some finger has been above for long enough, and all have been below."""
     above: NDArray[np.bool_] = np.greater(values, threshold)
-    registering = _agreeing(_run_lengths(above) >= settings.consecutive, settings)
+    registering = _any(_run_lengths(above) >= settings.consecutive)
     return registering, _quiet(above, settings.release)
 
 
-def _agreeing(registering: NDArray[np.bool_], settings: RuleSettings) -> NDArray[np.bool_]:
-    """Samples (n,) on which as many of the fingers (n, fingers) register as must agree."""
-    enough: NDArray[np.bool_] = registering.sum(axis=1) >= min(
-        settings.fingers, registering.shape[1]
-    )
-    return enough
+def _any(fingers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Samples (n,) on which any of (n, fingers) is true."""
+    some: NDArray[np.bool_] = np.logical_or.reduce(fingers, axis=1)
+    return some
 
 
 def _quiet(above: NDArray[np.bool_], release: int) -> NDArray[np.bool_]:
     """Samples (n,) up to which all fingers have been below for long enough."""
-    below = ~np.logical_or.reduce(above, axis=1, keepdims=True)
-    quiet: NDArray[np.bool_] = _run_lengths(below)[:, 0] >= release
+    quiet: NDArray[np.bool_] = _run_lengths(~_any(above)[:, None])[:, 0] >= release
     return quiet
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import KIT_TAXELS
 
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
-LOWEST_THRESHOLD_COUNTS, HIGHEST_THRESHOLD_COUNTS = 0.1, 500.0
+STEEPNESS = 4.0  # log-odds gained per e-fold of a formula's figure; assumed
 
 
 class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -27,18 +27,13 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 10
     threshold_counts: Annotated[
         float,
-        Meta(ge=LOWEST_THRESHOLD_COUNTS, le=HIGHEST_THRESHOLD_COUNTS,
-             description="energy of probability 0.5, counts per sample; assumed: twice that of "
-             "three loaded taxels of six at rest"),
+        Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample; assumed: "
+             "twice that of three loaded taxels of six at rest"),
     ] = 6.0  # fmt: skip
-    steepness: Annotated[
-        float,
-        Meta(ge=0.1, le=20.0, description="log-odds gained per e-fold of energy; assumed"),
-    ] = 4.0
 
 
 class EnergyDetector:
-    """Mean absolute change as a probability; see `probability_of`.
+    """Mean absolute change as a probability.
 
     After a reset the first frame has no change, and until the window is full the changes still to
     come count as zero. So the energy starts at 0 and can only be too small while it warms up: slip
@@ -81,14 +76,15 @@ class EnergyDetector:
         self._ring[self._at] = new
         self._at = (self._at + 1) % self.settings.window
         self._last = frame
-        return np.array([probability_of(e, self.settings) for e in self.energy_counts])
+        threshold = self.settings.threshold_counts
+        return np.array([probability_of(e, threshold) for e in self.energy_counts])
 
 
-def probability_of(energy_counts: float, settings: EnergySettings) -> float:
+def probability_of(energy_counts: float, threshold_counts: float) -> float:
     """Logistic in the log of the energy: 0 for none, exactly 0.5 at the threshold."""
     if energy_counts == 0.0:
         return 0.0
-    ratio: float = (settings.threshold_counts / energy_counts) ** settings.steepness
+    ratio: float = (threshold_counts / energy_counts) ** STEEPNESS
     return 1.0 / (1.0 + ratio)
 
 

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.auxiliary_outputs import Motion
 from detector.energy import EnergyDetector, EnergySettings
-from detector.motion import Motion
 from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import is_weights, packaged_networks, weights_digest, weights_path
-from detector.own import OwnSettings, code_digest, is_own, load_own
+from detector.plugins import OwnSettings, code_digest, is_own, load_plugin
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
 from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
@@ -114,12 +114,12 @@ def load_detector(
     if formula:
         return formula.make(made, fingers, taxels)
     if isinstance(made, OwnSettings):
-        return load_own(name, made, fingers, taxels)
+        return load_plugin(name, made, fingers, taxels)
     if name not in DETECTORS and not made.weights and not is_weights(name):
         raise UsageError(f"unknown detector {name!r}", f"one of: {', '.join(DETECTORS)}")
     return load_network(name, made, fingers, taxels)
 
 
 def motion_told_by(detector: SlipDetector) -> Callable[[], Motion | None]:
-    """Asks a detector what kind of slip its latest frame is of; None of one that has no heads."""
+    """Asks a detector how the fingertips move; None of one without auxiliary outputs."""
     return detector.motion if isinstance(detector, StreamingNetwork) else lambda: None

@@ -12,11 +12,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.heads import Teller, read_heads
-from detector.layout import check_layout
-from detector.motion import Motion
+from detector.auxiliary_outputs import AuxiliaryOutputs, Motion, read_outputs
 from detector.network_file import (
     LoadedNetwork,
+    check_layout,
     is_weights,
     packaged_networks,
     read_network,
@@ -46,10 +45,12 @@ class StreamingNetwork:
     no change. A repeated frame (a missed sample) is a frame like any other.
     """
 
-    def __init__(self, loaded: LoadedNetwork, fingers: int, heads: Teller | None = None) -> None:
+    def __init__(
+        self, loaded: LoadedNetwork, fingers: int, outputs: AuxiliaryOutputs | None = None
+    ) -> None:
         self.name = loaded.card.name
         self.threshold = loaded.card.threshold
-        self._heads = heads
+        self._outputs = outputs
         window = loaded.card.window
         self.memory = window + 1 if window else 0
         self.card = loaded.card
@@ -99,10 +100,11 @@ class StreamingNetwork:
         return self._probability.astype(np.float64)
 
     def motion(self) -> Motion | None:
-        """What the heads make of the latest frame; None without heads, or without a frame."""
-        if self._heads is None or not self._started:
+        """How the fingertips move at the latest frame; None without auxiliary outputs, or without a
+        frame."""
+        if self._outputs is None or not self._started:
             return None
-        return self._heads.tell(self._states[self._turn], self._frames[1 - self._turn])
+        return self._outputs.motion(self._states[self._turn], self._frames[1 - self._turn])
 
 
 class WindowedNetwork:
@@ -151,18 +153,18 @@ def _bind_output(binding: Any, name: str, array: Float32s) -> None:
 
 
 def run_network(
-    loaded: LoadedNetwork, fingers: int, heads: Teller | None = None
+    loaded: LoadedNetwork, fingers: int, outputs: AuxiliaryOutputs | None = None
 ) -> StreamingNetwork | WindowedNetwork:
     """The detector of a loaded file, reset."""
     if loaded.card.mode == "stream":
-        return StreamingNetwork(loaded, fingers, heads)
+        return StreamingNetwork(loaded, fingers, outputs)
     return WindowedNetwork(loaded, fingers)
 
 
 def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from its weights and the heads beside them; raises BadFile, and UsageError for
+    """Detector from its weights and the outputs beside them; raises BadFile, and UsageError for
     fingertips of another layout than it was trained on, and for weights whose card names another
     network than the packaged one whose name and rule they would run under, or for two files."""
     if settings.weights and is_weights(name):
@@ -183,4 +185,4 @@ def load_network(
             loaded, card=msgspec.structs.replace(loaded.card, name=path.name)
         )
     check_layout(name, loaded.taxels, taxels)
-    return run_network(loaded, fingers, read_heads(path, weights_digest(path), loaded))
+    return run_network(loaded, fingers, read_outputs(path, weights_digest(path), loaded))

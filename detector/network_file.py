@@ -1,21 +1,19 @@
-"""Trained networks as files: ONNX, and beside the graph a card of what it is and where it is from.
+"""Trained networks as files: ONNX, and in the file's metadata a card of what it is and where from.
 
-The card lies in the file's own metadata as JSON. Nothing in a file is ever unpickled or executed
-but the graph, by ONNX Runtime, and only after the card and the shapes have been checked.
+Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, and only after the
+card and the shapes have been checked.
 """
 
 import hashlib
 import math
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
-from detector.onnx_wire import names_other_files
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
 
 FORMAT = 2  # 1 had no checksum
@@ -24,8 +22,9 @@ NO_CHECKSUM = "0" * 64  # stands in the card while the checksum is made
 CARD_KEY = "grasp"
 SUFFIX = ".onnx"
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
-MOST_SAMPLES = 10_000  # of a window; ours have a hundred
-MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
+LARGEST_INPUT = 1_000_000  # numbers a finger; ours have a thousand
+# Key under which a tensor names another file that holds its values (TensorProto.external_data)
+OTHER_FILE = b"\x0a\x08location"
 WEIGHTS = Path(__file__).parent / "weights"
 
 REINSTALL = "install `grasp` again"
@@ -38,6 +37,7 @@ PACKAGED = {
 }
 
 Mode = Literal["stream", "window"]
+Shape = tuple[int, ...]
 
 
 class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,23 +48,23 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     mode: Mode  # a frame and a state at a time, or a whole window
     # samples that a `window` graph takes; for `stream` how many before the newest play a part,
     # 0: unbounded
-    window: Annotated[int, Meta(ge=0, le=MOST_SAMPLES)]
-    threshold: Annotated[float, Meta(gt=0.0, lt=1.0)]  # probability above which a sample is slip
-    parameters: int
-    mean_counts: tuple[float, ...]
-    std_counts: tuple[float, ...]
-    change_scale_counts: float
-    temperature: float  # already applied in the graph, as is the shift to the true share of slip
-    shift: float
-    data_digest: str
-    label: str
-    augmentation: str
-    balance: str
-    seed: int
-    commit: str
-    steps: int
-    training_minutes: float
-    validation: dict[str, float]
+    window: int
+    threshold: float = 0.5  # probability above which a sample is slip
+    parameters: int = 0
+    mean_counts: tuple[float, ...]  # of each taxel
+    std_counts: tuple[float, ...] = ()
+    change_scale_counts: float = 1.0
+    temperature: float = 1.0  # already applied in the graph, as is the shift to the true share of
+    shift: float = 0.0  # slip
+    data_digest: str = ""
+    label: str = ""
+    augmentation: str = ""
+    balance: str = ""
+    seed: int = 0
+    commit: str = ""
+    steps: int = 0
+    training_minutes: float = 0.0
+    validation: dict[str, float] = {}
     sha256: str = ""  # of the file, with NO_CHECKSUM in its place
 
     @property
@@ -74,18 +74,26 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LoadedNetwork(msgspec.Struct, frozen=True):
-    """A checked file: its card, an ONNX Runtime session, the states' shapes a finger, and whether
-    it takes the frame before, too."""
+    """A checked file: its card, an ONNX Runtime session, and whether it takes the frame before."""
 
     card: NetworkCard
     session: Any
-    states: dict[str, tuple[int, ...]]
-    previous: bool = True
+    states: dict[str, Shape]  # of a finger
+    previous: bool
 
     @property
     def taxels(self) -> int:
         """Of the fingertips that it was trained on."""
         return len(self.card.mean_counts)
+
+
+def check_layout(name: str, made_for: int, taxels: int) -> None:
+    """Raises UsageError when a detector for fingertips of so many taxels meets others."""
+    if made_for != taxels:
+        raise UsageError(
+            f"detector {name!r} was made for fingertips of {made_for} taxels, not of {taxels}",
+            "train one on recordings of this layout (`grasp detector train`), or take `energy`",
+        )
 
 
 def is_weights(word: str) -> bool:
@@ -121,60 +129,60 @@ def read_network(path: Path) -> LoadedNetwork:
     """Load, check and try a weights file, of ours or of the same form (docs/extending.md); raises
     BadFile for anything else."""
     content = _content(path)
+    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
+        raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
+    if OTHER_FILE in content:
+        raise _bad(path, "takes data from other files, which is not allowed")
     try:
-        _check_packaged(path, content)
-        if names_other_files(content):
-            raise _bad(path, "takes data from other files, which is not allowed")
         loaded = _loaded(path, _session(content))
-        _check_whole(path, content, loaded.card)
-        _try(path, loaded)
+        _check_sum(path, content, loaded.card)
+        for fingers in (1, FINGERS):
+            _try(path, loaded, fingers)
     except BadFile:
         raise
-    except ValueError:
-        raise _bad(path, "no ONNX file, or a damaged one") from None
     except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
         problem = f"damaged, or no ONNX graph that can run ({type(error).__name__})"
         raise _bad(path, problem) from None
     return loaded
 
 
-def checksum(content: bytes, written: str) -> str:
+def sealed(model: Any, card: NetworkCard) -> bytes:
+    """The file of an `onnx.ModelProto` with that card, and its checksum."""
+    del model.metadata_props[:]
+    open_card = msgspec.structs.replace(card, sha256=NO_CHECKSUM)
+    model.metadata_props.add(key=CARD_KEY, value=msgspec.json.encode(open_card).decode())
+    content: bytes = model.SerializeToString()
+    return content.replace(NO_CHECKSUM.encode(), _checksum(content, NO_CHECKSUM).encode())
+
+
+def _checksum(content: bytes, written: str) -> str:
     """Of a file in which ``written`` stands for it."""
     return hashlib.sha256(content.replace(written.encode(), NO_CHECKSUM.encode())).hexdigest()
 
 
-def _check_whole(path: Path, content: bytes, card: NetworkCard) -> None:
+def _check_sum(path: Path, content: bytes, card: NetworkCard) -> None:
     """A card of format 2 has a checksum; what has no card of ours, or an older one, has none."""
     if card.format < FORMAT and not card.sha256:
         return
-    if not card.sha256 or checksum(content, card.sha256) != card.sha256:
+    if not card.sha256 or _checksum(content, card.sha256) != card.sha256:
         raise _bad(path, "damaged: it is not what its checksum says")
-
-
-def _check_packaged(path: Path, content: bytes) -> None:
-    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
-        raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
 
 
 def _content(path: Path) -> bytes:
     """No more of the file than a network may have."""
     try:
-        if path.is_fifo():
-            raise ValueError("a named pipe, which may have no writer")
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            content = b"" if size > LARGEST_BYTES else file.read(LARGEST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise _bad(path, f"cannot be read: {reason}") from None
-    if max(size, len(content)) > LARGEST_BYTES:
+            content = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise _bad(path, f"cannot be read: {error.strerror}") from None
+    if len(content) > LARGEST_BYTES:
         raise _bad(path, f"more than {LARGEST_BYTES} bytes: no network of this project")
     return content
 
 
 def _session(content: bytes) -> Any:
-    # else, from 1.29 on, it tells its maker of each session: a thread, a data base in the user's
-    # cache, a file in the temporary folder, and packets to the Internet
+    # without this, versions from 1.29 on report each session to their maker: a thread, files in the
+    # user's cache, and packets to the Internet
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
 
@@ -190,118 +198,69 @@ def _session(content: bytes) -> Any:
 
 
 def _loaded(path: Path, session: Any) -> LoadedNetwork:
-    inputs = {i.name: (i.type, tuple(i.shape)) for i in session.get_inputs()}
-    outputs = {o.name: (o.type, tuple(o.shape)) for o in session.get_outputs()}
-    card = _card(path, session) or _card_of_shapes(path, inputs)
-    _check_ends(path, card, inputs, outputs)
-    states = {name: shape[1:] for name, (_, shape) in inputs.items() if name.startswith("state")}
-    _check_states(path, card, inputs, outputs, states)
+    inputs: dict[str, Shape] = {}
+    for each in session.get_inputs():
+        fingers, *shape = each.shape or [1]
+        fixed = all(isinstance(n, int) and n > 0 for n in shape)
+        if each.type != "tensor(float)" or isinstance(fingers, int) or not fixed:
+            problem = f"input {each.name!r} is {each.type} {each.shape}"
+            raise _bad(
+                path, f"{problem}, not float (fingers, ...) with all axes but the first fixed"
+            )
+        if math.prod(shape) > LARGEST_INPUT:
+            raise _bad(path, f"input {each.name!r} is too large: {shape}")
+        inputs[each.name] = tuple(shape)
+    card = _card(path, session, inputs.get("counts", ()))
+    frame: Shape = (len(card.mean_counts),)
+    known = {"counts": frame if card.mode == "stream" else (card.window, *frame)}
+    states = {}
+    if card.mode == "stream":
+        states = {name: shape for name, shape in inputs.items() if name.startswith("state")}
+        known |= states | ({"previous": frame} if "previous" in inputs else {})
+    if inputs != known:
+        raise _bad(path, f"inputs are {inputs}, not {known} as its card says")
     return LoadedNetwork(card, session, states, "previous" in inputs)
 
 
-def _try(path: Path, loaded: LoadedNetwork) -> None:
+def _try(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
     """A graph that cannot run, or gives no probability, is found here and not in a lift."""
-    frame = (FINGERS, loaded.taxels)
-    shapes: dict[str, tuple[int, ...]] = {"counts": frame}
-    if loaded.previous:
-        shapes["previous"] = frame
-    if loaded.card.mode == "window":
-        shapes = {"counts": (FINGERS, loaded.card.window, loaded.taxels)}
-    shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
-    fed = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    fed = {
+        each.name: np.zeros((fingers, *each.shape[1:]), np.float32)
+        for each in loaded.session.get_inputs()
+    }
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
     p, *states = loaded.session.run(names, fed)
-    if p.shape != (FINGERS,) or not ((p >= 0.0) & (p <= 1.0)).all():
+    if p.shape != (fingers,) or p.dtype != np.float32 or not ((p >= 0.0) & (p <= 1.0)).all():
         raise _bad(path, f"gives {p}, not a probability a finger")
     for name, state in zip(loaded.states, states, strict=True):
         if state.shape != fed[name].shape or not np.isfinite(state).all():
             raise _bad(path, f"{name} does not come out as it went in")
 
 
-def _card(path: Path, session: Any) -> NetworkCard | None:
+def _card(path: Path, session: Any, counts: Shape) -> NetworkCard:
+    """The card in the file; where it has none, what the shape of ``counts`` says: (taxels,) is a
+    frame at a time, (samples, taxels) a window."""
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
-        return None
+        if len(counts) not in (1, 2):
+            raise _bad(path, "no card, and no input `counts` of a frame or a window")
+        return NetworkCard(
+            format=READ[0], name=path.stem, mode="stream" if len(counts) == 1 else "window",
+            window=counts[0] if len(counts) == 2 else 0, mean_counts=(0.0,) * counts[-1],
+        )  # fmt: skip
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
-    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+    except msgspec.DecodeError as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
     if card.format not in READ:
         raise _bad(path, f"format {card.format}, this version reads {READ[0]} to {FORMAT}")
     return card
 
 
-Ends = dict[str, tuple[str, tuple[Any, ...]]]
-
-
-def _card_of_shapes(path: Path, inputs: Ends) -> NetworkCard:
-    """What the shapes of a file without a card say: (fingers, taxels) is a frame at a time,
-    (fingers, samples, taxels) a window."""
-    shape = inputs["counts"][1] if "counts" in inputs else ()
-    if len(shape) not in (2, 3) or not all(isinstance(n, int) for n in shape[1:]):
-        raise _bad(
-            path, f"without a card, and no input `counts` of a frame or a window, but {inputs}"
-        )
-    window = min(shape[1], MOST_SAMPLES) if len(shape) == 3 else 0
-    taxels = min(shape[-1], MOST_SAMPLES)
-    return NetworkCard(
-        format=READ[0], name=path.stem, mode="window" if window else "stream", window=window,
-        threshold=0.5, parameters=0, mean_counts=(0.0,) * taxels, std_counts=(1.0,) * taxels,
-        change_scale_counts=1.0, temperature=1.0, shift=0.0, data_digest="", label="",
-        augmentation="", balance="", seed=0, commit="", steps=0, training_minutes=0.0,
-        validation={},
-    )  # fmt: skip
-
-
-def _fits(found: tuple[str, tuple[Any, ...]] | None, wanted: tuple[str | int, ...]) -> bool:
-    """Whether it is of that shape, floats; an axis that is named may have any name, but no number
-    of its own."""
-    if found is None or found[0] != "tensor(float)" or len(found[1]) != len(wanted):
-        return False
-    pairs = zip(found[1], wanted, strict=True)
-    return all(n == m if isinstance(m, int) else not isinstance(n, int) for n, m in pairs)
-
-
-def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> None:
-    """The frame or window that goes in, and the probability that comes out."""
-    taxels = len(card.mean_counts)
-    frame: tuple[str | int, ...] = ("fingers", taxels)
-    wanted = {"counts": frame}
-    if "previous" in inputs:
-        wanted["previous"] = frame
-    if card.mode == "window":
-        wanted = {"counts": ("fingers", card.window, taxels)}
-        if card.window < 1:
-            raise _bad(path, f"a window of {card.window} samples")
-    for name, shape in wanted.items():
-        found = inputs.get(name)
-        variable = found is not None and found[1][1:2] == ("samples",)
-        if not _fits(found, shape) and not (variable and card.mode == "window"):
-            raise _bad(path, f"input {name!r} is {found}, not float {shape}")
-    if not _fits(outputs.get("probability"), ("fingers",)):
-        raise _bad(path, f"output is {outputs.get('probability')}, not float ('fingers',)")
-
-
-def _check_states(
-    path: Path, card: NetworkCard, inputs: Ends, outputs: Ends, states: dict[str, tuple[Any, ...]]
-) -> None:
-    """Every state goes in and comes out with one shape, and there is nothing else."""
-    known = {"counts", *states}
-    if set(inputs) - {"previous"} != known or (card.mode == "window" and set(inputs) != {"counts"}):
-        raise _bad(path, f"inputs {sorted(inputs)} do not fit mode {card.mode!r}")
-    for name, shape in states.items():
-        if not _fits(outputs.get(f"next_{name}"), ("fingers", *shape)):
-            raise _bad(path, f"{name} goes in as {inputs[name]}, out otherwise")
-        if any(type(n) is not int or n < 1 for n in shape):
-            raise _bad(path, f"{name} has no fixed shape: {shape}")
-        if math.prod(shape) > MOST_STATE:
-            raise _bad(path, f"{name} is too large: {shape}")
-
-
 def _bad(path: Path, problem: str) -> BadFile:
     if is_packaged(path):
         return BadFile(path, f"{problem}; it is part of `grasp`", REINSTALL)
-    remedy = (
-        "give one that `grasp detector train` wrote, or whose tensors are as in docs/extending.md"
-    )
-    return BadFile(path, problem, remedy)
+    return BadFile(
+        path, problem,
+        "give one that `grasp detector train` wrote, or whose tensors are as in docs/extending.md",
+    )  # fmt: skip

@@ -13,44 +13,33 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.layout import check_layout
+from detector.energy import STEEPNESS
+from detector.network_file import check_layout
 from drivers.interfaces import KIT_TAXELS
 
+# Of the published detector, from the authors' configuration
 PAPER_WINDOW = 100
-PerTaxel = tuple[float, ...]
+MEAN_COUNTS = (-120.24, -59.29, -14.26, -19.77, -55.34, -60.12)
+STD_COUNTS = (182.70, 146.50, 80.06, 86.97, 140.52, 143.61)
+FAIR_WINDOW = 21  # the authors' own analysis
 
 
 class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The published detector; every number is from the authors' configuration."""
+    """How much power reads as slip."""
 
     threshold_power: Annotated[
-        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip; 4800 was "
-                    "tried too")
+        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip, of the "
+                    "authors' configuration; 4800 was tried too")
     ] = 11000.0  # fmt: skip
-    mean_counts: PerTaxel = (-120.24, -59.29, -14.26, -19.77, -55.34, -60.12)
-    std_counts: PerTaxel = (182.70, 146.50, 80.06, 86.97, 140.52, 143.61)
-    steepness: Annotated[
-        float, Meta(ge=0.1, le=20.0, description="log-odds gained per e-fold of power; assumed")
-    ] = 4.0
-
-    def __post_init__(self) -> None:
-        if not self.mean_counts or len(self.mean_counts) != len(self.std_counts):
-            raise ValueError("mean_counts and std_counts: one of each a taxel")
 
 
 class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How much vibration reads as slip."""
 
-    window: Annotated[
-        int, Meta(ge=4, le=100, description="samples of a spectrum; the authors' analysis: 21")
-    ] = 21
     threshold_counts: Annotated[
         float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5; assumed: "
                     "between the authors' clip at rest (59) and slipping (373)")
     ] = 150.0  # fmt: skip
-    steepness: Annotated[
-        float, Meta(ge=0.1, le=20.0, description="log-odds gained per e-fold; assumed")
-    ] = 4.0
 
 
 class SampleWindow:
@@ -83,10 +72,9 @@ class PsdDetector:
     memory = PAPER_WINDOW
 
     def __init__(self, settings: PsdSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
-        check_layout(self.name, len(settings.mean_counts), taxels)
+        check_layout(self.name, len(MEAN_COUNTS), taxels)
         self.settings = settings
         self._window = SampleWindow(fingers, PAPER_WINDOW, taxels)
-        self._mean, self._std = np.array(settings.mean_counts), np.array(settings.std_counts)
 
     def reset(self) -> None:
         self._window.reset()
@@ -94,9 +82,9 @@ class PsdDetector:
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         self._window.add(counts)
-        common = ((self._window.samples - self._mean) / self._std).sum(axis=2)
+        common = ((self._window.samples - np.array(MEAN_COUNTS)) / np.array(STD_COUNTS)).sum(axis=2)
         power = np.square(np.abs(np.fft.rfft(common, axis=1)[:, 1:])).sum(axis=1)
-        return probability_of(power, self.settings.threshold_power, self.settings.steepness)
+        return _probability(power, self.settings.threshold_power)
 
 
 class PsdFairDetector:
@@ -104,11 +92,11 @@ class PsdFairDetector:
 
     name = "psd-fair"
     threshold = 0.5
+    memory = FAIR_WINDOW
 
     def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
-        self.memory = settings.window
-        self._window = SampleWindow(fingers, settings.window, taxels)
+        self._window = SampleWindow(fingers, FAIR_WINDOW, taxels)
 
     def reset(self) -> None:
         self._window.reset()
@@ -117,14 +105,12 @@ class PsdFairDetector:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         self._window.add(counts)
         spectra = np.abs(np.fft.rfft(self._window.samples, axis=1)[:, 1:])
-        amplitude = spectra.sum(axis=(1, 2)) / (self.settings.window - 1)
-        return probability_of(amplitude, self.settings.threshold_counts, self.settings.steepness)
+        amplitude = spectra.sum(axis=(1, 2)) / (FAIR_WINDOW - 1)
+        return _probability(amplitude, self.settings.threshold_counts)
 
 
-def probability_of(
-    values: NDArray[np.float64], threshold: float, steepness: float
-) -> NDArray[np.float64]:
+def _probability(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
     """Logistic in the log of the values (n,), 0.5 at the threshold, 0 for nothing at all."""
-    odds = (values / threshold) ** steepness
+    odds = (values / threshold) ** STEEPNESS
     probabilities: NDArray[np.float64] = odds / (1.0 + odds)
     return probabilities

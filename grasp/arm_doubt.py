@@ -6,7 +6,7 @@ from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
 from grasp.flicker import Flicker
-from grasp.pace import LEAST_PACE
+from grasp.state_clock import LEAST_PACE
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
 

@@ -1,4 +1,4 @@
-"""What a grasp is told beforehand: where, how fast, how patient."""
+"""What a grasp is given beforehand: where, how fast, how patient."""
 
 from typing import Annotated, Literal
 
@@ -6,14 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import Counts3, Vector3
-from grasp.stiffness import Stiffness
-
-# Settings that only one answer reads, those that only arms which pause do, and only two stages
-OF_STEPS = frozenset(
-    {"step_n", "step_tries", "step_patience_s", "step_below_m", "margin_steps", "margin_after_m"}
-)
-OF_PAUSES = frozenset({"answer_stop_mps2", "resume_mps2", "resume_quiet_s", "useless_pause_s"})
-OF_STAGES = frozenset({"top_up_speed_mps"})
+from grasp.contact_estimator import Stiffness
 
 
 class GripPlan(msgspec.Struct, frozen=True):
@@ -28,19 +21,14 @@ class GripPlan(msgspec.Struct, frozen=True):
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Speeds, heights and patience of a grasp."""
+    """Speeds, heights and patience of a grasp. The figures without a source are assumed."""
 
     preshape_margin_counts: Annotated[
         int, Meta(ge=2, le=60, description="fingers wait this far short of the grip positions")
     ] = 15
     thumb_back_counts: Annotated[
-        int,
-        Meta(
-            ge=0, le=100,
-            description="the thumb, which closes last, waits this much further back: more than "
-            "an object may be wider than expected",
-        ),
-    ] = 15  # fmt: skip
+        int, Meta(ge=0, le=100, description="the thumb, which closes last, waits further back")
+    ] = 15
     approach_speed_mps: Annotated[
         float, Meta(ge=0.022, le=0.11, description="of the fingers in free air")
     ] = 0.11
@@ -60,19 +48,16 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "slowly; or at one speed (the paper's). With guard.cap_mode = each_motor at one speed"
         ),
     ] = "two_stage"
-    top_up_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the second stage, to the force cap")
-    ] = 0.022
     relax_s: Annotated[
         float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
     ] = 0.3
     listen_s: Annotated[
         float, Meta(ge=0.02, le=5.0, description="the detector listens before the arm lifts")
     ] = 0.3
-    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
-    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
+    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="paper: not stated")] = 0.2
+    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="paper: not stated")] = 0.1
     lift_acceleration_mps2: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
+        float, Meta(ge=0.05, le=5.0, description="paper: not stated")
     ] = 0.5
     answer: Annotated[
         Literal["stop_and_jump", "jump", "stop_and_step"],
@@ -82,132 +67,29 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "`stop_and_step` the hand presses no harder there than it has to"
         ),
     ] = "stop_and_jump"
-    step_n: Annotated[
-        float,
-        Meta(ge=0.1, le=10.0, description="more force a step, in whole counts, one at least"),
-    ] = 1.5
-    step_tries: Annotated[
-        int, Meta(ge=1, le=50, description="steps of a lift; slip after them is answered by a jump")
-    ] = 5
-    step_patience_s: Annotated[
-        float,
-        Meta(
-            ge=0.05, le=5.0,
-            description="slip that is still registered so long after the mask of a step is "
-            "answered by a jump: longer than the detector needs to hear that slip is over; assumed",
-        ),
-    ] = 0.25  # fmt: skip
-    step_below_m: Annotated[
-        float,
-        Meta(
-            ge=0.0, le=1.0,
-            description="height of the arm above which slip is in the air, and answered by a jump; "
-            "assumed",
-        ),
-    ] = 0.03  # fmt: skip
     margin_steps: Annotated[
-        int,
-        Meta(
-            ge=0, le=20,
-            description="more than the force found: without any, a third of objects fall at a pull "
-            "of 2 N",
-        ),
-    ] = 2  # fmt: skip
-    margin_after_m: Annotated[
-        float,
-        Meta(ge=0.0, le=1.0, description="a force is found when it has carried so far; assumed"),
-    ] = 0.01
+        int, Meta(ge=0, le=20, description="beyond the force found; without, a third fall at 2 N")
+    ] = 2
     answer_stop_mps2: Annotated[
         float,
         Meta(
             ge=0.1, le=9.0,
             description="of that stop; below gravity, as on the way up it takes load off the grip; "
-            "assumed: a lab begins with 1 (docs/hardware.md)",
+            "a lab begins with 1 (docs/hardware.md)",
         ),
     ] = 8.0  # fmt: skip
-    resume_mps2: Annotated[
-        float,
-        Meta(ge=0.05, le=5.0, description="at most, when the arm goes on: a twentieth of gravity"),
-    ] = 0.5
-    resume_quiet_s: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="slip is over for so long when it does; assumed")
-    ] = 0.05
-    useless_pause_s: Annotated[
-        float,
-        Meta(
-            ge=0.1, le=30.0,
-            description="the arm may stand in all of a lift for alarms that no closing answers; "
-            "then it is cap_reached; assumed",
-        ),
-    ] = 1.5  # fmt: skip
-    lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
+    lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="of the arm")] = 0.05
     landing_speed_mps: Annotated[
         float,
         Meta(
             ge=0.005, le=0.1,
-            description="of the arm where an object that slipped may stand before the arm is down, "
-            "or faster, to need 0.8 of phase_timeout_s; assumed: in the 0.1 s that a decision may "
-            "take it goes 0.5 mm, 0.5-1 N on a steep flank",
+            description="of the arm where the object may stand already, or faster, to need 0.8 of "
+            "phase_timeout_s; in the 0.1 s of a late decision it goes 0.5 mm, 1 N on a steep flank",
         ),
     ] = 0.005  # fmt: skip
-    landing_margin_m: Annotated[
-        float,
-        Meta(
-            ge=0.0, le=0.1,
-            description="the slow way begins so much above the height at which slip had ended; "
-            "assumed: a slip that ends by itself before a detector hears it",
-        ),
-    ] = 0.003  # fmt: skip
-    landing_rise_n: Annotated[
-        float,
-        Meta(
-            ge=0.1, le=5.0,
-            description="so much more measured force, half of all fingers' sum as a level, on the "
-            "way down stops the arm; assumed, seven deviations of it in the simulated hand's rest",
-        ),
-    ] = 0.3  # fmt: skip
-    landing_step_m: Annotated[
-        float,
-        Meta(
-            ge=1e-4,
-            le=0.005,
-            description="then down, or less, to see whether the object stands; assumed",
-        ),
-    ] = 0.0005
-    landing_still_s: Annotated[
-        float,
-        Meta(
-            ge=0.2, le=5.0,
-            description="the arm stands before a step and after it; the grip is averaged over the "
-            "second half; assumed, several swings of the pads' restlessness",
-        ),
-    ] = 0.5  # fmt: skip
-    landing_check_n: Annotated[
-        float,
-        Meta(
-            ge=0.05, le=5.0,
-            description="it does if that adds so much, or takes so much from a grip that stays "
-            "tight; assumed, three deviations of it in the simulated hand's rest",
-        ),
-    ] = 0.08  # fmt: skip
-    landing_most_share: Annotated[
-        float,
-        Meta(
-            ge=0.01, le=2.0,
-            description="so much of the grip more in all, without an answer: the arm stays; "
-            "assumed, what a textured face makes of it in sliding is less",
-        ),
-    ] = 0.15  # fmt: skip
-    landing_tries: Annotated[
-        int,
-        Meta(ge=1, le=20, description="such steps without an answer; then the arm stays there"),
-    ] = 8
     retreat_m: Annotated[
         float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
     ] = 0.05
-    at_height_m: Annotated[
-        float, Meta(ge=1e-4, le=0.01, description="the arm counts as there within this")
-    ] = 0.001
     stop_deceleration_mps2: Annotated[
         float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
     ] = 1.0
@@ -222,10 +104,6 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "long as the detector remembers, where that is longer",
         ),
     ] = 0.3  # fmt: skip
-    alarm_hold_s: Annotated[
-        float,
-        Meta(ge=0.0, le=60.0, description="alarms that no closing answers prolong a hold by this"),
-    ] = 2.0
     hold_by_clock: Annotated[
         bool,
         Meta(
@@ -234,61 +112,25 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         ),
     ] = False
     contact_n: Annotated[
-        float,
-        Meta(ge=0.05, le=5.0, description="the thumb touches something from this measured force"),
+        float, Meta(ge=0.05, le=5.0, description="measured force from which on there is contact")
     ] = 0.3
-    contact_lost_s: Annotated[
-        float, Meta(ge=0.01, le=1.0, description="less than that for so long is lost contact")
-    ] = 0.05
-    contact_gap_s: Annotated[
-        float,
-        Meta(
-            ge=0.01, le=10.0,
-            description="after so long without contact in the air nothing is set down any more: it "
-            "falls 5 cm in 0.1 s, and may be gripped again where it landed; assumed",
-        ),
-    ] = 0.1  # fmt: skip
-    overload_s: Annotated[
-        float,
-        Meta(ge=0.0, le=1.0, description="of measured force above limit and margin in motion"),
-    ] = 0.03
     stale_after_s: Annotated[
         float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
     ] = 0.1
     phase_timeout_s: Annotated[
         float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
     ] = 30.0
-    safe_state_s: Annotated[
-        float,
-        Meta(ge=0.1, le=30.0, description="a safe state that is not seen is asked for so long"),
-    ] = 3.0
-    repeat_s: Annotated[
-        float,
-        Meta(
-            ge=0.02,
-            le=1.0,
-            description="between two requests for a safe state, or for a stop on the way down",
-        ),
-    ] = 0.1
-    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
-        False
-    )
+    keep: Annotated[bool, Meta(description="keep holding at the top, set nothing down")] = False
     firm: Annotated[
-        bool,
-        Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)"),
+        bool, Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)")
     ] = False
     reactions: Annotated[
-        bool,
-        Meta(description="answer registered slip; off in the twin run that judges false starts"),
+        bool, Meta(description="respond to slip; off in the twin run that judges false starts")
     ] = True
 
     @property
     def unread(self) -> dict[str, str]:
-        """Settings for which this answer and this closing have no use, and what does not read
-        them."""
-        of_answer = OF_STEPS if self.answer != "stop_and_step" else frozenset()
-        of_answer |= OF_PAUSES if self.answer == "jump" else frozenset()
-        of_closing = OF_STAGES if self.closing == "constant" else frozenset()
-        return dict.fromkeys(of_answer, f"controller.answer = {self.answer}") | dict.fromkeys(
-            of_closing, f"controller.closing = {self.closing}"
-        )
+        """Settings for which the chosen response has no use, and what does not read them."""
+        steps = () if self.answer == "stop_and_step" else ("margin_steps",)
+        stops = ("answer_stop_mps2",) if self.answer == "jump" else ()
+        return dict.fromkeys((*steps, *stops), f"controller.answer = {self.answer}")

@@ -2,7 +2,7 @@
 
 Pure: fed once a step before the controller, time an argument. A doubt is one line that begins
 with a stable name (``fingertips_frozen: ...``); the controller answers it with the safe state of
-the phase. Delays and false faults of every check: docs/faults.md.
+the state. Delays and false faults of every check: docs/faults.md.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
 from grasp.gripper_doubt import GripperDoubt
-from grasp.phases import CONTACT_PHASES, Phase
+from grasp.states import CONTACT_STATES, State
 
 STOOD_STILL = "loop_stood_still"
 
@@ -51,7 +51,7 @@ class Doubts:
 
     def of(
         self,
-        phase: Phase,
+        state: State,
         frame: TactileFrame | None,
         gripper: GripperState,
         arm: ArmState,
@@ -66,14 +66,14 @@ class Doubts:
         """
         if self._stand_ins:
             return ""
-        if self._slept(phase, late_ns):  # in that time nobody saw what the devices did
+        if self._slept(state, late_ns):  # in that time nobody saw what the devices did
             self._arm.begin_anew(arm, late_ns)
             self._gripper.begin_anew(gripper)
         found = (
-            self._loop(phase, late_ns, took_ns),
+            self._loop(state, late_ns, took_ns),
             self._arm.see(arm, pending),
             self._gripper.see(gripper),
-            self._fingertips.see(frame, phase),
+            self._fingertips.see(frame, state),
         )
         return "; ".join(filter(None, found))
 
@@ -85,14 +85,14 @@ class Doubts:
             elif isinstance(command, GripperCommand):
                 self._gripper.told()
 
-    def _slept(self, phase: Phase, late_ns: int) -> bool:
-        return phase is not Phase.IDLE and late_ns > self._settings.standstill_s * 1e9
+    def _slept(self, state: State, late_ns: int) -> bool:
+        return state is not State.START and late_ns > self._settings.standstill_s * 1e9
 
-    def _loop(self, phase: Phase, late_ns: int, took_ns: int) -> str:
+    def _loop(self, state: State, late_ns: int, took_ns: int) -> str:
         s = self._settings
-        if phase in CONTACT_PHASES and took_ns > s.detector_s * 1e9:
+        if state in CONTACT_STATES and took_ns > s.detector_s * 1e9:
             return f"detector_late: a step took {took_ns * 1e-9:.3f} s"
-        if self._slept(phase, late_ns):
+        if self._slept(state, late_ns):
             return f"{STOOD_STILL}: for {late_ns * 1e-9:.3f} s nobody was in control"
         return ""
 

@@ -115,7 +115,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.0001  # fmt: skip
     arm_standing_mps: Annotated[
         float, Meta(ge=1e-5, le=0.05, description="an arm that stands reports no more; assumed, as "
-                    "ur.standing_below_mps")
+                    "the arm's link")
     ] = 0.001  # fmt: skip
     arm_line_m: Annotated[
         float, Meta(ge=1e-5, le=0.05, description="a target that is no further aside from where "
@@ -124,7 +124,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     arm_there_m: Annotated[
         float,
         Meta(ge=1e-4, le=0.01, description="so close to its target it need not move: not more "
-             "than controller.at_height_m; assumed"),
+             "than the 1 mm of grasp/lift_line.py; assumed"),
     ] = 0.001  # fmt: skip
     arm_astray_m: Annotated[
         float, Meta(ge=5e-4, le=0.1, description="away from its target, beyond braking; assumed")

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import CODE_MAX, FINGER_NAMES, FINGERS, TactileFrame
 from grasp.doubt_settings import DoubtSettings
-from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
+from grasp.states import CONTACT_STATES, OPEN_STATES, State
 
 Flags = NDArray[np.bool_]
 Taxels = frozenset[int]
-GRIPPED_PHASES = frozenset({Phase.RELAX, Phase.LISTEN})  # all is touched, and nothing moves yet
+GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all is touched, and nothing moves yet
 NONE: Taxels = frozenset()
 NO_FINGER = (False,) * FINGERS
 
@@ -72,19 +72,19 @@ class FingertipDoubt:
         """Most often, and faster than to look at ``can_tell``."""
         return not self._deaf
 
-    def see(self, frame: TactileFrame | None, phase: Phase) -> str:
+    def see(self, frame: TactileFrame | None, state: State) -> str:
         """What is wrong with them, where somebody has to feel something."""
         if frame is None:
             self._before = None
-            return self._absent(phase)
+            return self._absent(state)
         if not frame.missed:
             self.take(frame.raw, frame.counts)
-        if phase in OPEN_PHASES:
+        if state in OPEN_STATES:
             return ""
-        return self.wrong() or (self._deafened() if phase in GRIPPED_PHASES else "")
+        return self.wrong() or (self._deafened() if state in GRIPPED_STATES else "")
 
-    def _absent(self, phase: Phase) -> str:
-        if phase in CONTACT_PHASES:
+    def _absent(self, state: State) -> str:
+        if state in CONTACT_STATES:
             return "fingertips_absent: there is no frame: the board came back without its rest"
         return ""
 

@@ -20,9 +20,13 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
-from grasp.stiffness import Stiffness
+from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
+# Full speed ends where limit and overshoot would still be kept by a contact this many times stiffer
+# than stated, and a first grasp this much stronger than measured; assumed
+STIFFNESS_MARGIN = 1.3
+FIRST_FORCE_MARGIN_N = 1.0
 
 
 CapMode = Literal["every_finger", "each_motor"]
@@ -58,18 +62,6 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             "where the object states none of its own; assumed, 600-10000 N/m",
         ),
     ] = 2500.0
-    stiffness_margin: Annotated[
-        float,
-        Meta(
-            ge=1.0, le=3.0,
-            description="the contact may be this many times stiffer than stated: full speed ends "
-            "where the limit and overshoot_n would still be kept",
-        ),
-    ] = 1.3  # fmt: skip
-    first_force_margin_n: Annotated[
-        float,
-        Meta(ge=0.0, le=5.0, description="and the first grasp this much stronger than measured"),
-    ] = 1.0
     tip_mass_kg: Annotated[
         float,
         Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed"),
@@ -174,8 +166,8 @@ class ForceGuard:
     def _reach(self, position: int, first_n: float, requested: int, measured_n: float) -> int:
         s, per_count_n = self._settings, self._stiffness.newtons_per_count
         grown_n = measured_n - per_count_n * max(0, requested - position)
-        worst_n = max(first_n + s.first_force_margin_n, grown_n)
-        worst = Stiffness(s.stiffness_margin * per_count_n)
+        worst_n = max(first_n + FIRST_FORCE_MARGIN_N, grown_n)
+        worst = Stiffness(STIFFNESS_MARGIN * per_count_n)
         counts = worst.counts_within(s.force_limit_n + s.overshoot_n - worst_n)
         expected_n = max(first_n, grown_n)
         return position + min(counts, self._stiffness.counts_within(s.force_limit_n - expected_n))

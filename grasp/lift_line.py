@@ -5,6 +5,8 @@ from grasp.commands import MoveArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 
+AT_HEIGHT_M = 0.001  # the arm counts as there within this; assumed
+
 
 class LiftLine:
     """Heights are over ``home``, in m."""
@@ -13,14 +15,14 @@ class LiftLine:
         self._settings = settings
         self.home = home
 
-    def height_m(self, seen: Observation) -> float:
+    def height_m(self, obs: Observation) -> float:
         """Of the arm."""
-        return seen.arm.position_m[2] - self.home[2]
+        return obs.arm.position_m[2] - self.home[2]
 
-    def stands_at(self, seen: Observation, height_m: float) -> bool:
+    def stands_at(self, obs: Observation, height_m: float) -> bool:
         """Whether the arm stands there, and nothing that was told is on its way."""
-        away_m = abs(self.height_m(seen) - height_m)
-        return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
+        away_m = abs(self.height_m(obs) - height_m)
+        return not obs.pending and not obs.arm.moving and away_m < AT_HEIGHT_M
 
     def move(
         self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None

@@ -37,7 +37,7 @@ from grasp.commands import (
 from grasp.controller import Decision
 from grasp.loop_settings import LoopSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.step import GraspStep, StepResult
 
 # No settings, since no result depends on them: a command due this soon is sent before anyone
@@ -201,7 +201,7 @@ class ControlLoop:
         controller = self._step.controller
         stopped = not controller.finished and not controller.in_safe_state
         if stopped:
-            answering = controller.phase is Phase.COMPENSATE
+            answering = controller.state is State.COMPENSATE
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
         self._stop = cause
@@ -307,11 +307,11 @@ class ControlLoop:
         if self._last is None:
             return None
         last = self._last.observation
-        observation = msgspec.structs.replace(
-            last, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
+        inputs = msgspec.structs.replace(
+            last.inputs, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
             arm=self._arm_now() or last.arm, gripper_lost=self._gripper_lost, pending=False,
-            last_close=self._step.last_close,
         )  # fmt: skip
+        observation = msgspec.structs.replace(last, inputs=inputs, last_close=self._step.last_close)
         return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _await_period(self) -> int:

@@ -32,7 +32,7 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Meta(
             ge=0.2, le=60.0,
             description="a run that was stopped may last, should its safe state not end it: more "
-            "than controller.safe_state_s; assumed",
+            "than the 3 s of a safe state; assumed",
         ),
     ] = 20.0  # fmt: skip
     abort_s: Annotated[

@@ -10,13 +10,13 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
 from grasp.controller import Decision
 from grasp.loop import Issued, Tick
 from grasp.observation import Observation, StepInput
-from grasp.phases import PhaseChange
+from grasp.states import PhaseChange
 
 
 class TactileMessage(msgspec.Struct, frozen=True):
@@ -129,27 +129,27 @@ def arm_message(arm: ArmState) -> ArmMessage:
     return ArmMessage(*msgspec.structs.astuple(arm))
 
 
-def control_message(seen: Observation, decision: Decision) -> ControlMessage:
-    slip = decision.slip
+def control_message(obs: Observation, decision: Decision) -> ControlMessage:
+    inputs, slip = obs.inputs, decision.slip
     return ControlMessage(
-        phase=decision.phase.value,
-        probabilities=seen.probabilities.tolist(),
+        phase=decision.state.value,
+        probabilities=obs.probabilities.tolist(),
         armed=slip.armed,
         masked=slip.masked,
         registered=slip.registered,
         event=slip.event,
         finger=slip.finger,
-        measured_n=seen.measured_n,
-        rest_taken=seen.rest_taken,
-        pending=seen.pending,
-        trouble=seen.trouble,
-        gripper_lost=seen.gripper_lost,
+        measured_n=obs.measured_n,
+        rest_taken=inputs.rest_taken,
+        pending=inputs.pending,
+        trouble=inputs.trouble,
+        gripper_lost=inputs.gripper_lost,
         commands=list(decision.commands),
-        set_down=seen.set_down,
-        stop=seen.stop,
-        late_ns=seen.late_ns,
-        took_ns=seen.took_ns,
-        doubt=seen.doubt,
+        set_down=inputs.set_down,
+        stop=inputs.stop,
+        late_ns=inputs.late_ns,
+        took_ns=inputs.took_ns,
+        doubt=obs.doubt,
     )
 
 

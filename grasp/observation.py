@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast
 
@@ -34,20 +34,20 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     took_ns: int = 0
 
 
-class Observation(StepInput, frozen=True, kw_only=True):
-    """All that the controller may know: what the step was told, and what follows from it.
+class Observation(msgspec.Struct, frozen=True, kw_only=True):
+    """All that the controller may know: the step's inputs, and what follows from them.
 
     ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``doubt``: what a
-    device says that cannot be believed; empty when all can. ``overloaded``: measured force is above
-    the limit and its margin. ``felt_n``: of taxels alone that would feel it end, none of them at a
-    rail or stuck. ``last_close``: the closing that was admitted last.
-    ``reach_counts``: how far each finger may close at any speed; None where that is not known.
-    ``thumb_end``: the last count that the guard lets the thumb have; None where force alone ends a
-    closing.
-    ``motion``: what kind of slip it is, where some is heard and the detector can tell; shown and
-    recorded, and nothing is decided by it.
+    device says that cannot be believed; empty when all can. ``measured_n``: estimated force of each
+    finger; ``felt_n``: of those taxels alone that would feel it end, none of them at a rail or
+    stuck. ``overloaded``: measured force is above the limit and its margin. ``last_close``: the
+    closing that was admitted last. ``reach_counts``: how far each finger may close at any speed;
+    None where that is not known. ``thumb_end``: the last count that the guard lets the thumb have;
+    None where force alone ends a closing. ``motion``: the kind of slip, where some is detected and
+    the detector can tell; recorded and shown, and nothing is decided by it.
     """
 
+    inputs: StepInput
     probabilities: NDArray[np.float64]
     doubt: str = ""
     measured_n: Vector3 = (0.0, 0.0, 0.0)
@@ -57,6 +57,27 @@ class Observation(StepInput, frozen=True, kw_only=True):
     reach_counts: Counts3 | None = None
     thumb_end: int | None = None
     motion: Motion | None = None
+
+    @property
+    def t_ns(self) -> int:
+        return self.inputs.t_ns
+
+    @property
+    def frame(self) -> TactileFrame | None:
+        return self.inputs.frame
+
+    @property
+    def gripper(self) -> GripperState:
+        return self.inputs.gripper
+
+    @property
+    def arm(self) -> ArmState:
+        return self.inputs.arm
+
+    @property
+    def pending(self) -> bool:
+        """A command of an earlier step has not reached its device yet."""
+        return self.inputs.pending
 
     @property
     def tactile_stale(self) -> bool:

@@ -22,10 +22,6 @@ class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         Meta(ge=0, le=90, description="SCHED_FIFO priority of this program's threads while it "
              "runs, 0 to leave them alone; not granted: the run goes on without, and says so"),
     ] = PRIORITY  # fmt: skip
-    collect_garbage: Annotated[
-        bool,
-        Meta(description="let Python's cycle collector interrupt a run; otherwise it runs before"),
-    ] = False
 
 
 @contextmanager
@@ -37,17 +33,15 @@ def real_time(settings: RealTimeSettings) -> Iterator[bool]:
     """
     before = _raise_threads(settings.priority) if settings.priority else {}
     collecting = gc.isenabled()
-    if not settings.collect_garbage:
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
     try:
         yield bool(before)
     finally:
-        if not settings.collect_garbage:
-            gc.unfreeze()
-            if collecting:
-                gc.enable()
+        gc.unfreeze()
+        if collecting:
+            gc.enable()
         for thread, (policy, parameters) in before.items():
             _schedule(thread, policy, parameters)
 

@@ -11,7 +11,6 @@ import io
 import itertools
 import os
 import stat
-import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -19,7 +18,6 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 from mcap.exceptions import EndOfFile
-from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
@@ -28,9 +26,10 @@ from drivers.errors import BadFile
 from grasp.files import private_opener
 
 _Schema = dict[str, Any]
+PLAIN_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
-def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+def viewer_schema(kind: type[msgspec.Struct]) -> _Schema:
     """JSON Schema of a message as MCAP viewers read it: nested objects, no references.
 
     Viewers refuse a whole channel over a property without a plain ``type``: an optional value is
@@ -38,8 +37,6 @@ def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     mixed types) is left undescribed, which a schema allows; it is recorded all the same.
     """
     schema = msgspec.json.schema(kind)
-    if hasattr(kind, "schema_name"):  # viewers have words of their own for these
-        schema = _wordless(schema)
     plain = _plain_schema(schema, schema.get("$defs", {}), ())
     if plain is None or plain["type"] != "object":
         raise TypeError(f"{kind.__name__} is no JSON object")
@@ -51,60 +48,33 @@ def schema_name(kind: type[msgspec.Struct]) -> str:
     return str(getattr(kind, "schema_name", kind.__name__))
 
 
-def _wordless(schema: Any) -> Any:
-    if isinstance(schema, dict):
-        return {k: _wordless(v) for k, v in schema.items() if k not in ("title", "description")}
-    return [_wordless(each) for each in schema] if isinstance(schema, list) else schema
-
-
-def _plain_schema(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
+def _plain_schema(schema: _Schema, defs: _Schema, within: tuple[str, ...]) -> _Schema | None:
     """The schema without references, or None when a viewer would refuse it."""
     if (reference := schema.get("$ref")) is not None:
-        if reference in seen:
+        if reference in within:
             return None
-        return _plain_schema(defs[reference.rsplit("/", 1)[-1]], defs, (*seen, reference))
+        return _plain_schema(defs[reference.rsplit("/", 1)[-1]], defs, (*within, reference))
     if "anyOf" in schema:
         options = [option for option in schema["anyOf"] if option.get("type") != "null"]
-        return _plain_schema(options[0], defs, seen) if len(options) == 1 else None
-    plain = _plain_type(schema, defs, seen)
-    notes = {key: schema[key] for key in ("title", "description") if key in schema}
-    return None if plain is None else notes | plain
-
-
-def _plain_type(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
+        return _plain_schema(options[0], defs, within) if len(options) == 1 else None
+    if "enum" in schema:
+        kinds = {type(value) for value in schema["enum"] if value is not None}
+        return {"type": PLAIN_TYPES[kinds.pop()]} if len(kinds) == 1 else None
     match schema.get("type"):
         case "object":
-            return _plain_object(schema, defs, seen)
+            inner = schema.get("properties", {}).items()
+            properties = {name: _plain_schema(value, defs, within) for name, value in inner}
+            described = {name: value for name, value in properties.items() if value is not None}
+            return {"type": "object", "properties": described}
         case "array":
-            return _plain_array(schema, defs, seen)
-        case "boolean" | "integer" | "number" | "string" as simple:
-            encoding = {"contentEncoding": "base64"} if "contentEncoding" in schema else {}
-            return {"type": simple, **encoding}
-    return _plain_enum(schema.get("enum", []))
-
-
-def _plain_object(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema:
-    plain = {
-        name: _plain_schema(value, defs, seen)
-        for name, value in schema.get("properties", {}).items()
-    }
-    described = {name: value for name, value in plain.items() if value is not None}
-    return {"type": "object", "properties": described}
-
-
-def _plain_array(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
-    """An array of one plain type; None for mixed items and for arrays of arrays."""
-    each = schema.get("prefixItems") or [schema.get("items") or {}]
-    if any(item != each[0] for item in each):
-        return None
-    items = _plain_schema(each[0], defs, seen)
-    return None if items is None or items["type"] == "array" else {"type": "array", "items": items}
-
-
-def _plain_enum(values: list[int | str | None]) -> _Schema | None:
-    kinds = {type(value) for value in values if value is not None}
-    names: dict[type, str] = {int: "integer", str: "string"}
-    return {"type": names[kinds.pop()]} if len(kinds) == 1 and kinds <= names.keys() else None
+            first, *others = schema.get("prefixItems") or [schema.get("items") or {}]
+            mixed = any(item != first for item in others)
+            items = None if mixed else _plain_schema(first, defs, within)
+            nested = items is None or items["type"] == "array"
+            return None if nested else {"type": "array", "items": items}
+        case "boolean" | "integer" | "number" | "string":
+            return {key: schema[key] for key in ("type", "contentEncoding") if key in schema}
+    return None
 
 
 LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
@@ -112,8 +82,6 @@ METADATA_NAME = "run"
 UNIX_NS = "unix_ns"  # of the metadata; a file without it counts from nought
 FILE_WANTED = "give the path of a run's .mcap file"
 CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
-
-_RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 
 Channels = Mapping[str, type[msgspec.Struct]]
 
@@ -227,12 +195,25 @@ class RunRecording:
     """
 
     def __init__(self, path: Path, channels: Channels) -> None:
-        contents = _read(path)
         self.path = path
-        self.metadata = contents.metadata
-        self.complete = contents.complete
-        self._messages = contents.messages
+        self.metadata: dict[str, str] = {}
+        self.complete = False
+        self._messages: list[tuple[str, int, bytes]] = []
         self._decoders = {topic: msgspec.json.Decoder(kind) for topic, kind in channels.items()}
+        topics: dict[int, str] = {}
+        unix_ns = 0
+        for record in _records(path):
+            match record:
+                case Message():
+                    topic, t_ns = topics[record.channel_id], record.log_time - unix_ns
+                    self._messages.append((topic, t_ns, record.data))
+                case Channel():
+                    topics[record.id] = record.topic
+                case Metadata(name=name) if name == METADATA_NAME:
+                    self.metadata = record.metadata
+                    unix_ns = _unix_ns(path, record.metadata)
+                case Footer():
+                    self.complete = True
 
     @classmethod
     def open(cls, path: Path, channels: Channels) -> Self:
@@ -285,31 +266,6 @@ def _remove_file(path: Path) -> None:
         path.unlink()
 
 
-class _Contents(msgspec.Struct):
-    metadata: dict[str, str]
-    messages: list[tuple[str, int, bytes]]
-    complete: bool
-
-
-def _read(path: Path) -> _Contents:
-    contents = _Contents({}, [], complete=False)
-    topics: dict[int, str] = {}
-    unix_ns = 0
-    for record in _records(path):
-        match record:
-            case Message():
-                topic = topics[record.channel_id]
-                contents.messages.append((topic, record.log_time - unix_ns, record.data))
-            case Channel():
-                topics[record.id] = record.topic
-            case Metadata(name=name) if name == METADATA_NAME:
-                contents.metadata = record.metadata
-                unix_ns = _unix_ns(path, record.metadata)
-            case Footer():
-                contents.complete = True
-    return contents
-
-
 def _unix_ns(path: Path, metadata: Mapping[str, str]) -> int:
     text = metadata.get(UNIX_NS, "0")
     try:
@@ -319,16 +275,25 @@ def _unix_ns(path: Path, metadata: Mapping[str, str]) -> int:
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    data = _load(path)
-    whole = io.BytesIO(data[: _whole_records(data)])
+    stream = _Cut(_load(path))
     try:
-        yield from StreamReader(whole, validate_crcs=True).records
+        yield from StreamReader(stream, validate_crcs=True).records
     except EndOfFile:
         return  # the writer was killed: there is no footer
     except Exception as error:  # the library names no base for what damage may raise
         raise BadFile(
             path, f"damaged recording: {error}", "record again, or restore the file from a copy"
         ) from error
+
+
+class _Cut(io.BytesIO):
+    """A file that may end in the middle of a record: the library takes that for damage."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        if size is not None and len(data) < size:
+            raise EndOfFile
+        return data
 
 
 def _load(path: Path) -> bytes:
@@ -342,17 +307,3 @@ def _load(path: Path) -> bytes:
         return data
     problem = "is no MCAP recording" if data else "is empty: its writer never started"
     raise BadFile(path, problem, FILE_WANTED)
-
-
-def _whole_records(data: bytes) -> int:
-    """Bytes up to the end of the last whole record, with the closing magic where there is one."""
-    end = len(MCAP0_MAGIC)
-    while end + _RECORD_HEAD.size <= len(data):
-        opcode, length = _RECORD_HEAD.unpack_from(data, end)
-        stop = end + _RECORD_HEAD.size + int(length)
-        if stop > len(data):
-            return end
-        if opcode == Opcode.FOOTER:
-            return stop + len(MCAP0_MAGIC) if data.endswith(MCAP0_MAGIC) else stop
-        end = stop
-    return end

@@ -8,11 +8,14 @@ from typing import NamedTuple
 
 import msgspec
 
-from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
-from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
+from grasp.slip_response.base import SlipResponse
+from grasp.state_clock import REPEAT_NS
+from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
+
+SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
 
 
 def doubts_arm(cause: str) -> bool:
@@ -32,8 +35,8 @@ class SafeState(msgspec.Struct, frozen=True):
     cause, whose parts are joined by "; ". ``half_closed``: the first stage of an answer to slip was
     asked for, and its second was not yet."""
 
-    phase: Phase
-    before: Phase
+    phase: State
+    before: State
     since_ns: int
     cause: str
     half_closed: bool = False
@@ -48,18 +51,18 @@ class SafeState(msgspec.Struct, frozen=True):
     def closes_hand(self) -> bool:
         """The object may be in the air, or an answer to slip is to be finished: the hand closes to
         the limit."""
-        if self.phase is Phase.STOPPED:
+        if self.phase is State.STOPPED:
             return self.half_closed
-        return self.phase is Phase.FAULT and self.before in AIRBORNE_PHASES
+        return self.phase is State.FAULT and self.before in AIRBORNE_STATES
 
     @property
     def leaves_hand(self) -> bool:
         """The hand is told nothing: it touches nothing yet, or nothing any more, or a grip is kept,
         or there is nothing left to grip."""
-        if self.before in UNMOVED_PHASES or self.phase is Phase.LOST:
+        if self.before in UNMOVED_STATES or self.phase is State.LOST:
             return True
-        kept = self.before in CONTACT_PHASES - CLOSING_PHASES and not self.half_closed
-        return self.phase is Phase.STOPPED and kept
+        kept = self.before in CONTACT_STATES - CLOSING_STATES and not self.half_closed
+        return self.phase is State.STOPPED and kept
 
     def of_hand(self, closure: CloseFast) -> tuple[Command, ...]:
         """What is asked of the hand; ``closure``: the one that is due, to the limit."""
@@ -69,7 +72,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def hand_is_safe(self, seen: Observation) -> bool:
         """Whether the hand is seen to be as it shall; not before it was asked to be."""
-        if self.before in UNMOVED_PHASES:
+        if self.before in UNMOVED_STATES:
             return True
         if seen.t_ns == self.since_ns and not self.leaves_hand:
             return False
@@ -87,7 +90,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def missing_of_hand(self, seen: Observation) -> tuple[str, ...]:
         """What is not seen of a hand that is as it shall be."""
-        if seen.gripper_lost:
+        if seen.inputs.gripper_lost:
             return ("the hand is not heard: it holds as it stands",)
         if self.hand_is_safe(seen):
             return ()
@@ -103,9 +106,11 @@ class Pursuit:
     ``further``: doubts since it was entered; they are told, and change nothing that is asked for.
     """
 
-    def __init__(self, safe: SafeState, settings: ControllerSettings, closing: Closing) -> None:
+    def __init__(
+        self, safe: SafeState, settings: ControllerSettings, response: SlipResponse
+    ) -> None:
         self._settings = settings
-        self._closing = closing
+        self._response = response
         self.safe = safe
         self.over = False
         self.unreached: tuple[str, ...] = ()
@@ -120,10 +125,10 @@ class Pursuit:
         self.unreached = (*arm, *hand)
         # what the hand was told before may set it going once more, though its status says it rests;
         # and an arm may go on though it says that it stands
-        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        due = seen.t_ns - self._asked_ns >= REPEAT_NS
         reached = not self.unreached and due
         waited_ns = seen.t_ns - self.safe.since_ns
-        if reached or waited_ns >= self._settings.safe_state_s * 1e9:
+        if reached or waited_ns >= SAFE_STATE_NS:
             self.over = True
         elif self.unreached and due and not seen.pending:
             return self.ask(seen)
@@ -135,8 +140,8 @@ class Pursuit:
         safe = self.safe
         stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
-        tell_hand = not seen.gripper_lost and not safe.hand_is_safe(seen)
-        return (*arm, *safe.of_hand(self._closing.command(seen))) if tell_hand else arm
+        tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
+        return (*arm, *safe.of_hand(self._response.closing(seen))) if tell_hand else arm
 
     def _doubt_further(self, doubt: str) -> None:
         told = {part.partition(":")[0] for part in self.safe.cause.split("; ")}

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.motion import Motion
+from detector.auxiliary_outputs import Motion
 from drivers.errors import GraspError, SuppressBugs, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
@@ -21,7 +21,7 @@ from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard
 from grasp.observation import Observation, StepInput
-from grasp.phases import OPEN_PHASES, UNRESTED_PHASES
+from grasp.states import OPEN_STATES, UNTARED_STATES
 
 HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
 
@@ -65,16 +65,16 @@ class GraspStep:
         self._rested = False  # fingertips' counts are against the rest that this run has taken
         self._remembers = ""  # why the detector did not forget the past when it was last told to
 
-    def decide(self, told: StepInput) -> StepResult:
+    def decide(self, inputs: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
-        observation = self._observe(told)
+        observation = self._observe(inputs)
         decision = self.controller.step(observation)
         if decision.reset_detector:
             self._forget()
         if decision.anchor:
-            self._guard.anchor(told.gripper.at_least_counts, self._measured_n)
-        admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
-        self._doubts.sent(admitted, told.arm)
+            self._guard.anchor(inputs.gripper.at_least_counts, self._measured_n)
+        admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
+        self._doubts.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)
 
     @property
@@ -100,26 +100,32 @@ class GraspStep:
         command = next(hand, None)
         return None if command is None else self._guard.admit(command, gripper, self._measured_n)
 
-    def _observe(self, told: StepInput) -> Observation:
-        phase = self.controller.phase
+    def _observe(self, inputs: StepInput) -> Observation:
+        state = self.controller.state
         doubt = self._doubts.of(
-            phase, told.frame, told.gripper, told.arm, told.pending, told.late_ns, told.took_ns
+            state,
+            inputs.frame,
+            inputs.gripper,
+            inputs.arm,
+            inputs.pending,
+            inputs.late_ns,
+            inputs.took_ns,
         )
-        self._rested = self._rested or phase not in UNRESTED_PHASES
+        self._rested = self._rested or state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
-        safe = bool(told.stop or told.trouble or doubt) or self.controller.in_safe_state
-        probabilities, deaf = self._listen(told.frame if self._rested else None, not safe)
-        if phase in OPEN_PHASES:  # nobody has to feel anything
+        safe = bool(inputs.stop or inputs.trouble or doubt) or self.controller.in_safe_state
+        probabilities, deaf = self._listen(inputs.frame if self._rested else None, not safe)
+        if state in OPEN_STATES:  # nobody has to feel anything
             deaf = ""
         return Observation(
-            **msgspec.structs.asdict(told),
+            inputs=inputs,
             probabilities=probabilities,
             doubt=doubt or deaf,
             measured_n=self._measured_n,
             felt_n=self._felt_n,
             overloaded=self._guard.overloaded(self._measured_n),
             last_close=self._last_close,
-            reach_counts=self._guard.reach(told.gripper, self._measured_n),
+            reach_counts=self._guard.reach(inputs.gripper, self._measured_n),
             thumb_end=self._guard.thumb_end,
             motion=self._kind_of_slip(probabilities),
         )

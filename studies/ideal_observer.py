@@ -16,9 +16,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.blows import blows_of
 from detector.decision import log_odds
 from detector.recordings import Recording, read_dataset
+from detector.scores.blows import blows_of
 from detector.scores.evaluation import cause_of, spoken
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile

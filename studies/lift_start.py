@@ -6,7 +6,7 @@ from typing import cast
 import msgspec
 
 from drivers.interfaces import Gripper
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_controller, make_guard, make_loop
@@ -28,7 +28,7 @@ def at_lift(config: LiftConfig, seed: int) -> LiftStart:
         loop = make_loop(unanswered, rig, controller, make_guard(unanswered), lambda tick: None)
         while not controller.finished:
             tick = loop.tick()
-            if controller.phase is Phase.LIFT and tick.arm.moving:
+            if controller.state is State.LIFT and tick.arm.moving:
                 start = copy.deepcopy((cast(SimulatedCell, rig.cell), rig.devices.gripper))
                 start[0].arm.brake_unread(
                     None

@@ -13,15 +13,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.energy import STEEPNESS
 from detector.interface import FORMULAS
 from detector.recordings import Recording
 from detector.scores.evaluation import (
+    HIGH,
+    LOW,
     WARM_UP_SAMPLES,
     events_by_label,
     judge_stream,
     spoken,
 )
-from detector.scores.intervals import HIGH, LOW
 from detector.scores.metrics import Confusion, confusion
 from detector.scores.quantiles import quantile, quantiles
 from drivers.errors import UsageError
@@ -183,7 +185,7 @@ def swept_threshold(made: Contender) -> str:
     recall = static / static[-1] - slip / slip[-1]
     border = float(tried[len(tried) - 1 - recall[::-1].argmax()])
     odds = border / (1.0 - border)
-    return f"{section}.{name}={getattr(settings, name) * odds ** (1.0 / settings.steepness):g}"
+    return f"{section}.{name}={getattr(settings, name) * odds ** (1.0 / STEEPNESS):g}"
 
 
 def counted(made: Contender) -> list[Counts]:

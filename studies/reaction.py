@@ -19,11 +19,11 @@ from detector.scores.quantiles import Quantiles, quantiles
 from drivers.interfaces import PERIOD_NS
 from grasp.cli.options import decimal, whole
 from grasp.cli.parser import Parser
-from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
 from grasp.controller import GraspController
 from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
+from grasp.slip_response.base import CLOSED_COUNTS
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome

@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.blows import blows_of
 from detector.decision import registered_events
 from detector.interface import SlipDetector
 from detector.recordings import COUNTS_LIMIT, Recording
+from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     SLIDE,
     WARM_UP_SAMPLES,

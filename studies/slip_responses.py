@@ -20,7 +20,7 @@ from drivers.interfaces import FINGERS
 from grasp.cli.parser import Parser
 from grasp.clock import Clock
 from grasp.loop import ControlLoop, Tick
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig
@@ -199,14 +199,14 @@ class Observer:
         self.start_ns = self.end_ns = 0
 
     def take(self, tick: Tick) -> None:
-        phase, truth = tick.decision.phase, self._rig.truth()
+        phase, truth = tick.decision.state, self._rig.truth()
         if truth is None:
             return
-        if phase is Phase.LIFT and not self.start_ns:
+        if phase is State.LIFT and not self.start_ns:
             self.start_ns = tick.t_ns
-        if phase in (Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.KEPT):
+        if phase in (State.LIFT, State.COMPENSATE, State.HOLD, State.KEPT):
             self.end, self.end_ns = truth, tick.t_ns
-        if phase is Phase.HOLD and self.top_slip_m is None:
+        if phase is State.HOLD and self.top_slip_m is None:
             self.top_slip_m = truth.slip_distance_m
         if self._wet < 1.0 and truth.height_m >= WET_M and self._rig.cell is not None:
             self._rig.cell.contact.wet(self._wet)
@@ -228,7 +228,7 @@ def trial(task: Task) -> Row:
     least_n = body.total_kg * GRAVITY_MPS2 / (2.0 * body.friction_kinetic * scene.wet)
     rise = 1.0 + config.controller.lift_acceleration_mps2 / GRAVITY_MPS2
     held = (
-        controller.phase is Phase.KEPT and end is not None and end.touched
+        controller.state is State.KEPT and end is not None and end.touched
         and end.height_m >= AIR_M and abs(end.slip_speed_mps) < GROSS_SLIP_MPS
     )  # fmt: skip
     slip_mm = end.slip_distance_m * 1e3 if held and end else None
@@ -239,7 +239,7 @@ def trial(task: Task) -> Row:
         air_slip_mm=None if slip_mm is None or top_m is None else slip_mm - top_m * 1e3,
         force_n=end.normal_n[0] if end else 0.0, peak_n=max(end.peak_n) if end else 0.0,
         alarms=detector.between(observer.start_ns, observer.end_ns),
-        paused_s=controller.pause.stood_s, seconds=(observer.end_ns - observer.start_ns) * 1e-9,
+        paused_s=controller.response.paused_s, seconds=(observer.end_ns - observer.start_ns) * 1e-9,
     )  # fmt: skip
 
 

@@ -15,22 +15,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.energy import energy_series
-from detector.heads import (
+from detector.auxiliary_outputs import (
     ENERGY_SAMPLES,
     LEAST_ENERGY,
+    SECTORS,
     SUFFIX,
+    AuxiliaryOutputs,
     Float32s,
-    Heads,
-    Teller,
+    OutputsFile,
     inputs_of,
-    read_heads,
+    read_outputs,
     width_of,
 )
-from detector.motion import SECTORS
+from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
 from detector.recordings import Recording
-from detector.scores.intervals import HIGH, LOW, RESAMPLES_OF_A_SET
+from detector.scores.evaluation import HIGH, LOW, RESAMPLES_OF_A_SET
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
@@ -117,9 +117,9 @@ def trial(task: Task) -> Row:
     width_of(loaded)  # raises for a network without state, before reading data
     learnt = [read_set(folder, "train") for folder in folders]
     known = [samples_of(loaded, recordings) for recordings in learnt]
-    outputs = read_heads(weights, task.digest, loaded)
+    outputs = read_outputs(weights, task.digest, loaded)
     if task.train:
-        outputs = Teller(_trained(task, known, [r for each in learnt for r in each]))
+        outputs = AuxiliaryOutputs(_trained(task, known, [r for each in learnt for r in each]))
     if outputs is None:
         raise UsageError(f"{weights.name} has no auxiliary outputs", "give --train")
     scores: dict[str, tuple[Figure | None, ...]] = {}
@@ -132,19 +132,19 @@ def trial(task: Task) -> Row:
     if task.train:
         kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(OWN)
                 for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
-        content = msgspec.json.encode(msgspec.structs.replace(outputs.heads, scores=kept))
+        content = msgspec.json.encode(msgspec.structs.replace(outputs.file, scores=kept))
         write_whole(Path(task.out) / f"{weights.stem}{SUFFIX}", content)
     return Row(weights.stem, scores)
 
 
-def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> Heads:
-    from detector.training.heads import Wanted, train_heads
+def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> OutputsFile:
+    from detector.training.auxiliary_outputs import Wanted, train_outputs
     from detector.training.sequences import digest
 
     truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
     wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
     used, commit = digest(recordings), versions()["commit"]
-    return train_heads(wanted, SEED, task.steps, task.digest, used, commit)
+    return train_outputs(wanted, SEED, task.steps, task.digest, used, commit)
 
 
 def samples_of(loaded: LoadedNetwork, recordings: Sequence[Recording]) -> Samples:

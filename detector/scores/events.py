@@ -5,35 +5,25 @@ event begins within it; an alarm that is still on from before catches nothing.
 """
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.scores.metrics import Floats, Labels
 from detector.scores.quantiles import Quantiles, quantiles
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
+RUN_UP_S = 0.3  # longest time before the label that a contact which moves already counts for slip
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
 
 
-class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class EventSettings(msgspec.Struct, frozen=True):
     """What counts as one slip, and what as caught."""
 
-    merge_gap_s: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="static gaps shorter than this do not end a slip, "
-                    "s; assumed, under half of the published recording's pauses")
-    ] = 0.1  # fmt: skip
-    early_s: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="an event may begin this long before the label: "
-                    "sliding starts below the labelling speed, s; assumed")
-    ] = 0.02  # fmt: skip
-    run_up_s: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="where the contact's speed is known: and as long "
-                    "before the label as it has been moving, at most this, s")
-    ] = 0.3  # fmt: skip
+    merge_gap_s: float = 0.1  # static gaps shorter than this do not end a slip; assumed
+    # an event may begin this long before the label: sliding starts below its speed; assumed
+    early_s: float = 0.02
 
 
 class EventMetrics(msgspec.Struct, frozen=True):
@@ -184,7 +174,7 @@ def _earliest_s(
     still = np.concatenate([[-1], np.flatnonzero(rests)])
     began_s = t_s[still[np.searchsorted(still, onset) - 1] + 1]
     late_s = np.concatenate([[-np.inf], _time(t_s, truth[:-1, 1]) + settings.merge_gap_s])
-    run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - settings.run_up_s)
+    run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - RUN_UP_S)
     found: Floats = np.minimum(earliest_s, run_up_s)
     return found
 

@@ -13,9 +13,8 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from detector.blows import MOVED_M, blows_of
 from detector.decision import RuleSettings, events_of, fused
-from detector.scores.blows import BlowScore
+from detector.scores.blows import MOVED_M, BlowScore, blows_of
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Judged,

@@ -1,20 +1,34 @@
-"""From a finished training to its weights file: calibrated, described, written whole."""
+"""From a finished training to its weights file: calibrated, described, written whole.
+
+The graph is torch's own export: of a windowed network the network itself, of a streaming one a step
+that takes a frame, the frame before it and the state. Temperature and prior shift are part of it;
+its output is the calibrated probability.
+"""
 
 import math
+import warnings
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import onnx
+import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
-from detector.network_file import FORMAT, Mode, NetworkCard, read_network
+from detector.network_file import FORMAT, Mode, NetworkCard, read_network, sealed
 from detector.recordings import Recording
-from detector.training.fit import Training
-from detector.training.graph import make_model
-from detector.training.networks import parameter_count
-from detector.training.validation import calibration, likelihood, odds_of
-from detector.training.whole import whole
+from detector.training.fit import Training, write_whole
+from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
+from detector.training.settings import SHIFT_MEAN, shift_taps
+from detector.training.validation import calibration, likelihood
+from drivers.interfaces import FINGERS
 
 THRESHOLD = 0.5  # of a calibrated probability: the likelier class
+OPSET = 17
+# the one operator of ours that this exporter does not know
+torch.onnx.register_custom_op_symbolic("aten::asinh", lambda g, x: g.op("Asinh", x), OPSET)  # type: ignore[attr-defined]
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:
@@ -38,7 +52,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     card = NetworkCard(
         format=FORMAT, name=training.name, mode=mode,
         window=before if mode == "stream" else training.arch.window, threshold=THRESHOLD,
-        parameters=parameter_count(training.network),
+        parameters=sum(p.numel() for p in training.network.parameters()),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
         change_scale_counts=training.statistics.change_scale,
         temperature=temperature, shift=shift, data_digest=training.data_digest,
@@ -47,9 +61,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
         steps=training.step, training_minutes=round(training.minutes, 2),
         validation=figures,
     )  # fmt: skip
-    weights = {k: v.numpy() for k, v in training.network.state_dict().items()}
-    with whole(path) as partial:
-        partial.write_bytes(make_model(training.arch, mode, weights, card))
+    write_whole(path, make_file(training.network, card))
     return read_network(path).card
 
 
@@ -63,3 +75,143 @@ def _samples(
         for r in recordings
     ]
     return np.concatenate([o.ravel() for o in odds]), np.concatenate(labels)
+
+
+def make_file(network: nn.Module, card: NetworkCard) -> bytes:
+    """The weights file of a network with that card."""
+    written = BytesIO()
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # the newer exporter needs one more package
+        step = _step_of(network)
+        inputs = {name: torch.zeros(FINGERS, *shape) for name, shape in step.inputs.items()}
+        outputs = ["probability", *(f"next_{name}" for name in inputs if name.startswith("state"))]
+        torch.onnx.export(
+            _Calibrated(step, card.shift, card.temperature).eval(), tuple(inputs.values()), written,  # type: ignore[arg-type]
+            input_names=list(inputs), output_names=outputs, opset_version=OPSET, dynamo=False,
+            dynamic_axes={name: {0: "fingers"} for name in (*inputs, *outputs)},
+        )  # fmt: skip
+    return sealed(onnx.load_from_string(written.getvalue()), card)
+
+
+class _Calibrated(nn.Module):
+    """A step whose log-odds have become a probability."""
+
+    def __init__(self, step: "_Step", shift: float, temperature: float) -> None:
+        super().__init__()
+        self.step, self.shift, self.temperature = step, shift, temperature
+
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        odds, *states = self.step(*inputs)
+        return torch.sigmoid((odds + self.shift) / self.temperature), *states
+
+
+class _Window(nn.Module):
+    """Log-odds of the last sample of a window."""
+
+    def __init__(self, network: Any) -> None:
+        super().__init__()
+        self.network, arch = network, network.arch
+        self.inputs = {"counts": (arch.window, arch.taxels)}
+
+    def forward(self, counts: Tensor) -> tuple[Tensor]:
+        return (self.network(counts)[:, -1],)
+
+
+class _FrameFeatures(nn.Module):
+    """Features of one frame; ``state1`` holds the changes that a shift is made of."""
+
+    def __init__(self, features: Features) -> None:
+        super().__init__()
+        self.features = features
+        taps, taxels = torch.tensor(shift_taps()), features.taxels
+        self.kept = (len(taps) - 1) * taxels
+        self.matrix = torch.kron(taps[:, None], torch.eye(taxels)) / SHIFT_MEAN
+
+    def forward(self, counts: Tensor, previous: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
+        """(fingers, width), and the next state."""
+        changes = counts - previous
+        known = torch.cat([kept, changes], dim=1)
+        scaled = self.features.scaled(counts, changes, lambda: known @ self.matrix)
+        return scaled, known[:, self.features.taxels :]
+
+
+class _GruStep(nn.Module):
+    """One frame of a `SlipGru`; ``state0`` is what the recurrent layer remembers."""
+
+    def __init__(self, network: SlipGru) -> None:
+        super().__init__()
+        self.network, self.features = network, _FrameFeatures(network.features)
+        frame = (network.arch.taxels,)
+        self.inputs = {
+            "counts": frame, "previous": frame,
+            "state0": (network.arch.channels,), "state1": (self.features.kept,),
+        }  # fmt: skip
+
+    def forward(
+        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor
+    ) -> tuple[Tensor, ...]:
+        x, state1 = self.features(counts, previous, state1)
+        hidden = self.network.gru(x[:, None], state0[None])[1][0]
+        return log_odds(self.network.out(hidden)), hidden, state1
+
+
+class _GatedStep(nn.Module):
+    """One frame of a `GatedTcn`. ``state0`` is what every block was given before, ``state2`` what
+    all found of late, the newest last.
+
+    What the past contributes to all blocks is one product before the first of them; along the chain
+    of blocks only the newest tap is left.
+    """
+
+    def __init__(self, network: GatedTcn) -> None:
+        super().__init__()
+        self.network, self.features = network, _FrameFeatures(network.features)
+        arch = network.arch
+        own, self.width = arch.channels, arch.channels * len(arch.dilations)
+        length = (arch.kernel - 1) * max(arch.dilations)
+        frame = (arch.taxels,)
+        self.inputs = {
+            "counts": frame, "previous": frame, "state0": (length * self.width,),
+            "state1": (self.features.kept,), "state2": ((arch.held - 1) * own,),
+        }  # fmt: skip
+        blocks: Any = network.blocks
+        convolutions = [block.conv for block in blocks]
+        self.past = torch.block_diag(*(conv.weight[:, :-own] for conv in convolutions))
+        self.bias = torch.cat([conv.bias for conv in convolutions])
+        self.widths = [2 * own] * len(convolutions)
+        self.newest = [conv.weight.detach()[:, -own:].T for conv in convolutions]
+        ago = torch.arange(arch.kernel - 1, 0, -1)  # samples, times the dilation; the oldest first
+        self.taps = torch.cat([
+            ((length - ago * dilation)[:, None] * self.width + i * own + torch.arange(own)).ravel()
+            for i, dilation in enumerate(arch.dilations)
+        ])  # fmt: skip
+
+    def forward(
+        self, counts: Tensor, previous: Tensor, state0: Tensor, state1: Tensor, state2: Tensor
+    ) -> tuple[Tensor, ...]:
+        arch = self.network.arch
+        x, state1 = self.features(counts, previous, state1)
+        x = self.network.enter(x)
+        past = nn.functional.linear(state0[:, self.taps], self.past, self.bias)
+        halves = [arch.channels, arch.channels]
+        given: list[Tensor] = [x]
+        total: Any = None
+        for before, newest in zip(past.split(self.widths, dim=1), self.newest, strict=True):
+            value, gate = torch.addmm(before, given[-1], newest).split(halves, dim=1)
+            found = torch.tanh(value) * torch.sigmoid(gate)
+            total = found if total is None else total + found
+            given.append(x + total)
+        late = torch.cat([state2, total], dim=1)
+        most = late.reshape(-1, arch.held, arch.channels).amax(dim=1)
+        odds = log_odds(self.network.out(torch.cat([total, most], dim=1)))
+        next0 = torch.cat([state0[:, self.width :], *given[:-1]], dim=1)
+        return odds, next0, state1, late[:, arch.channels :]
+
+
+_Step = _Window | _GruStep | _GatedStep
+
+
+def _step_of(network: nn.Module) -> _Step:
+    if isinstance(network, GatedTcn):
+        return _GatedStep(network)
+    return _GruStep(network) if isinstance(network, SlipGru) else _Window(network)

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from detector.recordings import Recording
-from detector.training.architecture import of_layout
 from detector.training.augment import augment
-from detector.training.networks import build
-from detector.training.score import Score
+from detector.training.networks import build, odds_of
 from detector.training.sequences import (
     Batch,
     FingerSequences,
@@ -30,12 +28,12 @@ from detector.training.sequences import (
     fingers_of,
     statistics,
 )
-from detector.training.settings import TrainSettings
-from detector.training.validation import odds_of, score
-from detector.training.whole import whole
+from detector.training.settings import TrainSettings, of_layout
+from detector.training.validation import Score, score
 from drivers.errors import BadFile
 
 CHECKPOINT_S = 30.0
+CLIP_NORM = 1.0  # of the gradient; the authors'
 
 
 class TrainingProgress(msgspec.Struct, frozen=True):
@@ -152,7 +150,7 @@ class Training:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), s.clip_norm)
+        nn.utils.clip_grad_norm_(self.network.parameters(), CLIP_NORM)
         self._optimiser.step()
         self.step += 1
         return float(loss.detach())
@@ -164,14 +162,8 @@ class Training:
 
     def _validate(self) -> Score:
         odds = odds_of(self.network, self.arch, self._validation)
-        found = score(
-            odds,
-            self._validation,
-            self.settings.label,
-            self.shift,
-            self.settings.budget_per_min,
-            self.settings.moved_m,
-        )
+        s = self.settings
+        found = score(odds, self._validation, s.label, self.shift, s.moved_m)
         if found.better_than(self.best):
             self.best, self._waited = found, 0
             self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
@@ -189,8 +181,7 @@ class Training:
         }  # fmt: skip
         written = BytesIO()  # to a full disk torch tells of a position, and not of the disk
         torch.save(state, written)
-        with whole(path) as partial:
-            partial.write_bytes(written.getvalue())
+        write_whole(path, written.getvalue())
 
     def resume(self, path: Path) -> None:
         """Go on where a checkpoint left off; raises BadFile.
@@ -217,6 +208,18 @@ class Training:
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
+    partial = path.with_name(f".{path.name}")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def differences(begun: object, now: str) -> str:

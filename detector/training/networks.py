@@ -5,10 +5,16 @@ ours; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the pape
 (after Meier et al. 2016), as published.
 """
 
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from detector.training.architecture import (
+from detector.recordings import Recording
+from detector.training.settings import (
     NORM_EPS,
     SHIFT_MEAN,
     SHIFT_SCALE_COUNTS,
@@ -17,6 +23,8 @@ from detector.training.architecture import (
     Input,
     shift_taps,
 )
+
+WINDOWS_AT_ONCE = 512
 
 
 class Features(nn.Module):
@@ -45,12 +53,16 @@ class Features(nn.Module):
     def forward(self, counts: Tensor) -> Tensor:
         """(batch, time, taxels) to (batch, time, width); the first sample has no change."""
         changes = torch.diff(counts, dim=1, prepend=counts[:, :1])
+        return self.scaled(counts, changes, lambda: shifts(changes))
+
+    def scaled(self, counts: Tensor, changes: Tensor, shifts: Callable[[], Tensor]) -> Tensor:
+        """Those of (..., taxels) counts, changes and shifts, (..., width)."""
         parts = {
             "counts": lambda: (counts - self.mean) / self.std,
             "changes": lambda: torch.asinh(changes / self.change_scale),
-            "shifts": lambda: torch.asinh(shifts(changes) / SHIFT_SCALE_COUNTS),
+            "shifts": lambda: torch.asinh(shifts() / SHIFT_SCALE_COUNTS),
         }
-        return torch.cat([parts[name]() for name in self.inputs], dim=2)
+        return torch.cat([parts[name]() for name in self.inputs], dim=-1)
 
 
 def shifts(changes: Tensor) -> Tensor:
@@ -223,6 +235,9 @@ class FrequencyCnn(nn.Module):
         self.dense2, self.norm4 = nn.Linear(40, 20), nn.BatchNorm1d(20)
         self.out = nn.Linear(20, arch.outputs)
         self.drop2d, self.drop = nn.Dropout2d(arch.dropout), nn.Dropout(arch.dropout)
+        samples = torch.arange(WINDOW, dtype=torch.float64)
+        angle = 2.0 * math.pi / WINDOW * torch.outer(samples, samples[: WINDOW // 2 + 1])
+        self.cosines, self.sines = angle.cos().float(), angle.sin().float()
 
     def image(self, counts: Tensor) -> Tensor:
         """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).
@@ -232,7 +247,8 @@ class FrequencyCnn(nn.Module):
         amplitudes of a second do not say when in it there was slip (docs/paper-study.md).
         """
         series = self.features(counts).reshape(-1, 2, 3, WINDOW)
-        return torch.fft.rfft(series, dim=3).abs().permute(0, 3, 1, 2)
+        real, imaginary = series @ self.cosines, series @ self.sines
+        return (real * real + imaginary * imaginary).sqrt().permute(0, 3, 1, 2)
 
     def forward(self, counts: Tensor, last: bool = True) -> Tensor:
         """Log-odds (batch, 1) of windows (batch, 100, 6)."""
@@ -254,6 +270,25 @@ def build(arch: Architecture) -> nn.Module:
     return {"tcn": tcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
 
 
-def parameter_count(network: nn.Module) -> int:
-    """Trainable numbers."""
-    return sum(p.numel() for p in network.parameters())
+def odds_of(
+    network: nn.Module, arch: Architecture, recordings: Sequence[Recording]
+) -> list[NDArray[np.float64]]:
+    """Log-odds (n, fingers) of whole recordings, each from a reset, as the runtime streams them."""
+    network.eval()
+    found = []
+    with torch.inference_mode():
+        for recording in recordings:
+            counts = torch.from_numpy(recording.counts.astype(np.float32)).permute(1, 0, 2)
+            odds = network(counts) if arch.streaming else _windowed(network, counts, arch.window)
+            found.append(odds.T.double().numpy())
+    network.train()
+    return found
+
+
+def _windowed(network: nn.Module, counts: torch.Tensor, window: int) -> torch.Tensor:
+    """(fingers, n) from (fingers, n, 6); the first frame stands for those before it."""
+    before = counts[:, :1].expand(-1, window - 1, -1)
+    windows = torch.cat([before, counts], dim=1).unfold(1, window, 1).transpose(2, 3)
+    flat = windows.reshape(-1, window, windows.shape[3])
+    parts = [network(part, last=True)[:, 0] for part in flat.split(WINDOWS_AT_ONCE)]
+    return torch.cat(parts).reshape(len(counts), -1)

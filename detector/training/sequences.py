@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.blows import blows_of
 from detector.recordings import MOVED_M, LabelName, Recording
+from detector.scores.blows import blows_of
 from detector.scores.evaluation import cause_of
 from drivers.errors import UsageError
 

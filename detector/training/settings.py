@@ -1,67 +1,117 @@
-"""What a training is told, and the defaults of each network."""
+"""Which networks there are, and how each is trained by default. Needs no torch."""
 
-from typing import Annotated
+from typing import Literal
 
 import msgspec
-from msgspec import Meta
 
+from detector.network_file import check_layout
 from detector.recordings import MOVED_M, LabelName
-from detector.training.architecture import WINDOW
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
+from drivers.interfaces import KIT_TAXELS
+
+WINDOW = 100  # samples: one second, the paper's
+NORM_EPS = 1e-3  # of the authors' layer norms
+
+Input = Literal["counts", "changes", "shifts"]
+
+EVERY: tuple[Input, ...] = ("shifts", "changes", "counts")
+
+# a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
+# slip leaves behind, however short it was, as long as the mean has not followed
+SHIFT_LAG, SHIFT_MEAN = 9, 30
+SHIFT_SCALE_COUNTS = 8.0  # of the asinh: linear for noise, a logarithm for blows
+SHIFT_REACH = SHIFT_LAG + SHIFT_MEAN - 1  # samples before the newest
+
+
+class Architecture(msgspec.Struct, frozen=True, kw_only=True):
+    """What distinguishes one network from another; stored with its weights."""
+
+    family: Literal["tcn", "gru", "freq-cnn"]
+    taxels: int = KIT_TAXELS  # of a fingertip; a freq-cnn's image has the kit's
+    inputs: tuple[Input, ...] = ("counts",)
+    kernel: int = 8
+    dilations: tuple[int, ...] = (1, 2, 4, 8)
+    channels: int = 12
+    head: int = 24
+    dropout: float = 0.2  # the authors'
+    outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
+    streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
+    window: int = WINDOW  # samples that a tcn sees which is no stream
+    norm: bool = True  # of a tcn: layer norm, as the paper has it
+    gated: bool = False  # of a tcn: one gated convolution a block, a linear head on all of them
+    held: int = 1  # of a gated tcn: samples whose greatest features its head hears
+
+    @property
+    def receptive_field(self) -> int:
+        """Inputs that one output of a `tcn` depends on; a block has two convolutions, or a gated
+        one."""
+        convolutions = 1 if self.gated else 2
+        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations)
+
+    @property
+    def memory(self) -> int:
+        """Samples that one output of a `tcn` depends on."""
+        reach = SHIFT_REACH if "shifts" in self.inputs else int("changes" in self.inputs)
+        return self.receptive_field + reach
+
+
+def shift_taps() -> tuple[int, ...]:
+    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN.
+
+    A sample less an earlier one is the sum of the changes between them, so no count of the past is
+    needed, and the past before a reset is no change. Whole numbers: any order of summation agrees.
+    """
+    ages = range(SHIFT_REACH - 1, -1, -1)
+    return tuple(SHIFT_MEAN if age < SHIFT_LAG else SHIFT_REACH - age for age in ages)
+
+
+def of_layout(name: str, taxels: int) -> Architecture:
+    """The named network for fingertips of so many taxels; raises UsageError where its image of
+    taxels has no place for them."""
+    arch = ARCHITECTURES[name]
+    if arch.family == "freq-cnn":
+        check_layout(name, arch.taxels, taxels)
+    return msgspec.structs.replace(arch, taxels=taxels)
+
+
+ARCHITECTURES = {
+    # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
+    "tcn-paper": Architecture(family="tcn"),
+    # 99 samples at most: window and stream are equal. What is heard is held as long as a blow is
+    # slip (`sequences.BLOW_SAMPLES`): so the fingers of a hand, struck one after another, agree
+    "tcn": Architecture(
+        family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
+        held=15, dropout=0.0, outputs=1, streaming=True,
+    ),
+    "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
+    "freq-cnn-paper": Architecture(family="freq-cnn"),
+}  # fmt: skip
 
 
 class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long, on what, and how a network is trained; stored in its checkpoints."""
+    """How long, on what, and how a network is trained; stored in its checkpoints. The command line
+    bounds what it sets."""
 
-    steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps planned")]
-    dense: Annotated[
-        bool,
-        Meta(description="learn from every sample of a stretch, not from a window's last"),
-    ] = True
+    steps: int  # of the optimiser, planned
+    dense: bool = True  # learn from every sample of a stretch, not from a window's last
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
-    label: Annotated[
-        LabelName,
-        Meta(description="slip: by speed; slip_true: by the contact's own; moved: by the distance"),
-    ] = "slip"
-    moved_m: Annotated[
-        float,
-        Meta(gt=0.0, le=0.1, description="of the label moved: further from where it last rested"),
-    ] = MOVED_M
-    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
-    window: Annotated[
-        int, Meta(ge=2, le=WINDOW, description="samples that `tcn-paper` sees; the paper's: 100")
-    ] = WINDOW
-    norm: Annotated[bool, Meta(description="layer norm in `tcn-paper`, as in the paper")] = True
-    batch: Annotated[int, Meta(ge=2, le=4096, description="stretches or windows a step")] = 16
-    crop: Annotated[int, Meta(ge=1, le=4096, description="samples learnt from a stretch")] = 160
-    warm: Annotated[
-        int, Meta(ge=0, le=4096, description="samples before them; more than the network's memory")
-    ] = 99
-    fresh: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="share learnt from the first sample on")
-    ] = 0.25
-    near_blows: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="share of the stretches drawn for a blow")
-    ] = 0.0
-    evenness: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="0: causes as often as they have samples, 1: each "
-                    "as often as any other")
-    ] = 0.0  # fmt: skip
-    learning_rate: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.004
-    final_rate: Annotated[
-        float, Meta(gt=0.0, le=1.0, description="share of the rate left at the end, by a cosine")
-    ] = 0.02
-    clip_norm: Annotated[float, Meta(gt=0.0, description="of the gradient; the authors': 1")] = 1.0
-    validations: Annotated[int, Meta(ge=1, le=1000, description="evenly over the steps")] = 16
-    patience: Annotated[
-        int, Meta(ge=1, description="validations without a better one that end it")
-    ] = 8
-    budget_per_min: Annotated[
-        float, Meta(gt=0.0, description="false events over three fingers at which validation asks "
-                    "for the delay")
-    ] = 1.0  # fmt: skip
+    label: LabelName = "slip"  # by speed; slip_true: by the contact's own; moved: by the distance
+    moved_m: float = MOVED_M  # of the label moved: further than this from where it last rested
+    seed: int = 0
+    window: int = WINDOW  # samples that `tcn-paper` sees
+    norm: bool = True  # layer norm in `tcn-paper`, as in the paper
+    batch: int = 16  # stretches or windows a step
+    crop: int = 160  # samples learnt from a stretch
+    warm: int = 99  # samples before them; more than the network's memory
+    fresh: float = 0.25  # share learnt from the first sample on
+    near_blows: float = 0.0  # share of the stretches drawn for a blow
+    evenness: float = 0.0  # 0: causes as often as they have samples, 1: each as often as any other
+    learning_rate: float = 0.004
+    final_rate: float = 0.02  # share of the rate left at the end, by a cosine
+    validations: int = 16  # evenly over the steps
+    patience: int = 8  # validations without a better one that end it
 
 
 # A window costs as much as a stretch of its length and gives one label instead of a hundred. So

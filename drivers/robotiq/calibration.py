@@ -10,6 +10,7 @@ from math import isfinite
 from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from drivers.errors import Refused
 from drivers.robotiq.protocol import FULL_BYTE
@@ -19,46 +20,34 @@ class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     """What a byte and a count of one hand are worth. "manual": Robotiq 3-Finger manual, 2014."""
 
     name: str
-    source: Annotated[
-        str, msgspec.Meta(min_length=1, description="how these figures were come by, and when")
-    ]
+    source: Annotated[str, Meta(min_length=1, description="how these figures were come by, when")]
     pressed_bytes: Annotated[
-        tuple[Annotated[int, msgspec.Meta(ge=0, le=FULL_BYTE)], ...],
-        msgspec.Meta(description="force bytes that were pressed on a scale"),
+        tuple[int, ...], Meta(description="force bytes that were pressed on a scale")
     ] = ()
-    presses: Annotated[
-        int, msgspec.Meta(ge=0, description="of each of them; 0: nobody has counted")
-    ] = 0
-    reason: Annotated[
-        str, msgspec.Meta(description="why a byte is far from what the manual says of it")
-    ] = ""
-    least_force_n: Annotated[
-        float, msgspec.Meta(ge=1, le=30, description="static force of byte 0, N")
-    ]
+    presses: Annotated[int, Meta(ge=0, description="of each of them; 0: not counted")] = 0
+    reason: Annotated[str, Meta(description="why a byte is far from what the manual says")] = ""
+    least_force_n: Annotated[float, Meta(ge=1, le=30, description="static force of byte 0, N")]
     most_force_n: Annotated[
-        float, msgspec.Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
+        float, Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
     ] = 60.0
     force_exponent: Annotated[
-        float,
-        msgspec.Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed"),
+        float, Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed")
     ] = 1.0
     least_speed_mps: Annotated[
-        float, msgspec.Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
+        float, Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
     ] = 0.022
     speed_step_mps: Annotated[
-        float,
-        msgspec.Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255"),
+        float, Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255")
     ] = 0.000345
     m_per_count: Annotated[
-        float,
-        msgspec.Meta(
-            ge=0.0003, le=0.0012, description="travel of a count, m; TR711; others down to 0.47 mm"
-        ),
+        float, Meta(ge=0.0003, le=0.0012, description="travel of a count, m; TR711; others 0.47 mm")
     ] = 0.00077
 
     def __post_init__(self) -> None:
         if self.most_force_n <= self.least_force_n:
             raise ValueError("most_force_n must exceed least_force_n")
+        if any(byte not in range(256) for byte in self.pressed_bytes):
+            raise ValueError("pressed_bytes: bytes are 0 to 255")
 
     def force_n(self, byte: int) -> float:
         """Calibrated static force of a force byte, N."""

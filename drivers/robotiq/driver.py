@@ -12,20 +12,22 @@ import msgspec
 
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
-from drivers.robotiq.encoding import (
-    applied,
-    checked_counts,
-    closing_targets,
-    held_targets,
-    pinches,
-    why_still,
-)
 from drivers.robotiq.exchange import (
     ACTIVATE,
     RESET,
     DriverSettings,
     ExchangeStatistics,
     RegisterTransport,
+)
+from drivers.robotiq.hand_state import (
+    STATUS_OLD_NS,
+    Step,
+    TrackedHand,
+    checked_counts,
+    closing_targets,
+    held_targets,
+    pinches,
+    why_still,
 )
 from drivers.robotiq.protocol import (
     BASIC,
@@ -35,7 +37,6 @@ from drivers.robotiq.protocol import (
     Severity,
     check_closing,
 )
-from drivers.robotiq.pumped import PumpedHand, Step
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
@@ -44,7 +45,7 @@ LATE_COUNTS = 2  # by which a position lags that was read and refreshed
 _LOST = "the link is lost: nothing is sent until it answers again"
 
 
-class RobotiqDriver(PumpedHand):
+class RobotiqDriver(TrackedHand):
     """Implements ``drivers.interfaces.Gripper`` over registers.
 
     Fingers are always commanded one by one (rICF), all their bytes in one write: targets left over
@@ -64,7 +65,7 @@ class RobotiqDriver(PumpedHand):
         if self._step is not Step.NONE:
             return self._nothing("activation is under way")
         well = state.active and not state.fault
-        if well and self._mode == BASIC:
+        if well and self.mode == BASIC:
             return self._nothing("already active: taken over as it is")
         if self._holds(state) and not dropping:
             raise Refused(
@@ -148,7 +149,7 @@ class RobotiqDriver(PumpedHand):
     @property
     def _alive(self) -> bool:
         """The status was seen to change lately: it is no old one."""
-        return self._now_ns - self._changed_ns <= self._old_ns
+        return self._now_ns - self._changed_ns <= STATUS_OLD_NS
 
     def _reached_at_most(self, state: GripperState) -> list[int]:
         """Where each finger may be by now, on its way to what it was told last."""
@@ -170,7 +171,7 @@ class RobotiqDriver(PumpedHand):
 
     def _doubtful(self, state: GripperState) -> bool:
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
-        return self._leapt or (moving and self._now_ns - self._changed_ns > self._old_ns)
+        return self._leapt or (moving and self._now_ns - self._changed_ns > STATUS_OLD_NS)
 
     def _held(self, state: GripperState) -> Sequence[int]:
         """Targets of fingers that hold: where they are, or their last ones if that is doubtful."""
@@ -191,7 +192,7 @@ class RobotiqDriver(PumpedHand):
         speed = self._calibration.speed_byte_at_most(speed_mps)
         state = self._ready()
         if any(to > at for to, at in zip(targets, state.positions, strict=True)):
-            check_closing(self._mode)
+            check_closing(self.mode)
         command = self._image(targets, speed, force_bytes, spread)
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -228,7 +229,15 @@ class RobotiqDriver(PumpedHand):
         return state
 
     def _of(self, command: CommandRegisters, note: str = "") -> Applied:
-        return applied(self._calibration, command, note)
+        """What the bytes of an image say; a note means that nothing will move."""
+        a, b, c, _ = command.axes
+        return Applied(
+            targets_counts=(a.position, b.position, c.position),
+            speed_mps=self._calibration.speed_mps(a.speed),
+            force_n=self._calibration.force_n(max(axis.force for axis in command.axes)),
+            effective=not note,
+            note=note,
+        )
 
     def _nothing(self, note: str) -> Applied:
         """Answer of a verb that sends nothing: what is wanted already, with the reason."""

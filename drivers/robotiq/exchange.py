@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Literal, Protocol
 
 import msgspec
+from msgspec import Meta
 
 from drivers.errors import LinkLost
 from drivers.robotiq.protocol import (
@@ -14,8 +15,6 @@ from drivers.robotiq.protocol import (
     Registers,
     StatusRegisters,
 )
-
-_Meta = msgspec.Meta
 
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
@@ -37,48 +36,23 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """How the driver talks to the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
     calibration: Annotated[
-        str,
-        _Meta(description="what a byte is worth: a name in config/calibrations, or a .toml file"),
+        str, Meta(description="a name in config/calibrations, or a .toml file of this hand")
     ] = ""
     link: Annotated[
-        Literal["tcp", "rtu"],
-        _Meta(description="register addresses of this link; manual p. 59, 75"),
+        Literal["tcp", "rtu"], Meta(description="whose register addresses; manual p. 59, 75")
     ] = "tcp"
     refresh_hz: Annotated[
-        Literal[100, 200], _Meta(description="register refresh counted on, Hz; manual p. 75")
+        Literal[100, 200], Meta(description="register refresh counted on, Hz; manual p. 75")
     ] = 100
     write_interval_s: Annotated[
-        float, _Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
+        float, Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
     ] = 0.01
-    activation_timeout_s: Annotated[
-        float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
-    ] = 20.0
     whole_writes: Annotated[
-        bool,
-        _Meta(
-            description="write the register of rACT with every command, not only where it changes: "
-            "for a hand that takes no shorter write (Modbus allows one; not tried on hardware)"
-        ),
+        bool, Meta(description="always write from the first register on (for a hand that needs it)")
     ] = False
-    status_old_s: Annotated[
-        float,
-        _Meta(
-            ge=0.02,
-            le=5.0,
-            description="a status that stands still, though a finger moves, does "
-            "not tell its position any more, s; assumed: a count takes 0.035 s at least speed",
-        ),
-    ] = 0.1
-    leap_counts: Annotated[
-        int, _Meta(ge=1, le=100, description="a position may be off by this, as it was read late")
-    ] = 8
-    fastest_counts_ps: Annotated[
-        float,
-        _Meta(ge=50, le=5000, description="no finger is faster; twice full speed, manual 0.11 m/s"),
-    ] = 300.0
 
 
-class ExchangeStatistics(msgspec.Struct, frozen=True):
+class ExchangeStatistics(msgspec.Struct):
     """Counts since the driver was made."""
 
     writes: int = 0
@@ -95,26 +69,31 @@ class Exchange:
     Every image but RESET sets rACT, which activates a hand that has lost power: it would open and
     close fully. So nothing but ACTIVATE is written unless a status not older than one refresh
     says that the hand is active. Power may be lost after that status: therefore the register of
-    rACT is left as it is where the hand has shown that it holds what is wanted. A hand that has
-    just lost power has 0 there, and what comes after it moves nothing.
+    rACT is left out where the hand has shown that it holds what is wanted. A hand that has just
+    lost power has 0 there, and what comes after it moves nothing.
 
-    That register has rICF too: without it all fingers obey finger A's target and force. The status
-    shows neither rICF nor speeds and forces. So the whole image is written again when the status
+    That register has rICF too, without which all fingers obey finger A's bytes, and which the
+    status does not show, nor speeds and forces. So the whole image is written again when the status
     shows values that this exchange did not write, or when a finger starts to move without a
-    command. All other registers are written again at each refresh while a finger moves.
+    command; all other registers are written again at each refresh while a finger moves.
     """
 
     def __init__(
-        self, transport: RegisterTransport, settings: DriverSettings, log: WireLog | None
+        self,
+        transport: RegisterTransport,
+        settings: DriverSettings,
+        log: WireLog | None = None,
+        clock: Callable[[], int] | None = None,
     ) -> None:
         self._transport = transport
+        self._clock = clock
         self._link = TCP if settings.link == "tcp" else RTU
         self._interval_ns = round(settings.write_interval_s * 1e9)
         self._refresh_ns = 1_000_000_000 // settings.refresh_hz
         self._whole = settings.whole_writes
         self._log = log
         self._head: int | None = None  # first register, rACT in it, as the device shows it to be
-        self._wanted: CommandRegisters | None = None
+        self.wanted: CommandRegisters | None = None  # that the device shall have; None: what it has
         self._image: Registers | None = None
         self._written: Registers | None = None
         self._written_ns: int | None = None
@@ -123,32 +102,28 @@ class Exchange:
         self._commanded: CommandRegisters | None = None  # written last, and still wanted
         self._shown: tuple[int, ...] = (-1,) * 4  # by the status: rGTO and targets
         self._ours: set[tuple[int, ...]] = set()  # values the status may show until take-up
-        self._foreign: tuple[int, ...] | None = (
-            None  # values of another client that the status shows
-        )
+        self._foreign: tuple[int, ...] | None = None  # another client's, as the status shows them
         self._stood: tuple[bool, ...] = ()  # each finger, in the last status
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
-        self._untold = False  # it has never spoken of what was written last
+        self.unproven = False  # the status has never spoken of what was written last
         self._raw: Registers | None = None  # of the status, once one was understood
         self._status = StatusRegisters()
         self.changed = ""  # by another client: what this exchange detected first
         self.lost = False
-        self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
-
-    @property
-    def wanted(self) -> CommandRegisters | None:
-        """Registers that the device shall have; None: leave alone what it has."""
-        return self._wanted
+        self.acknowledged = ""  # the latest write that was answered and changed something, in hex
+        self.changed_ns = 0  # when it was answered
+        self.acknowledged_ns = 0  # when the latest write of all was answered
+        self.statistics = ExchangeStatistics()
 
     def want(self, command: CommandRegisters | None) -> None:
         """What is wanted again is written again where two refreshes have not shown that the device
         heard it: a write may be lost on the way, and nobody is told. The register of rACT is left
         out of that too, where it may be: silence may be that of a hand which has lost power."""
         unheard = self._refreshed_twice(self._read_ns) and not self._proven
-        if command is not None and command == self._wanted and self.written and unheard:
+        if command is not None and command == self.wanted and self.written and unheard:
             self._written = None
-        self._wanted = command
+        self.wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
             self._written = self._commanded = self._head = self._foreign = None
@@ -162,11 +137,6 @@ class Exchange:
     def told_ns(self) -> int:
         """When something was written last; 0: never."""
         return self._written_ns or 0
-
-    @property
-    def unproven(self) -> bool:
-        """The status has not spoken yet of what was written last."""
-        return self._untold
 
     @property
     def written(self) -> bool:
@@ -202,24 +172,24 @@ class Exchange:
             elif status is not None:
                 self._repeat_in_motion(status, now_ns)
         except LinkLost:
-            self.link_losses += not self.lost
+            self.statistics.link_losses += not self.lost
             self.lost, self._proven, self._head = True, False, None
             raise
         if status is not None:
-            self.reconnects += self.lost
+            self.statistics.reconnects += self.lost
             self.lost = False
         return status
 
     def _due(self, now_ns: int) -> bool:
         if self._image is None or self._image == self._written:
             return False
-        if self._written_ns is None or self._wanted == RESET:
+        if self._written_ns is None or self.wanted == RESET:
             return True  # what stops a hand waits for no interval
         return now_ns - self._written_ns >= self._interval_ns
 
     def _admits(self, now_ns: int) -> bool:
         """Whether the device can take what is wanted without activating unasked."""
-        if self._wanted in (RESET, ACTIVATE):
+        if self.wanted in (RESET, ACTIVATE):
             return True
         if now_ns - self._read_ns >= self._refresh_ns:
             status = self._read(now_ns)
@@ -228,20 +198,20 @@ class Exchange:
         return self._status.active
 
     def _write(self, now_ns: int) -> None:
-        image, wanted = self._image, self._wanted
+        image, wanted = self._image, self.wanted
         if image is None or wanted is None:
             return
         if self._log:
             self._log(now_ns, "write", image)
         # All registers but one that the device shows to hold the same: no old byte stays in force.
         kept = int(image[0] == self._head and not self._whole)
-        self._transport.write(self._link.command_register + kept, image[kept:], now_ns)
-        self.writes += 1
+        self._send(kept, image, now_ns)
+        self.statistics.writes += 1
         self._ours |= {self._shown, self._asked()}
         self._commanded = wanted
         # An echo proves take-up only if it has to change, and the one before had been seen.
         self._edge = self._proven and wanted.go_to and self._shown[1:] != self._asked()[1:]
-        self._proven, self._untold = False, True
+        self._proven, self.unproven = False, True
         self._written, self._written_ns = image, now_ns
 
     def _repeat_in_motion(self, status: StatusRegisters, now_ns: int) -> None:
@@ -254,12 +224,19 @@ class Exchange:
         if all(self._stood) or not status.active or image[0] != self._head or self._whole:
             return
         if now_ns - max(self._repeated_ns, self.told_ns) >= self._refresh_ns:
-            self._transport.write(self._link.command_register + 1, image[1:], now_ns)
+            self._send(1, image, now_ns)
             self._repeated_ns = now_ns
+
+    def _send(self, first: int, image: Registers, now_ns: int) -> None:
+        self._transport.write(self._link.command_register + first, image[first:], now_ns)
+        self.acknowledged_ns = now_ns if self._clock is None else self._clock()
+        words = "".join(f"{register:04x}" for register in image[first:])
+        if not (first and self.acknowledged.endswith(words)):  # else the same registers again
+            self.acknowledged, self.changed_ns = words, self.acknowledged_ns
 
     def _read(self, now_ns: int) -> StatusRegisters | None:
         registers = self._transport.read(self._link.status_register, REGISTERS, now_ns)
-        self.reads += 1
+        self.statistics.reads += 1
         if self._log:
             self._log(now_ns, "read", registers)
         raw = tuple(registers)
@@ -267,7 +244,7 @@ class Exchange:
             try:
                 self._status = StatusRegisters.from_registers(raw)
             except ValueError:
-                self.rejected += 1
+                self.statistics.rejected += 1
                 return None
             self._raw = raw
         self._read_ns = now_ns
@@ -282,7 +259,7 @@ class Exchange:
         asked = self._asked()
         proof = self._proven or self._edge or self._refreshed_twice(now_ns)
         self._proven = proof and asked == self._shown
-        self._untold = self._untold and not self._proven
+        self.unproven = self.unproven and not self._proven
         if self._proven:
             self._ours.clear()
             self._foreign = None
@@ -293,13 +270,8 @@ class Exchange:
             self.again()
             return True
         begun = any(stood and not stands for stood, stands in zip(stood, self._stood, strict=False))
-        if (
-            begun
-            and was_proven
-            and self._proven
-            and self._commanded is not None
-            and self._commanded.go_to
-        ):
+        obeys = self._commanded is not None and self._commanded.go_to
+        if begun and was_proven and self._proven and obeys:
             if now_ns - self.told_ns > _SETTLED_NS:
                 self.changed = "a finger moves without a command"
             self.again()
@@ -313,9 +285,8 @@ class Exchange:
     def _is_foreign(self, asked: tuple[int, ...], status: StatusRegisters, now_ns: int) -> bool:
         """Whether the status shows values that this exchange did not write.
 
-        Values from before the last write are allowed: the device may not have taken it up yet. A
-        mixture of recent writes is allowed for two refreshes. A foreign value that was already
-        overwritten also gets two refreshes to disappear."""
+        Allowed are values from before the last write, which may not be taken up yet; for two
+        refreshes a mixture of recent writes, and a foreign value that is overwritten already."""
         commanded, shown = self._commanded, self._shown
         if shown == asked or commanded is None or commanded in (RESET, ACTIVATE):
             return False

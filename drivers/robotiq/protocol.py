@@ -77,11 +77,6 @@ def to_bytes(registers: Sequence[int]) -> bytes:
         raise ValueError(f"not {REGISTERS} registers of 16 bits") from error
 
 
-def _need(name: str, value: int, most: int) -> None:
-    if not 0 <= value <= most:
-        raise ValueError(f"{name} = {value}, need 0 to {most}")
-
-
 class AxisCommand(msgspec.Struct, frozen=True):
     """Request for one axis (rPR, rSP, rFR). Speed and force 0 are the minimum, not zero."""
 
@@ -90,9 +85,8 @@ class AxisCommand(msgspec.Struct, frozen=True):
     force: int = 0
 
     def __post_init__(self) -> None:
-        _need("position", self.position, FULL_BYTE)
-        _need("speed", self.speed, FULL_BYTE)
-        _need("force", self.force, FULL_BYTE)
+        if not all(0 <= byte <= FULL_BYTE for byte in (self.position, self.speed, self.force)):
+            raise ValueError(f"{self}: position, speed and force need 0 to {FULL_BYTE}")
 
 
 class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,7 +95,6 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     activate: bool = False  # rACT: must be set first and stay set; clearing it resets
     mode: int = 0  # rMOD: 0 basic, 1 pinch, 2 wide, 3 scissor
     go_to: bool = False  # rGTO
-    auto_release: bool = False  # rATR: slow emergency opening, ends in fault 0x0F
     individual_fingers: bool = False  # rICF: fingers B and C obey their own bytes
     individual_scissor: bool = False  # rICS
     a: AxisCommand = AxisCommand()  # all fingers unless individual_fingers
@@ -110,19 +103,15 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     scissor: AxisCommand = AxisCommand()
 
     def __post_init__(self) -> None:
-        _need("mode", self.mode, 3)
+        if not 0 <= self.mode <= SCISSOR:
+            raise ValueError(f"mode = {self.mode}, need 0 to {SCISSOR}")
 
     @property
     def axes(self) -> tuple[AxisCommand, AxisCommand, AxisCommand, AxisCommand]:
         return self.a, self.b, self.c, self.scissor
 
-    @property
-    def honours_fingers(self) -> bool:
-        """Individual fingers are not obeyed in scissor mode without individual scissor."""
-        return self.individual_fingers and (self.mode != 3 or self.individual_scissor)
-
     def to_bytes(self) -> bytes:
-        action = self.activate | self.mode << 1 | self.go_to << 3 | self.auto_release << 4
+        action = self.activate | self.mode << 1 | self.go_to << 3  # rATR, bit 4, is never set
         options = self.individual_fingers << 2 | self.individual_scissor << 3
         axes = (value for axis in self.axes for value in (axis.position, axis.speed, axis.force))
         return bytes((action, options, 0, *axes, 0))
@@ -216,27 +205,94 @@ _RESET: Final = (
     "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has "
     "to be switched off and on"
 )
-_KNOWN: Final = (
-    FaultCode(0x00, Severity.NONE, "", ""),
-    FaultCode(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
-    FaultCode(0x06, Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
-    FaultCode(0x07, Severity.PRIORITY, "rACT must be set before any action", "activate"),
-    FaultCode(0x09, Severity.MINOR, "communication chip not ready, may be booting", "wait"),
-    FaultCode(
-        0x0A, Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"
-    ),
-    FaultCode(0x0B, Severity.MINOR, "automatic release in progress", "wait until it is open"),
-    FaultCode(0x0D, Severity.MAJOR, "activation fault: interference or other error", _RESET),
-    FaultCode(0x0E, Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
-    FaultCode(0x0F, Severity.MAJOR, "automatic release completed: activation required", _RESET),
-)
+_KNOWN: Final = {
+    0x00: (Severity.NONE, "", ""),
+    0x05: (Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
+    0x06: (Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
+    0x07: (Severity.PRIORITY, "rACT must be set before any action", "activate"),
+    0x09: (Severity.MINOR, "communication chip not ready, may be booting", "wait"),
+    0x0A: (Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"),
+    0x0B: (Severity.MINOR, "automatic release in progress", "wait until it is open"),
+    0x0D: (Severity.MAJOR, "activation fault: interference or other error", _RESET),
+    0x0E: (Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
+    0x0F: (Severity.MAJOR, "automatic release completed: activation required", _RESET),
+}
 
 
 def _fault(code: int) -> FaultCode:
-    for known in _KNOWN:
-        if known.code == code:
-            return known
-    return FaultCode(code, Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual")
+    unknown = Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual"
+    return FaultCode(code, *_KNOWN.get(code, unknown))
 
 
 FAULTS: Final = tuple(_fault(code) for code in range(16))
+
+
+# The status in a person's words, and what in it cannot be. Source: the manual's GRIPPER STATUS
+# registers, 2014 p. 44-57.
+
+AXES: Final = ("A", "B", "C", "scissor")
+MOST_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA
+LEAP_COUNTS: Final = 8  # by which a position may be off, as it was read late; assumed
+
+_INITIALIZATION = ("reset", "activation is under way", "the mode is being changed", "ready")
+_STOPPED = (
+    "the fingers move", "stopped, some short of what was asked",
+    "stopped, all short of what was asked", "all where they were told to be",
+)  # fmt: skip
+_DETECTION = (
+    "moves", "stopped on contact while opening",
+    "stopped on contact while closing", "where it was told to be",
+)  # fmt: skip
+_MOVES: Final = 0  # of gSTA and gDT: "only meaningful if gGTO = 1"
+_STAND_BY: Final = "stands by, activates, changes its mode or releases"
+_NOT_SAID: Final = "says nothing while gGTO is 0"
+
+
+def lines(status: StatusRegisters) -> list[str]:
+    """Every register, a line each."""
+    fault = FAULTS[status.fault]
+    told = f"{fault.text} ({fault.severity.value})" if fault.text else "no fault"
+    axes = zip(AXES, (*status.fingers, status.scissor), strict=True)
+    return [
+        f"gACT {status.active:d}: {'activated' if status.active else 'not activated'}",
+        f"gMOD {status.mode}: {NAMES[status.mode]} mode",
+        f"gGTO {status.go_to:d}: {'obeys positions' if status.go_to else _STAND_BY}",
+        f"gIMC {status.initialization}: {_INITIALIZATION[status.initialization]}",
+        f"gSTA {status.stopped}: {_said(_STOPPED, status.stopped, status)}",
+        f"gFLT 0x{status.fault:02X}: {told}",
+        *(_axis(name, axis, status) for name, axis in axes),
+    ]
+
+
+def _said(texts: tuple[str, ...], value: int, status: StatusRegisters) -> str:
+    return _NOT_SAID if value == _MOVES and not status.go_to else texts[value]
+
+
+def _axis(name: str, axis: AxisStatus, status: StatusRegisters) -> str:
+    who = name if name == AXES[-1] else f"finger {name}"
+    return (
+        f"{who}: at {axis.position} counts, told {axis.echo}, {axis.current_ma} mA, "
+        f"{_said(_DETECTION, axis.detection, status)} (gDT {axis.detection})"
+    )
+
+
+def doubts(status: StatusRegisters, before: StatusRegisters) -> list[str]:
+    """What no 3-Finger hand says, in two looks a moment apart; empty where nothing is strange."""
+    found = []
+    if not status.active and (status.go_to or status.initialization in (2, 3)):
+        found.append("it says that it is not activated, and that it obeys")
+    if FAULTS[status.fault].text.startswith("unknown"):
+        found.append(FAULTS[status.fault].text)
+    for name, axis, was in zip(AXES, status.fingers, before.fingers, strict=False):
+        if axis.current_ma > MOST_MA:
+            found.append(f"finger {name} draws {axis.current_ma} mA, more than {MOST_MA}")
+        if axis.position == FULL_BYTE:
+            found.append(f"finger {name} is at {FULL_BYTE} counts, beyond its mechanical end")
+        if _stands(status) and _stands(before) and abs(axis.position - was.position) > LEAP_COUNTS:
+            moved = f"from {was.position} to {axis.position} counts"
+            found.append(f"finger {name} went {moved} and is said to stand")
+    return found
+
+
+def _stands(status: StatusRegisters) -> bool:
+    return status.initialization not in (1, 2) and (not status.go_to or status.stopped != 0)

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused
+from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.takktile import protocol
 from drivers.takktile.protocol import Layout, UsbRequest
 
@@ -21,6 +21,26 @@ READ_TIMEOUT_MS = 100  # a board that samples answers within 10 ms
 _DRAIN_READS = 8  # more than a stopped board can still have in its pipe
 _RESYNC_READS = 4  # the longest frame is five packets
 _START = 0xFF
+
+
+def unplugged() -> LinkLost:
+    return LinkLost(
+        "the tactile board is unplugged", "check its USB cable and plug it in, then start again"
+    )
+
+
+def stalled() -> DeviceFault:
+    return DeviceFault(
+        "the tactile board refused a USB transfer (STALL)",
+        "open it again; if that fails, update its firmware",
+    )
+
+
+def hung() -> DeviceFault:
+    return DeviceFault(
+        "the tactile board hangs: its firmware waits on the sensor bus for ever",
+        "unplug the board, plug it in again, open it again",
+    )
 
 
 class Transfer(msgspec.Struct, frozen=True):

@@ -17,7 +17,11 @@ from drivers.takktile import protocol
 from drivers.takktile.board import Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
 from drivers.takktile.receiver import Readings, ReceiverCounts
-from drivers.takktile.settings import TakkTileSettings
+from drivers.takktile.settings import (
+    REST_REFERENCE_TOLERANCE_COUNTS,
+    REST_SAMPLES,
+    TakkTileSettings,
+)
 
 
 class FrameAssembly:
@@ -125,7 +129,7 @@ class FrameAssembly:
 
     def _take_rest(self, raw: Codes, samples: list[Codes]) -> None:
         samples.append(raw)
-        if len(samples) < self._settings.rest_samples:
+        if len(samples) < REST_SAMPLES:
             return
         self._resting = None
         taken = np.stack(samples)
@@ -167,10 +171,10 @@ def _check_rest(rest: Codes, std: NDArray[np.float64], settings: TakkTileSetting
     if s.rest_reference is not None:
         shift = rest - np.array(s.rest_reference)
         _refuse_worst(
-            abs(shift) - s.rest_reference_tolerance_counts,
+            abs(shift) - REST_REFERENCE_TOLERANCE_COUNTS,
             shift,
             "rests {:+d} counts from rest_reference, "
-            f"more than {s.rest_reference_tolerance_counts:g}",
+            f"more than {REST_REFERENCE_TOLERANCE_COUNTS:g}",
             "open the hand so that nothing touches it, or renew rest_reference",
         )
 

@@ -37,14 +37,9 @@ Codes = NDArray[np.int16]
 
 
 class UsbRequest(IntEnum):
-    """Vendor requests (bRequest). 0xBB jumps to the boot loader and is therefore not listed.
+    """Vendor requests (bRequest) that the driver makes. 0xBB would jump to the boot loader."""
 
-    The driver asks for SCAN and TIMER alone; tests ask the model for the others.
-    """
-
-    STRING = 0x00  # wIndex 0: hardware version, 1: firmware version; NUL-terminated
     SCAN = 0x5C  # re-scan the I2C bus; only while stopped
-    CALIBRATION = 0x6C  # wValue column, wIndex row; only while stopped
     TIMER = 0xC7  # wIndex != 0: start with wValue ticks, reply 1; wIndex 0: stop, reply 0
 
 

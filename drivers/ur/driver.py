@@ -10,74 +10,46 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
 
-UNREAD = (
-    "something keeps the program from running: see what else takes the processor, then start the "
-    "run again"
-)
+_NOT_TAKEN = "the arm controller did not take the move", "look at the teach pendant"
 _SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
+
+
+MAX_SPIN_RADPS = 1.5  # about the tool's axis; paper: 1 rad/s
+MAX_TURN_RAD = 1.6  # either way from the start: cables; assumed
+DRIVE_TIMEOUT_S = 0.1  # without renewal that stop a drive; assumed
+MAX_PAYLOAD_KG = 10.0  # gripper included; UR10 user manual
+_ARRIVED_WITHIN_M = 0.0005  # from the target at which a move is over; assumed
+_ARRIVED_BELOW_MPS = 0.001  # below which it is; what the link reports as standing
 
 
 class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits on what this driver will send. The workspace is a box around the pose at start."""
 
     max_speed_mps: Annotated[
-        float,
-        Meta(gt=0.0, le=1.0, description="m/s, of the tool; 0.25 m/s is reduced speed, ISO 10218"),
+        float, Meta(gt=0, le=1, description="m/s, of the tool; 0.25 is ISO 10218's reduced speed")
     ] = 0.25
     max_acceleration_mps2: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="m/s2, of the tool; UR manual: movel's default")
+        float, Meta(gt=0, le=10, description="m/s2, of the tool; UR manual: movel's default")
     ] = 1.2
     max_stop_mps2: Annotated[
-        float,
-        Meta(
-            gt=0.0, le=10.0,
-            description="m/s2, of the tool, that a stop may brake at; ur_rtde: stopL's default",
-        ),
-    ] = 10.0  # fmt: skip
+        float, Meta(gt=0, le=10, description="m/s2, hardest stop of the tool; ur_rtde's default")
+    ] = 10.0
     workspace_low_m: Annotated[
         tuple[float, float, float], Meta(description="m, lowest x, y, z from the start; assumed")
     ] = (-0.05, -0.05, -0.01)
     workspace_high_m: Annotated[
         tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
     ] = (0.05, 0.05, 0.5)
-    max_spin_radps: Annotated[
-        float, Meta(gt=0.0, le=3.0, description="about the tool's axis; paper: 1 rad/s")
-    ] = 1.5
-    max_turn_rad: Annotated[
-        float, Meta(gt=0.0, le=6.0, description="either way from the start: cables; assumed")
-    ] = 1.6
-    drive_timeout_s: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="s without renewal that stop a drive; assumed")
-    ] = 0.1
     max_jump_m: Annotated[
-        float,
-        Meta(gt=0.0, le=1.0, description="m, longest move from the present position; assumed"),
+        float, Meta(gt=0, le=1, description="m, longest move from the present position; assumed")
     ] = 0.5
     payload_kg: Annotated[
         float,
-        Meta(ge=0, le=10, description="mounted on the flange; hand 2.3 kg (manual), rest assumed"),
+        Meta(ge=0, le=MAX_PAYLOAD_KG, description="on the flange; hand 2.3 (manual), rest assumed"),
     ] = 2.6
-    max_payload_kg: Annotated[
-        float, Meta(gt=0.0, le=12.5, description="kg, gripper included; UR10 manual: 10 kg")
-    ] = 10.0
     stale_after_s: Annotated[
-        float,
-        Meta(ge=0.016, le=1.0, description="s without a new controller timestamp; assumed"),
+        float, Meta(ge=0.016, le=1, description="s without a new controller timestamp; assumed")
     ] = 0.05
-    arrived_within_m: Annotated[
-        float,
-        Meta(gt=0.0, le=0.01, description="m from the target at which a move is over; assumed"),
-    ] = 0.0005
-    arrived_below_mps: Annotated[
-        float,
-        Meta(gt=0.0, le=0.05, description="m/s below which it is, whether or not the controller's "
-             "sample calls that motion; no less than ur.standing_below_mps"),
-    ] = 0.001  # fmt: skip
-
-    def __post_init__(self) -> None:
-        if self.payload_kg > self.max_payload_kg:
-            most = f"max_payload_kg {self.max_payload_kg:g}"
-            raise ValueError(f"payload_kg {self.payload_kg:g} is more than {most}")
 
 
 class ArmSample(msgspec.Struct, frozen=True):
@@ -91,7 +63,6 @@ class ArmSample(msgspec.Struct, frozen=True):
     angle_rad: float = 0.0  # turn of the tool about its own axis since the start
     spin_radps: float = 0.0
     speed_fraction: float = 1.0  # of the speed slider
-    silent_s: float = 0.0  # since who reads the controller has said anything, be it "nothing new"
 
 
 class ArmLink(Protocol):
@@ -142,8 +113,8 @@ class ArmDriver:
     def pump(self, now_ns: int) -> None:
         """Read one sample.
 
-        Raises ``Stale`` for as long as the controller's own timestamp stands still, or nobody reads
-        it, and ``DeviceFault`` once for each onset of a protective stop.
+        Raises ``Stale`` for as long as the controller's own timestamp stands still, and
+        ``DeviceFault`` once for each onset of a protective stop.
         """
         self._now_ns = now_ns
         sample = self._link.read(now_ns)
@@ -171,12 +142,12 @@ class ArmDriver:
         """Straight line; raises ``Refused`` outside any limit, before anything is sent."""
         s = self._settings
         state = self._ready(acceleration_mps2)
-        _require_up_to("max_speed_mps", speed_mps, s.max_speed_mps, "m/s")
+        _require_up_to("arm.max_speed_mps", speed_mps, s.max_speed_mps, "m/s")
         jump_m = math.dist(position_m, state.position_m)
-        _require("max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
+        _require("arm.max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
         self._require_inside(position_m)
         if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
-            raise _not_taken()
+            raise Refused(*_NOT_TAKEN)
         self._target_m, self._driven_ns = position_m, None
         self._state = msgspec.structs.replace(state, moving=True)
 
@@ -185,17 +156,13 @@ class ArmDriver:
         turn too far before the drive times out and has braked."""
         s = self._settings
         state = self._ready(acceleration_mps2)
-        _require("max_speed_mps", math.hypot(*velocity_mps), 0.0, s.max_speed_mps, "m/s")
-        _require("max_spin_radps", abs(spin_radps), 0.0, s.max_spin_radps, "rad/s")
-        self._require_inside(
-            _at_worst(state.position_m, velocity_mps, s.drive_timeout_s, acceleration_mps2)
-        )
-        (turned_rad,) = _at_worst(
-            (state.angle_rad,), (spin_radps,), s.drive_timeout_s, acceleration_mps2
-        )
-        _require("max_turn_rad", abs(turned_rad), 0.0, s.max_turn_rad, "rad")
+        _require("arm.max_speed_mps", math.hypot(*velocity_mps), 0.0, s.max_speed_mps, "m/s")
+        _require("the limit of spin", abs(spin_radps), 0.0, MAX_SPIN_RADPS, "rad/s")
+        self._require_inside(_at_worst(state.position_m, velocity_mps, acceleration_mps2))
+        (turned_rad,) = _at_worst((state.angle_rad,), (spin_radps,), acceleration_mps2)
+        _require("the limit of turn", abs(turned_rad), 0.0, MAX_TURN_RAD, "rad")
         if not self._link.speed_l(velocity_mps, spin_radps, acceleration_mps2, self._now_ns):
-            raise _not_taken()
+            raise Refused(*_NOT_TAKEN)
         self._target_m = None
         self._driven_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
@@ -210,7 +177,7 @@ class ArmDriver:
 
     def _ready(self, acceleration_mps2: float) -> ArmState:
         most = self._settings.max_acceleration_mps2
-        _require_up_to("max_acceleration_mps2", acceleration_mps2, most, "m/s2")
+        _require_up_to("arm.max_acceleration_mps2", acceleration_mps2, most, "m/s2")
         state = self._state
         if state is None:
             raise Refused("the arm's position is not known yet", "pump the arm driver first")
@@ -223,18 +190,18 @@ class ArmDriver:
         start_m = self._start_m or (0.0, 0.0, 0.0)  # known as soon as there is a state
         box = zip("xyz", position_m, start_m, s.workspace_low_m, s.workspace_high_m, strict=True)
         for axis, value, start, low, high in box:
-            key = f"workspace_low_m..workspace_high_m ({axis} from start)"
-            _require(key, value - start, low, high, "m", _SLACK_M)
+            what = f"arm.workspace_low_m..workspace_high_m ({axis} from start)"
+            _require(what, value - start, low, high, "m", _SLACK_M)
 
     def _stop_forgotten_drive(self, now_ns: int) -> None:
         if self._driven_ns is None:
             return
-        if now_ns - self._driven_ns > round(self._settings.drive_timeout_s * 1e9):
+        if now_ns - self._driven_ns > round(DRIVE_TIMEOUT_S * 1e9):
             self.stop(self._acceleration_mps2)
 
     def set_payload(self, mass_kg: float) -> None:
         """Tell the controller what hangs on the flange, gripper included."""
-        _require("max_payload_kg", mass_kg, 0.0, self._settings.max_payload_kg, "kg")
+        _require("the limit of payload", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg")
         self._link.set_payload(mass_kg)
 
     def _moving(self, sample: ArmSample) -> bool:
@@ -246,18 +213,16 @@ class ArmDriver:
 
     def _arrived(self, sample: ArmSample, target_m: Vector3) -> bool:
         """By its place and its speed: half a millimetre before its target an arm still brakes."""
-        s = self._settings
         away_m = math.dist(sample.position_m, target_m)
         speed_mps = math.hypot(*sample.velocity_mps)
-        return away_m <= s.arrived_within_m and speed_mps <= s.arrived_below_mps
+        return away_m <= _ARRIVED_WITHIN_M and speed_mps <= _ARRIVED_BELOW_MPS
 
     def _check(self, now_ns: int, sample: ArmSample) -> None:
         if now_ns - self._fresh_ns > self._stale_ns:
-            if 2.0 * sample.silent_s * 1e9 > self._stale_ns:
-                raise Stale("the arm's worker process says nothing", UNREAD)
             raise Stale(
-                "the arm controller's clock stands still",
-                "look at the teach pendant, then start the run again",
+                "no new sample of the arm: the arm controller's clock stands still",
+                "look at the teach pendant, and at what else takes this computer's processor, then "
+                "start the run again",
             )
         onset = sample.protective_stop and not self._tripped
         self._tripped = sample.protective_stop
@@ -268,27 +233,19 @@ class ArmDriver:
             )
 
 
-def _at_worst(
-    at: Sequence[float], speed: Sequence[float], timeout_s: float, acceleration: float
-) -> list[float]:
+def _at_worst(at: Sequence[float], speed: Sequence[float], acceleration: float) -> list[float]:
     """Where a drive ends that is forgotten now: it runs until it times out, then it brakes."""
     braking_s = math.hypot(*speed) / (2.0 * acceleration)
-    return [x + v * (timeout_s + braking_s) for x, v in zip(at, speed, strict=True)]
+    return [x + v * (DRIVE_TIMEOUT_S + braking_s) for x, v in zip(at, speed, strict=True)]
 
 
-def _not_taken() -> Refused:
-    return Refused("the arm controller did not take the move", "look at the teach pendant")
-
-
-def _require_up_to(key: str, value: float, most: float, unit: str) -> None:
+def _require_up_to(what: str, value: float, most: float, unit: str) -> None:
     if not 0.0 < value <= most:
-        raise Refused(f"{value:g} {unit} breaks arm.{key}", f"allowed: above 0, to {most:g} {unit}")
+        raise Refused(f"{value:g} {unit} breaks {what}", f"allowed: above 0, to {most:g} {unit}")
 
 
 def _require(
-    key: str, value: float, least: float, most: float, unit: str, slack: float = 0.0
+    what: str, value: float, least: float, most: float, unit: str, slack: float = 0.0
 ) -> None:
     if not least - slack <= value <= most + slack:
-        raise Refused(
-            f"{value:g} {unit} breaks arm.{key}", f"allowed: {least:g} to {most:g} {unit}"
-        )
+        raise Refused(f"{value:g} {unit} breaks {what}", f"allowed: {least:g} to {most:g} {unit}")

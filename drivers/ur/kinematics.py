@@ -33,7 +33,6 @@ _BESIDE_M = D_M[3] - 1e-6
 JOINT_SPEEDS = (2.0944, 2.0944, 3.1416, 3.1416, 3.1416, 3.1416)  # rad/s, UR10 user manual
 JOINT_RANGE = 2.0 * math.pi  # rad either way, UR10 user manual
 _SLACK = 1.02  # of a joint's speed: rounding is no fault
-_SINGULAR = 0.1  # of the least that the tool moves for a joint, m or rad: assumed
 STILL: Joints = (0.0,) * JOINTS
 
 
@@ -174,14 +173,6 @@ def beyond(q: Sequence[float], qd: Sequence[float]) -> str:
         if abs(speed) > limit * _SLACK:
             return f"joint {joint} too fast, {speed:.2f} rad/s"
     return ""
-
-
-def where(trouble: str, q: Sequence[float]) -> str:
-    """The same words, and whether the arm is where the tool can hardly go one way whatever joints
-    do."""
-    if not trouble or np.linalg.svd(jacobian(q), compute_uv=False)[-1] > _SINGULAR:
-        return trouble
-    return f"{trouble}: singularity"
 
 
 def in_range(q: Sequence[float], near: Sequence[float]) -> Joints:

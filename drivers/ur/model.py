@@ -10,7 +10,7 @@ down what moves to a place; velocities that are kept, and stops, are what they a
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import msgspec
@@ -18,8 +18,11 @@ from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.ur.driver import ArmSample
-from drivers.ur.pace import STANDING, Pace, Segment, ahead, times
 
+COMMAND_LATENCY_S = 0.002  # on the way to the controller, before it waits for a cycle; assumed
+SLIDER_S = 0.5  # from full pace to none after the slider is turned; assumed
+_PROTECTIVE_MPS2 = 8.0  # of a protective stop; assumed
+STANDING: Vector3 = (0.0, 0.0, 0.0)
 _STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
 _HISTORY = 32  # past segments kept: a few commands, hence far more than one control period
@@ -28,29 +31,37 @@ _HISTORY = 32  # past segments kept: a few commands, hence far more than one con
 class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The modelled controller."""
 
-    start_m: Annotated[
-        tuple[float, float, float], Meta(description="m, tool position at power-up, base frame")
-    ] = (0.5, 0.1, 0.3)
+    start_m: Vector3 = (0.5, 0.1, 0.3)  # tool position at power-up, base frame
     period_s: Annotated[
         float, Meta(ge=0.001, le=0.02, description="s, controller cycle; UR manual: CB3 125 Hz")
     ] = 0.008
-    command_latency_s: Annotated[
-        float,
-        Meta(
-            ge=0.0,
-            le=0.1,
-            description="s on the way to the controller, before it waits for the next cycle; "
-            "assumed",
-        ),
-    ] = 0.002
-    protective_deceleration_mps2: Annotated[
-        float, Meta(ge=0.5, le=50.0, description="m/s2 of a protective stop; assumed")
-    ] = 8.0
-    slider_s: Annotated[
-        float,
-        Meta(ge=0.01, le=10.0, description="s, from full pace to none after the speed slider is "
-             "turned, at an even rate; assumed"),
-    ] = 0.5  # fmt: skip
+
+
+class Segment(msgspec.Struct, frozen=True):
+    """Constant acceleration from start_ns on, until the next segment begins."""
+
+    start_ns: int
+    origin_m: Vector3
+    velocity_mps: Vector3
+    acceleration_mps2: Vector3
+
+    @property
+    def at_rest(self) -> bool:
+        return self.velocity_mps == STANDING and self.acceleration_mps2 == STANDING
+
+    def position(self, t_ns: float) -> Vector3:
+        t = (t_ns - self.start_ns) * 1e-9
+        (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
+        return x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t
+
+    def velocity(self, t_ns: float) -> Vector3:
+        return ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
+
+    def upright(self, t_ns: int) -> tuple[float, float]:
+        """Height, m, and speed upwards, m/s: the last of ``position`` and of ``velocity``."""
+        t = (t_ns - self.start_ns) * 1e-9
+        z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
+        return z + (w + 0.5 * c * t) * t, w + c * t
 
 
 class Turn(msgspec.Struct, frozen=True):
@@ -69,6 +80,85 @@ class Turn(msgspec.Struct, frozen=True):
         return self.spin_radps + self.acceleration_radps2 * (t_ns - self.start_ns) * 1e-9
 
 
+class Pace:
+    """The speed slider: at what share of its pace the arm moves along a line.
+
+    A line is planned at full pace, in its own time; the slider says how fast that time runs: at a
+    share f, speeds are f times and accelerations f squared times the planned ones, on the same
+    path. The share changes evenly, a step a cycle.
+    """
+
+    def __init__(self, now_ns: int, period_ns: int) -> None:
+        self.slider = 1.0
+        self._period_ns = period_ns
+        self._step = period_ns * 1e-9 / SLIDER_S
+        self._shares: list[tuple[int, float]] = [(now_ns, 1.0)]  # from when on
+
+    @property
+    def full(self) -> bool:
+        """Nobody has ever touched the slider, or all is as if nobody had."""
+        return len(self._shares) == 1 and self._shares[0][1] == 1.0
+
+    def turn(self, slider: float, effect_ns: int) -> None:
+        """From a cycle on."""
+        share = self.at(effect_ns - 1)  # of the cycle before
+        past = [s for s in self._shares if s[0] < effect_ns]
+        changes = math.ceil(abs(slider - share) / self._step)
+        step = math.copysign(self._step, slider - share)
+        ramp = [
+            (effect_ns + i * self._period_ns, share + (i + 1) * step) for i in range(changes - 1)
+        ]
+        there = (effect_ns + max(0, changes - 1) * self._period_ns, slider)
+        self.slider, self._shares = slider, [*past, *ramp, there]
+
+    def at(self, t_ns: int) -> float:
+        """The share then."""
+        return self._shares[self._index(t_ns)][1]
+
+    def forget(self, before_ns: int) -> None:
+        """Nobody asks for what was earlier."""
+        self._shares = self._shares[self._index(before_ns) :]
+
+    def own_ns(self, from_ns: int, until_ns: int) -> float:
+        """How much own time passes."""
+        own_ns, at_ns = 0.0, from_ns
+        for i in range(self._index(from_ns), len(self._shares)):
+            end_ns = self._shares[i + 1][0] if i + 1 < len(self._shares) else until_ns
+            end_ns = min(end_ns, until_ns)
+            if end_ns > at_ns:
+                own_ns += self._shares[i][1] * (end_ns - at_ns)
+                at_ns = end_ns
+        return own_ns
+
+    def slowed(self, line: Sequence[Segment], own_ns: float, now_ns: int) -> list[Segment]:
+        """What is left of a line, whose own time it is, from now on. It ends with a rest, or where
+        the slider does not let it go on."""
+        chain: list[Segment] = []
+        starts = [s.start_ns for s in line]
+        part = max(0, bisect_right(starts, own_ns) - 1)
+        for i in range(self._index(now_ns), len(self._shares)):
+            share = self._shares[i][1]
+            last = i + 1 == len(self._shares)
+            until_ns = math.inf if last else self._shares[i + 1][0]
+            while True:
+                chain.append(_at_share(line[part], own_ns, now_ns, share))
+                rests = part + 1 == len(line)
+                left_ns = math.inf
+                if not rests and share > 0.0:
+                    left_ns = (starts[part + 1] - own_ns) / share
+                if last and left_ns == math.inf:
+                    return chain
+                if now_ns + left_ns > until_ns:
+                    break
+                now_ns, own_ns, part = now_ns + round(left_ns), starts[part + 1], part + 1
+            own_ns += share * (until_ns - now_ns)
+            now_ns = self._shares[i + 1][0]
+        return chain
+
+    def _index(self, t_ns: int) -> int:
+        return max(0, bisect_right(self._shares, t_ns, key=lambda s: s[0]) - 1)
+
+
 class ArmModel:
     """A tool on straight lines. Commands take effect at the next controller cycle.
 
@@ -78,15 +168,19 @@ class ArmModel:
     Times asked for may precede the last commands by a few control periods, not more.
     """
 
-    def __init__(self, settings: ArmModelSettings, now_ns: int) -> None:
+    def __init__(
+        self,
+        settings: ArmModelSettings,
+        now_ns: int,
+        command_latency_s: float = COMMAND_LATENCY_S,
+    ) -> None:
         self._period_ns = round(settings.period_s * 1e9)
-        self._latency_ns = round(settings.command_latency_s * 1e9)
-        self._protective_mps2 = settings.protective_deceleration_mps2
+        self._latency_ns = round(command_latency_s * 1e9)
         self._seen_ns = now_ns
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
         self._starts = [now_ns]
         self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
-        self._pace = Pace(now_ns, self._period_ns, settings.slider_s)
+        self._pace = Pace(now_ns, self._period_ns)
         self._line: list[Segment] = []  # of the last command, if a move: at full pace
         self._acceleration_mps2 = 1.2  # of the last motion; UR manual: movel's default
         self._stopping = False  # since the last motion was told
@@ -95,7 +189,7 @@ class ArmModel:
         self.payload_kg = 0.0
         self.protective_stop = False
         self.contrary = False  # a fault: moves away from where it is told to go
-        self._lie: Callable[[ArmSample], ArmSample] = _truth
+        self._lie: Callable[[ArmSample], ArmSample] = lambda sample: sample
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -106,7 +200,7 @@ class ArmModel:
         effect_ns = self._effect_ns(now_ns)
         at_m, direction, speed = self._present(effect_ns)
         if self.contrary:
-            target_m = _mirrored(target_m, at_m)
+            target_m = ahead(times(at_m, 2.0), target_m, -1.0)
         speed = speed and speed / self._pace.at(effect_ns)  # in the own time of a line
         chain: list[Segment] = []
         start_ns = effect_ns
@@ -169,7 +263,7 @@ class ArmModel:
     def trip(self, now_ns: int) -> None:
         """Protective stop: brake hard and refuse to move until released."""
         self.protective_stop = True
-        self.stop_l(self._protective_mps2, now_ns)
+        self.stop_l(_PROTECTIVE_MPS2, now_ns)
 
     def misreport(self, lie: Callable[[ArmSample], ArmSample]) -> None:
         """A fault: from now on a sample is what ``lie`` makes of it."""
@@ -234,10 +328,8 @@ class ArmModel:
         return self._lie(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
-        return self._cycle_ns(max(now_ns + self._latency_ns, self._seen_ns))
-
-    def _cycle_ns(self, t_ns: int) -> int:
-        """The first one from then on."""
+        """The first cycle from then on."""
+        t_ns = max(now_ns + self._latency_ns, self._seen_ns)
         return -(-t_ns // self._period_ns) * self._period_ns
 
     def _at(self, t_ns: int) -> Segment:
@@ -254,12 +346,8 @@ class ArmModel:
         return at_m, (x / speed, y / speed, z / speed), speed
 
     def _turning(self, t_ns: int) -> Turn:
-        turn = self._turns[0]
-        for later in self._turns:
-            if later.start_ns > t_ns:
-                break
-            turn = later
-        return turn
+        started = bisect_right(self._turns, t_ns, key=lambda turn: turn.start_ns)
+        return self._turns[max(0, started - 1)]
 
     def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
         present = self._turning(effect_ns)
@@ -277,16 +365,6 @@ class ArmModel:
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
         self._chain = past[-_HISTORY:] + chain
         self._starts = [segment.start_ns for segment in self._chain]
-
-
-def _truth(sample: ArmSample) -> ArmSample:
-    return sample
-
-
-def _mirrored(target_m: Vector3, at_m: Vector3) -> Vector3:
-    """As far away on the other side."""
-    (x, y, z), (a, b, c) = target_m, at_m
-    return 2 * a - x, 2 * b - y, 2 * c - z
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
@@ -355,3 +433,20 @@ def _line(
         chain.append(Segment(begins_ns, origin, times((x, y, z), v), times((x, y, z), a)))
         t, s = t + duration, s + (v + 0.5 * a * duration) * duration
     return [*chain, _rest(start_ns + round(t * 1e9), target_m)]
+
+
+def ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:
+    (x, y, z), (dx, dy, dz) = origin, direction
+    return x + distance * dx, y + distance * dy, z + distance * dz
+
+
+def times(direction: Vector3, size: float) -> Vector3:
+    x, y, z = direction
+    return x * size, y * size, z * size
+
+
+def _at_share(part: Segment, own_ns: float, now_ns: int, share: float) -> Segment:
+    return Segment(
+        now_ns, part.position(own_ns), times(part.velocity(own_ns), share),
+        times(part.acceleration_mps2, share * share),
+    )  # fmt: skip

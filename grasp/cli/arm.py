@@ -43,7 +43,7 @@ def status(args: argparse.Namespace) -> int:
 
 def arm_status(args: argparse.Namespace) -> int:
     """Print modes, joints, tool position, and what prevents a run."""
-    from drivers.ur.link.look import lines, look
+    from drivers.ur.link.preflight import lines, look
     from scenarios.rigs.device_checks import arm_checks
     from scenarios.rigs.permission import arm_address
 

@@ -26,7 +26,7 @@ def card(args: argparse.Namespace) -> int:
     if args.network is None:
         return _list(args)
     _check_no_formula(args.network)
-    from detector.heads import read_heads
+    from detector.auxiliary_outputs import read_outputs
     from detector.network_file import read_network, weights_digest
     from scenarios.report.run_decision import in_words
 
@@ -38,9 +38,9 @@ def card(args: argparse.Namespace) -> int:
     rule = _rule(args.network)
     if rule is not None:
         found["rule"] = msgspec.to_builtins(rule)
-    heads = read_heads(weights, weights_digest(weights), loaded)
-    if heads is not None:
-        told = msgspec.to_builtins(heads.heads)
+    outputs = read_outputs(weights, weights_digest(weights), loaded)
+    if outputs is not None:
+        told = msgspec.to_builtins(outputs.file)
         found["heads"] = {key: value for key, value in told.items() if key != "layers"}
     if args.json:
         print(json_line(found))

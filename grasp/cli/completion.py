@@ -39,7 +39,7 @@ def _names_of(kind: str) -> Callable[..., list[str]]:
     def words(prefix: str, **_: object) -> list[str]:
         from argcomplete.completers import FilesCompleter
 
-        from detector.own import offered
+        from detector.plugins import offered
         from grasp.settings import names
 
         endings = ("toml", "py", "onnx") if kind == "detectors" else ("toml",)

@@ -63,7 +63,7 @@ def emulate(args: argparse.Namespace) -> int:
 
 def _check_host(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
     """Before the world is compiled, which takes a while."""
-    from drivers.ur.emulator.robot import PORTS
+    from drivers.ur.emulator.server import PORTS
 
     if host is not None:
         check_host(host, beyond_loopback)

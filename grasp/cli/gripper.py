@@ -71,8 +71,7 @@ def _add_finger(parser: Parser, default: str) -> None:
 
 def status(args: argparse.Namespace) -> int:
     """`grasp status gripper`."""
-    from drivers.robotiq.protocol import FAULTS, TO_BASIC, other_than_basic
-    from drivers.robotiq.words import doubts, lines
+    from drivers.robotiq.protocol import FAULTS, TO_BASIC, doubts, lines, other_than_basic
     from scenarios.rigs.device_checks import STRANGE
 
     where, before, now = _looked(args)

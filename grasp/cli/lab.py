@@ -107,8 +107,7 @@ def tell_weak(calibration: Any) -> None:
 def tell_slow(config: Any) -> None:
     """On standard error what the arm's speed slider makes of its speeds; what refuses a run, or
     does not answer, is told by whoever opens the arm."""
-    from drivers.ur.link.look import look
-    from drivers.ur.link.preflight import judge_speed
+    from drivers.ur.link.preflight import judge_speed, look
     from scenarios.rigs.permission import arm_address
 
     if config.devices.arm:

@@ -9,7 +9,7 @@ from drivers.errors import UsageError
 from grasp.cli import view
 from grasp.guard import limit_in_words
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.watch import Onlooker
 from scenarios.trial.result import spelt
 
@@ -53,7 +53,7 @@ class Display:
         self._rig = rig
         self._panel = sys.stdout.isatty() and not plain
         self._brief = brief and not self._panel
-        self._phase: Phase | None = None
+        self._phase: State | None = None
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
@@ -89,11 +89,11 @@ class Display:
 
     def tick(self, tick: Tick) -> None:
         """Show one tick, if it is time or something happened."""
-        changed = tick.decision.phase is not self._phase
+        changed = tick.decision.state is not self._phase
         news = tick.decision.slip.event or (changed and not self._brief)
         every = REFRESH_TICKS if self._panel else STATUS_TICKS
         due = self._ticks % every == 0 and not self._brief
-        self._phase = tick.decision.phase
+        self._phase = tick.decision.state
         self._ticks += 1
         if news or due:
             self._show(view.glimpse(tick, news, self._trial))

@@ -48,7 +48,7 @@ class RunLog:
     def tick(self, tick: Tick) -> None:
         """Phases, slip that is registered, and every command with what became of it."""
         decision, at = tick.decision, f"t {tick.t_ns * 1e-9:.3f} s"
-        self._phase_of(at, decision.phase)
+        self._phase_of(at, decision.state)
         if decision.slip.event:
             self.say(f"{at} slip is registered")
         for issued in tick.issued:

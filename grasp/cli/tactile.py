@@ -84,7 +84,7 @@ def _take_rest(args: argparse.Namespace) -> int:
 
 def identify(args: argparse.Namespace) -> int:
     from drivers.takktile.identify import watch
-    from drivers.takktile.link.usb import UsbLink
+    from drivers.takktile.link import UsbLink
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.permission import HARDWARE
     from scenarios.rigs.wired import ANY_BOARD

@@ -271,7 +271,8 @@ def _tell_height(result: Any, config: Any) -> None:
     """A real arm that has set an object down stands above it: the next run would begin there."""
     phases = [entry.phase for entry in result.phases]
     retreat_mm = config.controller.retreat_m * 1e3
-    if result.rig == "hardware" and result.scenario == "lift" and phases[-2:-1] == ["retreat"]:
+    lift = result.rig == "hardware" and result.scenario == "lift"
+    if lift and phases[-2:-1] == ["release.retreat"]:
         print(f"  the arm stands {retreat_mm:.0f} mm above where it let go, and begins there next")
 
 

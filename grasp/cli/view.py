@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from detector.motion import SECTOR_DEG, Motion
+from detector.auxiliary_outputs import SECTOR_DEG, Motion
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from grasp.watch import leave_signals_to_the_run
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ LEAST_TURN_DEG = 0.1  # less is not told
 ARROWS = "→↗↑↖←↙↓↘"  # of eight directions, from a fingertip's x to its y
 NO_ARROW = " "
 _STYLE: dict[str, str] = {
-    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.KEPT: "bold green",
-    Phase.FAULT: "bold red",
+    State.COMPENSATE: "bold yellow", State.HOLD: "bold green", State.KEPT: "bold green",
+    State.FAULT: "bold red",
 }  # fmt: skip
 
 
@@ -72,7 +72,7 @@ def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
     motion = tick.observation.motion if tick.decision.slip.armed else None
     return Glimpse(
         t_s=tick.t_ns * 1e-9,
-        phase=tick.decision.phase.value,
+        phase=tick.decision.state.value,
         slip=status_text(tick),
         registered=tick.decision.slip.registered,
         news=news,
@@ -207,14 +207,14 @@ def _line(seen: Glimpse) -> str:
         for name, force, p in zip(FINGER_NAMES, seen.measured_n, seen.probabilities, strict=True)
     )
     kind = f", {seen.kind}" if seen.kind else ""
-    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}{kind}"
+    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {fingers}  slip {seen.slip}{kind}"
 
 
 def short_line(seen: Glimpse) -> str:
     """For the log above a panel, which has the rest: at most 80 columns."""
     pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
-    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {forces} N  slip {seen.slip}"
+    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {forces} N  slip {seen.slip}"
 
 
 def panel(seen: Glimpse, width: int) -> Any:

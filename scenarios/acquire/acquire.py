@@ -4,6 +4,7 @@ Like every run it leaves a folder with the recording of all that was read and to
 Beside them lie the labelled samples as training reads them (``detector.recordings``).
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import StrEnum
@@ -16,7 +17,9 @@ import numpy as np
 
 from detector.recordings import SUFFIX, Metadata, Recording, write
 from drivers.errors import CouldNotRecord, GraspError
+from drivers.interfaces import PERIOD_S
 from grasp import interruption
+from grasp.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from grasp.messages import (
     ARM,
     TACTILE,
@@ -28,16 +31,15 @@ from grasp.messages import (
     tactile_message,
 )
 from grasp.realtime import real_time
-from scenarios.acquire import pictures
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.labels import parts_of, recording
-from scenarios.acquire.pictures import PressPictures
-from scenarios.acquire.press import PressCommand, StrokeMotion
+from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
 from scenarios.trial.execution import REPORT
+from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
 from scenarios.trial.result import Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
@@ -135,6 +137,35 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
 }
 
 
+VIEWER_CHANNELS: dict[str, type[msgspec.Struct]] = {
+    LOG: Log, TRANSFORMS: FrameTransforms, TAXELS: Grid,
+}  # fmt: skip
+
+
+class PressPictures:
+    """Phases, the fingertip's place and the taxels as a grid, for viewers of recordings."""
+
+    def __init__(self, config: AcquireConfig, unix_ns: int) -> None:
+        """``unix_ns``: when the session's clock stood at nought."""
+        self._taxels_mm = config.fingertip.taxels_mm
+        self._unix_ns = unix_ns
+        self._samples = 0
+        self._phase: PressPhase | None = None
+
+    def write(self, write: Write, sample: Sample) -> None:
+        """A line when a phase begins; the rest at every tenth sample."""
+        now = Time.of(self._unix_ns + sample.t_ns)
+        if sample.phase is not self._phase:
+            self._phase = sample.phase
+            write(LOG, sample.t_ns, Log(now, INFO, sample.phase.value, "phase"))
+        self._samples += 1
+        if self._samples % EVERY != 1 or not all(map(math.isfinite, sample.arm.position_m)):
+            return
+        hand = FrameTransform(now, "world", "hand", point(*sample.arm.position_m))
+        write(TRANSFORMS, sample.t_ns, FrameTransforms([hand]))
+        write(TAXELS, sample.t_ns, grid(now, sample.frame.counts, self._taxels_mm))
+
+
 def write_sample(write: Write, sample: Sample) -> None:
     """All messages of one sample."""
     t_ns = sample.t_ns
@@ -168,7 +199,7 @@ def run(
         known = {**metadata(config, seed, rig.clock), "motion": course}
         name = f"{SCENARIO}-{config.surface.name}"
         drawn = PressPictures(config, rig.clock.unix_ns)
-        with RunFolder(runs, name, {**CHANNELS, **pictures.CHANNELS}, known) as folder:
+        with RunFolder(runs, name, {**CHANNELS, **VIEWER_CHANNELS}, known) as folder:
 
             def take(sample: Sample) -> None:
                 write_sample(folder.write, sample)
@@ -176,7 +207,7 @@ def run(
                 on_tick(sample)
 
             session = Session(config, motion, seed, rig, take)
-            samples = round(seconds / config.sampling.period_s)
+            samples = round(seconds / PERIOD_S)
             ended, granted = _run_to_end(config, rig, session, samples)
             interruption.seal()  # what is left is labelling and writing
             return _finish(config, motion, seed, session, folder, ended, granted)

@@ -22,6 +22,18 @@ TURNS = {"ccw": 1.0, "cw": -1.0}
 DIRECTIONS = (*(str(angle) for angle in range(0, 360, 45)), *TURNS)
 
 
+# All assumed, unless a source is named.
+TOUCH_N = 0.5  # estimate that counts as touched
+INTEGRAL_MPS_PER_N_S = 0.0008
+DERIVATIVE_M_PER_N = 0.00001
+INTEGRAL_LIMIT_N_S = 3.0  # of its windup
+PRESS_MPS = 0.012  # fastest along the normal
+CLEAR_M = 0.003  # above first touch, when lifted off
+SETTLE_S = 1.5  # pressed before the first stroke
+STROKE_SCATTER = 0.15  # relative deviation of lengths
+DRIVE_MPS2 = 4.0  # and rad/s2, at which the arm follows: above that of the strokes
+
+
 class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to press and how to stroke."""
 
@@ -36,41 +48,23 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         float, Meta(ge=-10.0, le=10.0, description="load under which the rest counts are taken; 0 "
                     "or less: in the air. Part of the authors' recordings, 0-6 N, by their means")
     ] = 0.0  # fmt: skip
-    touch_n: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="estimate that counts as touched; assumed")
-    ] = 0.5
     approach_mps: Annotated[
         float, Meta(ge=0.001, le=0.05, description="downwards until touched; assumed")
     ] = 0.01
     proportional_mps_per_n: Annotated[
         float, Meta(ge=0.0, le=0.02, description="PID; default: 5 rad/s on 3.5 N/mm, clip 3-10")
     ] = 0.0015
-    integral_mps_per_n_s: Annotated[float, Meta(ge=0.0, le=0.1, description="PID; assumed")] = (
-        0.0008
-    )
-    derivative_m_per_n: Annotated[float, Meta(ge=0.0, le=0.001, description="PID; assumed")] = (
-        0.00001
-    )
-    integral_limit_n_s: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="of its windup; assumed")
-    ] = 3.0
-    press_mps: Annotated[
-        float, Meta(ge=0.001, le=0.05, description="fastest along the normal; assumed")
-    ] = 0.012
     depth_m: Annotated[
         float, Meta(ge=0.0005, le=0.01, description="deepest below first touch, whatever the "
                     "estimate says (taxels saturate); assumed")
     ] = 0.005  # fmt: skip
-    clear_m: Annotated[
-        float, Meta(ge=0.0005, le=0.02, description="above first touch, when lifted off; assumed")
-    ] = 0.003
-    settle_s: Annotated[
-        float, Meta(ge=0.0, le=10.0, description="pressed before the first stroke; assumed")
-    ] = 1.5
     stroke_m: Annotated[
         float, Meta(ge=0.001, le=0.05, description="length of a stroke, either way; assumed: with "
                     "the acceleration it gives the clip's 0.65 s and real speeds to 6 cm/s")
     ] = 0.017  # fmt: skip
+    acceleration_mps2: Annotated[
+        float, Meta(ge=0.02, le=2.0, description="of a stroke; assumed, see there")
+    ] = 0.2
     braking_share: Annotated[
         float, Meta(ge=0.05, le=1.0, description="of that acceleration, with which a stroke ends; "
                     "assumed, the clip's strokes have a long tail: 0.25-0.8")
@@ -80,18 +74,12 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
                     "force loop that is slow beside a stroke leaves its load swing in; the clip's "
                     "recovers at less than 0.4 /s, which is 0.03-0.1")
     ] = 1.0  # fmt: skip
-    acceleration_mps2: Annotated[
-        float, Meta(ge=0.02, le=2.0, description="of a stroke; assumed, see there")
-    ] = 0.2
     turn_rad: Annotated[
         float, Meta(ge=0.05, le=2.0, description="angle of a rotation stroke; assumed")
     ] = 0.6
     turn_radps2: Annotated[
         float, Meta(ge=0.2, le=10.0, description="acceleration of a rotation; assumed")
     ] = 3.5
-    stroke_scatter: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="relative deviation of lengths; assumed")
-    ] = 0.15
     pause_share: Annotated[
         float, Meta(ge=0.1, le=20.0, description="pauses over strokes, in time; with the slow ends "
                     "of strokes it gives the paper's 143,584 static to 122,918 slip samples")
@@ -100,10 +88,6 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         float, Meta(ge=-180.0, le=180.0, description="of the fingertip's x in the tool frame at "
                     "the start; the tool points down")
     ] = 0.0  # fmt: skip
-    drive_mps2: Annotated[
-        float, Meta(ge=0.1, le=5.0, description="acceleration at which the arm follows, "
-                    "and rad/s2: above that of the strokes; assumed")
-    ] = 4.0  # fmt: skip
 
 
 class StrokeMotion(msgspec.Struct, frozen=True):
@@ -222,13 +206,12 @@ class PressController:
         return PressCommand((along * u, along * v, press), 0.0)
 
     def _follow_script(self, t_s: float, arm: ArmState) -> None:
-        s = self._settings
         if self.phase is PressPhase.APPROACH:
-            if self.force_n >= s.touch_n:
-                self.phase, self._phase_end_s = PressPhase.SETTLE, t_s + s.settle_s
+            if self.force_n >= TOUCH_N:
+                self.phase, self._phase_end_s = PressPhase.SETTLE, t_s + SETTLE_S
                 self._touch_m, self._integral_n_s = arm.position_m, 0.0
         elif self.phase is PressPhase.OFF:
-            if self._touch_m is None or arm.position_m[2] > self._touch_m[2] + s.clear_m:
+            if self._touch_m is None or arm.position_m[2] > self._touch_m[2] + CLEAR_M:
                 self.phase = PressPhase.APPROACH
         elif self._motion is not None and t_s >= self._phase_end_s:
             if self.phase is PressPhase.STROKE:
@@ -239,7 +222,7 @@ class PressController:
     def _begin_stroke(self, t_s: float, arm: ArmState, motion: StrokeMotion) -> None:
         """To the other side of where it touched, half of a stroke's length away."""
         s, turns = self._settings, motion.direction in TURNS
-        scatter = 1.0 + s.stroke_scatter * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
+        scatter = 1.0 + STROKE_SCATTER * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
         way = self._side * 0.5 * (s.turn_rad if turns else s.stroke_m) * scatter
         way -= self._travelled(arm, motion)
         self._side = -self._side
@@ -271,15 +254,15 @@ class PressController:
         error = self.target_n - self.force_n
         change = (error - self._error_n) / dt_s if dt_s > 0.0 else 0.0
         self._error_n = error
-        limit = s.integral_limit_n_s
-        self._integral_n_s = min(max(self._integral_n_s + error * dt_s, -limit), limit)
+        windup = self._integral_n_s + error * dt_s
+        self._integral_n_s = min(max(windup, -INTEGRAL_LIMIT_N_S), INTEGRAL_LIMIT_N_S)
         down = (
-            s.proportional_mps_per_n * error + s.integral_mps_per_n_s * self._integral_n_s
-            + s.derivative_m_per_n * change
+            s.proportional_mps_per_n * error + INTEGRAL_MPS_PER_N_S * self._integral_n_s
+            + DERIVATIVE_M_PER_N * change
         )  # fmt: skip
         if self.phase in (PressPhase.STROKE, PressPhase.PAUSE):
             down *= s.stroking_share
-        down = min(max(down, -s.press_mps), s.press_mps)
+        down = min(max(down, -PRESS_MPS), PRESS_MPS)
         too_deep = self._touch_m is not None and height_m < self._touch_m[2] - s.depth_m
         return -min(down, 0.0) if too_deep else -down
 

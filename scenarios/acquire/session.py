@@ -8,12 +8,18 @@ import msgspec
 import numpy as np
 
 from drivers.errors import GraspError, Stale, in_words
-from drivers.interfaces import ArmState, TactileFrame
+from drivers.interfaces import PERIOD_NS, ArmState, TactileFrame
 from grasp import interruption
 from grasp.clock import Deadlines
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.force_calibration import counts_per_newton
-from scenarios.acquire.press import PressCommand, PressController, PressPhase, StrokeMotion
+from scenarios.acquire.press import (
+    DRIVE_MPS2,
+    PressCommand,
+    PressController,
+    PressPhase,
+    StrokeMotion,
+)
 from scenarios.rigs.rig import PressRig
 from scenarios.world.truth import PressedTruth
 
@@ -32,15 +38,22 @@ def open_acquire_rig(
 ) -> Iterator[PressRig]:
     """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
     unsteady as the force."""
-    replace = msgspec.structs.replace
+    replace, most = msgspec.structs.replace, LOADED_REST_MAX_STD_COUNTS
     if config.control.residual_n > 0.0:
-        most = config.session.loaded_rest_max_std_counts
         tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=most)
         config = replace(config, tactile=tolerant)
     with open_press_rig(config, seed, paced, permit) as rig:
         yield rig
 
 
+# All assumed, unless a source is named.
+REST_TIMEOUT_S = 5.0
+LOADED_REST_MAX_STD_COUNTS = 200.0  # of a taxel under load: whatever a pressed fingertip may do
+TOUCH_TIMEOUT_S = 15.0  # from the start: 5 s of rest counts, and 10 cm at control.approach_mps
+KEPT_AFTER_S = 0.75  # from touch on samples are kept: half of the settling time
+RETREAT_MPS, STOP_MPS2 = 0.05, 1.0
+STAND_S = 1.0  # a stop is repeated so long, until the arm is seen to stand
+JITTER_S = 0.0005  # of a sample's time; the authors' clip: 0.7 ms of a period, which has two
 SHOWN_AFTER = 4  # samples until the arm's state speaks of a command: no wait is cut short by more
 
 
@@ -68,7 +81,6 @@ class Session:
         on_tick: OnTick = lambda tick: None, script: Script = lambda t_s, controller, cell: None,
     ) -> None:  # fmt: skip
         self._config = config
-        self._waits = config.session
         self._rig = rig
         self._on_tick = on_tick
         self._script = script
@@ -79,7 +91,7 @@ class Session:
         )
         self.ticks: list[Sample] = []
         self._start_ns = rig.clock.now_ns
-        self._deadlines = Deadlines(self._start_ns, round(config.sampling.period_s * 1e9))
+        self._deadlines = Deadlines(self._start_ns, PERIOD_NS)
         self._touched_ns: int | None = None
 
     @property
@@ -110,14 +122,14 @@ class Session:
                     self.ticks.append(tick)
                 self._on_tick(tick)
         finally:
-            arm.stop(self._waits.stop_mps2)
+            arm.stop(STOP_MPS2)
         if start is not None:
             self._retreat(start)
 
     def _take_rest(self) -> None:
         rig = self._rig
         rig.tactile.begin_rest()
-        end_ns = rig.clock.now_ns + round(self._waits.rest_timeout_s * 1e9)
+        end_ns = rig.clock.now_ns + round(REST_TIMEOUT_S * 1e9)
         while not rig.tactile.rest_taken:
             if rig.clock.now_ns > end_ns:
                 raise Stale("the fingertips send no rest counts", "see `grasp tactile`")
@@ -133,7 +145,7 @@ class Session:
         self._controller = presser
         while self._touched_ns is None or not self._settled(self._sample()):
             self._sample()
-        self._rig.arm.stop(self._waits.stop_mps2)
+        self._rig.arm.stop(STOP_MPS2)
         self._take_rest()
         controller.zero_n = presser.force_n
         self._controller, self._touched_ns = controller, None
@@ -142,15 +154,15 @@ class Session:
         """Until the next sample is due; in a simulation with the real board's jitter and losses.
         Raises Interruption when a signal has come."""
         interruption.check()
-        rig, sampling = self._rig, self._config.sampling
+        rig = self._rig
         self._deadlines.leave_out(rig.clock.now_ns)
         due_ns = self._deadlines.next_ns()
         if rig.cell is None:
             rig.clock.sleep_until_ns(due_ns)
             return
-        jitter = float(np.clip(self._pace.standard_normal(), -4.0, 4.0)) * sampling.jitter_s
+        jitter = float(np.clip(self._pace.standard_normal(), -4.0, 4.0)) * JITTER_S
         wake_ns = due_ns + round(jitter * 1e9)
-        if self._pace.random() < sampling.lost_share:
+        if self._pace.random() < self._config.sampling.lost_share:
             rig.cell.board.silence(wake_ns)
         rig.clock.sleep_until_ns(wake_ns)
 
@@ -167,20 +179,20 @@ class Session:
         t_s = (now_ns - self._start_ns) * 1e-9
         self._script(t_s, controller, rig.cell)
         drive = controller.step(t_s, frame.counts[self._config.finger], arm)
-        rig.arm.drive(drive.velocity_mps, drive.spin_radps, self._config.control.drive_mps2)
+        rig.arm.drive(drive.velocity_mps, drive.spin_radps, DRIVE_MPS2)
         self._check_approach(now_ns)
         truth = rig.truth()
         return Sample(now_ns, controller.phase, controller.force_n, frame, arm, drive, truth)
 
     def _settled(self, tick: Sample) -> bool:
         settling_ns = tick.t_ns - (self._touched_ns if self._touched_ns is not None else tick.t_ns)
-        return settling_ns > self._waits.kept_after_s * 1e9
+        return settling_ns > KEPT_AFTER_S * 1e9
 
     def _check_approach(self, now_ns: int) -> None:
         if self._controller.phase is not PressPhase.APPROACH:
             if self._touched_ns is None:
                 self._touched_ns = now_ns
-        elif now_ns - self._start_ns > self._waits.touch_timeout_s * 1e9:
+        elif now_ns - self._start_ns > TOUCH_TIMEOUT_S * 1e9:
             raise Stale(
                 "nothing was touched on the way down",
                 "start closer above the surface, or check which finger is pressed",
@@ -189,20 +201,19 @@ class Session:
     def _retreat(self, start: ArmState) -> None:
         arm, clock = self._rig.arm, self._rig.clock
         self._until_standing()
-        arm.move_to(start.position_m, self._waits.retreat_mps, self._waits.stop_mps2)
+        arm.move_to(start.position_m, RETREAT_MPS, STOP_MPS2)
         arm.pump(clock.now_ns)
         self._until_standing()
 
     def stand(self) -> str:
         """Ask the arm to stop until it is seen to stand, for a while; how it was left."""
         arm, clock = self._rig.arm, self._rig.clock
-        step_ns = round(self._config.sampling.period_s * 1e9)
         moving, trouble = True, ""
-        end_ns = clock.now_ns + round(self._waits.stand_s * 1e9)
+        end_ns = clock.now_ns + round(STAND_S * 1e9)
         while moving and clock.now_ns < end_ns:
             try:
-                arm.stop(self._waits.stop_mps2)
-                clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * step_ns)
+                arm.stop(STOP_MPS2)
+                clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
                 arm.pump(clock.now_ns)
                 trouble, moving = "", arm.state is None or arm.state.moving
             except KeyboardInterrupt:
@@ -210,7 +221,7 @@ class Session:
             except BaseException as error:  # whatever it is, the arm is told again
                 said = error.message if isinstance(error, GraspError) else in_words(error)
                 trouble, moving = f" when last heard: {said}", True
-                clock.sleep_until_ns(clock.now_ns + step_ns)
+                clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         if trouble:
             moving = arm.state is None or arm.state.moving
             return f"the arm {'was still moving' if moving else 'stood'}{trouble}"
@@ -219,10 +230,9 @@ class Session:
     def _until_standing(self) -> None:
         """The arm answers within its own stale limit, so this ends."""
         arm, clock = self._rig.arm, self._rig.clock
-        step_ns = round(self._config.sampling.period_s * 1e9)
         for _ in range(SHOWN_AFTER):
-            clock.sleep_until_ns(clock.now_ns + step_ns)
+            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             arm.pump(clock.now_ns)
         while (state := arm.state) is not None and state.moving:
-            clock.sleep_until_ns(clock.now_ns + step_ns)
+            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             arm.pump(clock.now_ns)

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from detector.blows import blows_of
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
+from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,

@@ -16,7 +16,7 @@ from detector.scores.unlabelled import SETTLED, Unlabelled, hold_of, set_rule
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.messages import CONTROL, TACTILE, ControlMessage, TactileMessage
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.run_folder import open_trial
 
@@ -41,7 +41,7 @@ def hold_in(path: Path) -> tuple[Counts, slice, float]:
             rows.append(latest)
             phases.append(message.phase)
     counts = np.array(rows, np.int16).reshape(len(rows), FINGERS, -1)
-    held = np.flatnonzero([phase == Phase.HOLD for phase in phases])
+    held = np.flatnonzero([phase == State.HOLD for phase in phases])
     _, load = hold_of(counts)
     if not len(held):
         raise UsageError(f"{path} has no hold", "give a lift, with a long controller.hold_s")

@@ -6,12 +6,12 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from detector.blows import blows_of
 from detector.decision import RuleSettings, registered_events
 from detector.interface import SlipDetector
 from detector.network_file import is_weights
-from detector.own import is_code
+from detector.plugins import is_code
 from detector.recordings import LabelName, Recording, Split
+from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     HAND_FINGERS,
     WARM_UP_SAMPLES,

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from detector.network_file import is_weights
-from detector.own import is_code
+from detector.plugins import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml

@@ -5,7 +5,7 @@ import time
 
 from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
-from drivers.ur.link import look as arm_look
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import interruption
 from grasp.clock import Clock, WallClock

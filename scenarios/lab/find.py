@@ -10,13 +10,12 @@ from urllib.parse import urlsplit
 import msgspec
 
 from drivers.errors import GraspError, UsageError
-from drivers.robotiq import words as gripper_words
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq import protocol as gripper_words
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import FAULTS, REGISTERS, TCP, StatusRegisters
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.link.sysfs import boards
-from drivers.takktile.link.usb import UsbLink
-from drivers.ur.link import look as arm_look
+from drivers.takktile.link import UsbLink, boards
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import DASHBOARD_PORT, RTDE_PORT, Dashboard, peek
 
 MODBUS_PORT: Final = 502

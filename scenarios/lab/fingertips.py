@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS, Vector3
 from drivers.takktile.driver import TakkTileDriver, TakkTileStatistics
-from drivers.takktile.link.thread import ReadingThread
+from drivers.takktile.link import ReadingThread
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig

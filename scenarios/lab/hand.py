@@ -25,13 +25,13 @@ from drivers.interfaces import (
     Vector3,
 )
 from drivers.robotiq.exchange import RESET
-from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
+from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
-from grasp.stiffness import Stiffness
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.lab.steps import AT_REST, Steps, insist, lead_counts, walk
 from scenarios.rigs.device_checks import read_gripper

@@ -7,7 +7,7 @@ import msgspec
 
 from drivers.errors import DeviceFault, Refused, UsageError
 from drivers.interfaces import Counts3, Detection, GripperState
-from drivers.robotiq.encoding import finger_states, pinches
+from drivers.robotiq.hand_state import finger_states, pinches
 from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_closing
 from grasp.clock import WallClock
 from scenarios.lab.fingertips import open_touch

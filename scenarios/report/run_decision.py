@@ -63,8 +63,6 @@ def in_words(settings: RuleSettings) -> str:
     """When that rule registers slip."""
     together = settings.fusion == "mean"
     who = "the mean of the fingers' log-odds" if together else "a finger"
-    if settings.fusion == "any" and settings.fingers > 1:
-        who = f"each of {settings.fingers} fingers"
     if settings.kind == "cusum":
         return (
             f"slip is registered when the summed log-odds of {who} pass {settings.limit:g} "

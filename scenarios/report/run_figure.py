@@ -19,10 +19,9 @@ LEAST_TURN_DEG = 0.1
 LEAST_ACROSS_MM = 0.1
 NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
 SHADES = {
-    "grasp": "#eef3f8", "oppose": "#e8eff5", "squeeze": "#e8eff5", "relax": "#eef3f8",
-    "listen": "#e8eff5", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
-    "lower": "#f3f3f3", "land": "#f3f3f3", "touch": "#fde3c8", "probe": "#fde3c8",
-    "fault": "#f8d7d7",
+    "grasp.brace": "#eef3f8", "grasp.close": "#e8eff5", "grasp.settle": "#eef3f8",
+    "grasp.baseline": "#e8eff5", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
+    "lower.descend": "#f3f3f3", "lower.feel": "#fde3c8", "fault": "#f8d7d7",
 }  # fmt: skip
 
 
@@ -122,8 +121,8 @@ def _draw_turn(slip: Any, run: RunRecord) -> None:
 
 def _shown(run: RunRecord) -> tuple[float, float]:
     begins = {change.phase: change.t_ns * 1e-9 for change in run.phases}
-    end = begins.get("lower", float(run.t_s[-1]) - LOWERING_SHOWN_S)
-    return begins.get("grasp", float(run.t_s[0])), end + LOWERING_SHOWN_S
+    end = begins.get("lower.descend", float(run.t_s[-1]) - LOWERING_SHOWN_S)
+    return begins.get("grasp.brace", float(run.t_s[0])), end + LOWERING_SHOWN_S
 
 
 def _shade(axes: Any, run: RunRecord, named: bool) -> None:
@@ -141,8 +140,9 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
         if named and start <= last:
             beside = max(start, beside + NAMES_APART * (last - first))
             axes.annotate(
-                change.phase, (beside, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2),
-                textcoords="offset points", fontsize=8, rotation=40, annotation_clip=True,
+                change.phase.rpartition(".")[2], (beside, 1.0), xytext=(2, 2), fontsize=8,
+                xycoords=("data", "axes fraction"), textcoords="offset points", rotation=40,
+                annotation_clip=True,
             )  # fmt: skip
     if run.truth is not None and run.truth.onset_s is not None:
         axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.commands import describe
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.report.drawn import Seen, scene
 from scenarios.report.page import render
 from scenarios.report.run_decision import Decided, decided
@@ -212,7 +212,7 @@ def _start_s(run: RunRecord) -> float:
 def _scene(run: RunRecord) -> dict[str, Any]:
     """Of the side view. Heights count from where the arm was when the lift began."""
     known = run.arm_m[:, 2][np.isfinite(run.arm_m[:, 2])]
-    begun_ns = [change.t_ns for change in run.phases if change.phase == Phase.LIFT][:1]
+    begun_ns = [change.t_ns for change in run.phases if change.phase == State.LIFT][:1]
     first = int(np.searchsorted(run.t_s, begun_ns[0] * 1e-9)) if begun_ns else 0
     grip_m = float(run.arm_m[min(first, len(run.t_s) - 1), 2])
     return scene(

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.auxiliary_outputs import Motion
 from detector.decision import RuleSettings
-from detector.motion import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
@@ -29,9 +29,9 @@ from grasp.messages import (
     ControlMessage,
     TactileMessage,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, checked
+from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
 from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial

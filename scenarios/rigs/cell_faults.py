@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
-from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.server import UrEmulator
 
 MOST_WAITING = 1000  # faults that are to strike later, or for which a frozen arm has no time
 
@@ -105,7 +105,7 @@ class CellFaults:
             "protective_stop": lambda order: arm.controller.protective_stop(),
             "emergency_stop": lambda order: arm.controller.emergency_stop(order.pressed),
             "remote_control": lambda order: arm.controller.set_remote_control(order.on),
-            "speed_slider": lambda order: arm.controller.ports.set_speed(order.fraction),
+            "speed_slider": lambda order: arm.controller.set_speed(order.fraction),
             "arm_disconnect": lambda order: arm.drop_links(),
             "arm_freeze": lambda order: arm.freeze(order.seconds),
         }
@@ -199,5 +199,5 @@ def _gripper_faults(gripper: GripperEmulator) -> dict[str, Strike]:
         "gripper_garble": plan(Trouble.GARBLE),
         "gripper_freeze": plan(Trouble.FREEZE),
         "gripper_disconnect": disconnect,
-        "gripper_fault": lambda order: gripper.hand.model.inject_fault(order.code),
+        "gripper_fault": lambda order: gripper.model.inject_fault(order.code),
     }

@@ -8,7 +8,7 @@ from msgspec import Meta
 from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
-from drivers.robotiq.link.modbus import ModbusSettings
+from drivers.robotiq.modbus import ModbusSettings
 from drivers.robotiq.model.hand import HandSettings
 from drivers.takktile.model.board import BoardModelSettings
 from drivers.takktile.settings import TakkTileSettings, UsbSettings

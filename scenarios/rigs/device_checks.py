@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
-from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import (
     FAULTS,
     REGISTERS,
@@ -16,12 +16,12 @@ from drivers.robotiq.protocol import (
     TO_BASIC,
     StatusRegisters,
     check_closing,
+    doubts,
     other_than_basic,
 )
-from drivers.robotiq.words import doubts
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.link.thread import ReadingThread
-from drivers.ur.link import look as arm_look
+from drivers.takktile.link import ReadingThread
+from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim

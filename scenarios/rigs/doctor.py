@@ -99,7 +99,7 @@ def _detectors(load: Load, more: Sequence[str]) -> Iterator[Check]:
 
     try:
         from detector.interface import DETECTORS
-        from detector.own import offered
+        from detector.plugins import offered
     except ImportError as error:
         yield Check("detectors", "fail", str(error), "run `make install`")
         return
@@ -109,7 +109,7 @@ def _detectors(load: Load, more: Sequence[str]) -> Iterator[Check]:
 
 def _usb() -> Check:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
-    from drivers.takktile.link.sysfs import DEVICES, IDS, INSTALL, boards
+    from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 
     if not DEVICES.is_dir():
         return Check("usb", "warn", "no USB bus on this machine")

@@ -22,11 +22,10 @@ from typing import Any, Literal, Self, TypeVar
 
 import msgspec
 
-from drivers.robotiq.emulator.rtu import RtuEmulator
-from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.emulator import GripperEmulator, RtuEmulator
 from drivers.takktile.emulator.server import BoardServer
-from drivers.ur.emulator.robot import SWITCH_S, UrEmulator
-from drivers.ur.emulator.settings import EmulatorSettings
+from drivers.ur.emulator.controller import EmulatorSettings
+from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part

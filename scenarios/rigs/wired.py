@@ -4,15 +4,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import TypeVar
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import GraspError
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
-from drivers.robotiq.link.modbus import ModbusTransport, TimedTransport
-from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.link import ThreadedGripper
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.link.thread import ReadingThread
-from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.link import ReadingThread, UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock
@@ -65,12 +64,6 @@ def open_arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
         with own_device(config.devices, "arm", now) as arm:
             yield arm
         return
-    if config.arm.arrived_below_mps < config.ur.standing_below_mps:
-        raise UsageError(
-            f"arm.arrived_below_mps {config.arm.arrived_below_mps:g} is less than "
-            f"ur.standing_below_mps {config.ur.standing_below_mps:g}: no move would ever be over",
-            "raise arm.arrived_below_mps",
-        )
     with UrLink(config.ur) as link:
         yield ArmDriver(link, config.arm)
 
@@ -101,10 +94,9 @@ def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str 
 def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:
     """The gripper on its wire; enter it to start the exchange."""
     modbus = ModbusTransport(config.modbus, config.gripper.link)
-    timed = TimedTransport(modbus, now)
     return ThreadedGripper(
-        RobotiqDriver(timed, config.gripper, calibration(config), clock=now),
-        1 / config.gripper.refresh_hz, timed=timed,
+        RobotiqDriver(modbus, config.gripper, calibration(config), clock=now),
+        1 / config.gripper.refresh_hz,
         write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
     )  # fmt: skip
 

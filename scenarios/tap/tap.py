@@ -15,7 +15,7 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, mallet_speed_mps, swing
@@ -125,7 +125,7 @@ class PersonStrikes:
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
         t_s = tick.t_ns * 1e-9
-        if tick.decision.phase in SAFE_PHASES:
+        if tick.decision.state in SAFE_STATES:
             self._give_up()
             return False
         if self._felt_s is None and not self._struck and self._stands_out(tick):
@@ -198,7 +198,7 @@ class TapSequence:
             if self._struck:
                 self.watched_until_s = t_s
                 self.over = self._striker.after(tick, truth)
-            elif tick.decision.phase is Phase.HOLD and not tick.arm.moving:
+            elif tick.decision.state is State.HOLD and not tick.arm.moving:
                 self._hold(tick, truth, t_s)
         return self.over
 

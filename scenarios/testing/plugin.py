@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from drivers.robotiq.emulator.tcp import GripperEmulator
+    from drivers.robotiq.emulator import GripperEmulator
     from drivers.takktile.emulator.bus import EmulatedBus
     from drivers.takktile.emulator.server import BoardServer
     from drivers.takktile.model.board import BoardModel
@@ -39,8 +39,7 @@ ADDRESS_TRIES = 10
 REST_CODE = 450  # of an unloaded taxel
 
 BOARD_FAULTS = (
-    "unplug", "replug", "time_out", "stall", "shorten_frame", "split_frame", "flip_bit",
-    "kill_column", "freeze_cell",
+    "unplug", "replug", "time_out", "stall", "shorten_frame", "split_frame", "kill_column",
 )  # fmt: skip
 
 
@@ -80,7 +79,7 @@ class EmulatedGripper:
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """
-        from drivers.robotiq.emulator.tcp import Trouble, WireFault  # noqa: PLC0415
+        from drivers.robotiq.emulator import Trouble, WireFault  # noqa: PLC0415
 
         from_ns = time.monotonic_ns() + round(after_s * 1e9)
         self.emulator.faults.add(WireFault(trouble=Trouble(name), from_ns=from_ns, **arguments))
@@ -145,7 +144,7 @@ class EmulatedArm:
         raise OSError(f"no emulated arm in {ADDRESS_TRIES} tries: see its messages above")
 
     def fault(self, name: str, *, after_s: float = 0.0, **arguments: Any) -> None:
-        """A verb of ``drivers.ur.emulator.faults``; raises ValueError when it is refused."""
+        """A verb of ``drivers.ur.emulator.dashboard``; raises ValueError when it is refused."""
         self._later.do(after_s, lambda: self._ask(do=name, **arguments))
 
     def state(self) -> dict[str, Any]:
@@ -222,7 +221,7 @@ class CellFixture:
 @pytest.fixture
 def emulated_gripper() -> Iterator[EmulatedGripper]:
     """A gripper on Modbus TCP, activated within half a second."""
-    from drivers.robotiq.emulator.tcp import GripperEmulator  # noqa: PLC0415
+    from drivers.robotiq.emulator import GripperEmulator  # noqa: PLC0415
     from drivers.robotiq.model.gripper import HandSettings  # noqa: PLC0415
 
     with GripperEmulator(HandSettings(activation_s=0.5), _some_address()) as emulator:

@@ -21,7 +21,7 @@ from detector.interface import (
 )
 from detector.network import NetworkSettings
 from detector.network_file import is_weights
-from detector.own import Scalar, is_code
+from detector.plugins import Scalar, is_code
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt_settings import DoubtSettings
@@ -29,7 +29,7 @@ from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml
-from grasp.slip import SlipSettings
+from grasp.slip_monitor import SlipSettings
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import HARDWARE
 from scenarios.world.world_settings import ContactLevels, ContactTable
@@ -43,7 +43,7 @@ UNHASHED_KEYS = {
     "gripper": ("calibration",),
     "calibration": ("name", "pressed_bytes", "presses", "reason"),
     "object": ("description",),
-    "modbus": ("host", "port", "unit", "serial_port", "slave"),
+    "modbus": ("host", "port", "serial_port", "slave"),
     "ur": ("host",),
 }
 # Nor on wires in simulation, nor on models on hardware; but `contact` says how hard a tap shall be.

@@ -9,21 +9,21 @@ from typing import Any
 
 import msgspec
 
-from detector.decision import make_rule
+from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import interruption
+from grasp.contact_estimator import Stiffness
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
-from grasp.phases import Phase
 from grasp.realtime import real_time
-from grasp.slip import SlipMonitor
+from grasp.slip_monitor import SlipMonitor
+from grasp.states import State
 from grasp.step import GraspStep
-from grasp.stiffness import Stiffness
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
@@ -99,7 +99,7 @@ def patience_s(config: TrialConfig) -> float:
 
 def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
     """With the arm's ``home`` of an earlier run, or none: then where it stands."""
-    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
+    monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
     settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
     return GraspController(settings, grip_plan(config, home), monitor)
 
@@ -189,7 +189,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def _where(self) -> str:
         """The phase in which it ended, and how far the arm was above the grasp."""
         machine, last, home = self.controller.machine, self.trace.last, self.home
-        phase = f"in phase {machine.before if self.controller.in_safe_state else machine.phase}"
+        phase = f"in phase {machine.before if self.controller.in_safe_state else machine.state}"
         if last is None or home is None:
             return phase
         height_m = last.arm.position_m[2] - home[2]
@@ -201,9 +201,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def home(self) -> Vector3 | None:
         """Of the arm; None where the run ended before it took one."""
         log = self.controller.machine.log
-        return (
-            self.controller.home if log and log[0].phase in (Phase.HOME, Phase.APPROACH) else None
-        )
+        return self.controller.home if log and log[0].phase in (State.HOME, State.SHAPE) else None
 
     def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
@@ -240,7 +238,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "commanded_force_n": self.trace.commanded_force_n,
             "force_limit_n": config.guard.force_limit_n,
             "cap_mode": config.guard.cap_mode,
-            "paused_s": round(self.controller.pause.stood_s, 3),
+            "paused_s": round(self.controller.response.paused_s, 3),
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),
             "timing": timing_result(

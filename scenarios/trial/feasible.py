@@ -6,6 +6,9 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
+from grasp.lift_line import AT_HEIGHT_M
+from grasp.safe_state import SAFE_STATE_NS
+from grasp.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig
@@ -61,13 +64,14 @@ def check_arm(config: TrialConfig) -> None:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
     _check_heartbeat(config)
+    _check_start(arm)
     _check_height(controller, arm)
-    there_m, at_m = doubt.arm_there_m, controller.at_height_m
-    if there_m > at_m:
+    there_m = doubt.arm_there_m
+    if there_m > AT_HEIGHT_M:
         raise ConfigError(
             "doubt", "arm_there_m",
             f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
-            f"<= {at_m:g}, controller.at_height_m",
+            f"<= {AT_HEIGHT_M:g}",
         )  # fmt: skip
 
 
@@ -79,6 +83,18 @@ def _check_heartbeat(config: TrialConfig) -> None:
         raise ConfigError(
             "ur", "heartbeat_timeout_s", problem, f">= {least_s:g}, two loop.period_s"
         )
+
+
+def _check_start(arm: ArmSettings) -> None:
+    """Raises ConfigError for a workspace that leaves out where every run begins and ends."""
+    for name, beyond in (("workspace_low_m", 1.0), ("workspace_high_m", -1.0)):
+        for axis, bound_m in zip("xyz", getattr(arm, name), strict=True):
+            if beyond * bound_m > 0.0:
+                raise ConfigError(
+                    "arm", name, f"{bound_m:g} m in {axis} leaves out where the arm starts, from "
+                    "which it is measured, and to which every run comes back",
+                    f"{'<=' if beyond > 0.0 else '>='} 0 in {axis}",
+                )  # fmt: skip
 
 
 def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
@@ -111,14 +127,14 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
 
 def check_waits(config: TrialConfig) -> None:
     """Raises ConfigError where a wait would cut another one short, or the way up or down."""
-    s, stop_s, safe_s = config.controller, config.loop.stop_s, config.controller.safe_state_s
+    s, stop_s, safe_s = config.controller, config.loop.stop_s, SAFE_STATE_NS * 1e-9
     if stop_s <= safe_s:
         raise ConfigError(
             "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
-            f"> {safe_s:g}, controller.safe_state_s",
+            f"> {safe_s:g}",
         )  # fmt: skip
     ramp_mps2 = s.lift_acceleration_mps2
-    gently_mps2 = min(ramp_mps2, s.resume_mps2, s.answer_stop_mps2)
+    gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.answer_stop_mps2)
     up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
     down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
     ways = {

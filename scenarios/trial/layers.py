@@ -7,7 +7,7 @@ from pathlib import Path
 from detector.decision import RuleSettings
 from detector.interface import OWN, SECTIONS, section_of
 from detector.network_file import is_weights
-from detector.own import MARK, is_code, offered
+from detector.plugins import MARK, is_code, offered
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
 from grasp.settings import (

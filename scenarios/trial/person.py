@@ -7,7 +7,7 @@ import msgspec
 
 from grasp import interruption
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
 
 MOST_MM = 500.0
@@ -71,12 +71,12 @@ class SlipReading:
         """Take one tick; True when the object may be set down."""
         if self.mark is not None:
             return True
-        if tick.decision.phase in SAFE_PHASES:
+        if tick.decision.state in SAFE_STATES:
             self._give_up()
         elif self._asked:
             line = self._operator.poll()
             self.mark = None if line is None else read_mark(self._operator, line)
-        elif tick.decision.phase is Phase.HOLD and not tick.arm.moving:
+        elif tick.decision.state is State.HOLD and not tick.arm.moving:
             self._ask(tick.t_ns * 1e-9)
         return self.mark is not None
 

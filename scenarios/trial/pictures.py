@@ -40,7 +40,7 @@ from grasp.foxglove import (
 )
 from grasp.loop import Tick
 from grasp.messages import Write
-from grasp.phases import Phase, PhaseChange
+from grasp.states import PhaseChange, State
 from scenarios.trial.config import TrialConfig
 from scenarios.world.truth import Truth
 
@@ -63,7 +63,7 @@ UPWARDS = Quaternion(math.sqrt(0.5), y=-math.sqrt(0.5))  # x to z
 INWARDS = Quaternion(0.0, z=1.0)  # of fingers B and C: x to -x
 UPRIGHT = Quaternion(0.5, 0.5, 0.5, 0.5)  # x to y, y to z
 PRESSED = [PackedElementField("pressed", 0, INT16)]
-WRONG = {Phase.FAULT: ERROR, Phase.STOPPED: WARNING, Phase.LOST: WARNING}
+WRONG = {State.FAULT: ERROR, State.STOPPED: WARNING, State.LOST: WARNING}
 
 
 def taxel_places(told: Sequence[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
@@ -126,7 +126,7 @@ class Pictures:
     def _lines(self, tick: Tick, changes: Sequence[PhaseChange]) -> list[Log]:
         now, lines = self._time(tick.t_ns), []
         for c in changes:
-            level, text = WRONG.get(Phase(c.phase), INFO), f"{c.phase}: {c.cause}"
+            level, text = WRONG.get(State(c.phase), INFO), f"{c.phase}: {c.cause}"
             lines.append(Log(self._time(c.t_ns), level, text, "phase"))
         if tick.decision.slip.event:
             lines.append(Log(now, INFO, "slip registered", "slip"))

@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 
 from detector.network_file import is_weights
-from detector.own import is_code
+from detector.plugins import is_code
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.encoding import MISREAD_COUNTS, closing_targets, motion_image
+from drivers.robotiq.hand_state import MISREAD_COUNTS, closing_targets, motion_image
 from drivers.robotiq.protocol import BASIC, BYTES, FULL_BYTE
 from grasp.commands import (
     CloseFast,
@@ -38,9 +38,9 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
-from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load
+from grasp.states import PhaseChange
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step

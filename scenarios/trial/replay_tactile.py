@@ -26,7 +26,6 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
-from grasp.closing import CLOSED_COUNTS
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -38,6 +37,7 @@ from grasp.commands import (
 )
 from grasp.doubt import Doubts
 from grasp.observation import StepInput
+from grasp.slip_response.base import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
@@ -164,7 +164,7 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
             lift = _Lift(config, [frames[max(0, i)] for i in range(k - lead, k)], t_ns)
         if lift is not None:
             result = lift.step(t_ns, frames[k])
-            phase = result.decision.phase.value
+            phase = result.decision.state.value
             replay.commands.extend(
                 SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted
             )

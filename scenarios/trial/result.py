@@ -19,7 +19,7 @@ from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import interruption
 from grasp.guard import CapMode
 from grasp.loop import Timing
-from grasp.phases import PhaseChange
+from grasp.states import PhaseChange
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.ending import End
 from scenarios.world.world_settings import ContactLevels

@@ -17,8 +17,8 @@ from grasp.controller import GraspController
 from grasp.files import LEADS_NOWHERE, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
-from grasp.phases import PhaseChange
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
+from grasp.states import PhaseChange
 from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import REPORT, FinishedTrial, Watch

@@ -3,7 +3,7 @@
 from drivers.interfaces import Counts3, Vector3
 from grasp.fingertip_doubt import at_rail
 from grasp.loop import Issued, Tick
-from grasp.phases import AIRBORNE_PHASES, LOWERING_PHASES, Phase
+from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
 from scenarios.world.truth import Truth
 
 
@@ -29,7 +29,7 @@ class Trace:
     def add(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""
         self.last = tick
-        phase = tick.decision.phase
+        phase = tick.decision.state
         if tick.decision.slip.event and self.registered_ns is None:
             self.registered_ns = tick.t_ns
         for issued in tick.issued:
@@ -42,16 +42,16 @@ class Trace:
             railed = map(sum, at_rail(tick.frame.raw).tolist())
             a, b, c = map(max, self.taxels_at_rail, railed)
             self.taxels_at_rail = a, b, c
-        self._compensated = self._compensated or phase is Phase.COMPENSATE
-        if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
+        self._compensated = self._compensated or phase is State.COMPENSATE
+        if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
             self.felt_n = max(tick.measured_n)
         if truth is None:
             return
         if self._was_touched and not truth.touched:
             self.let_go_m = max(self.let_go_m, self._was_at_m)
-            if phase in AIRBORNE_PHASES:
+            if phase in AIRBORNE_STATES:
                 self.had_compensated = self._compensated
         self._was_touched, self._was_at_m = truth.touched, truth.height_m
-        if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
+        if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
             self.end = truth
             self.let_go_m = 0.0  # lost for a moment, and held since: what became of it is its end

@@ -36,7 +36,7 @@ def test_a_run_is_followed_and_its_last_instant_stays(
     shown: list[Any] = []
 
     def watch(tick: Any, truth: Any, controller: Any) -> None:
-        if tick.decision.phase != "lower":  # the last that is shown holds the object
+        if tick.decision.state != "lower.descend":  # the last that is shown holds the object
             live.watch(tick, truth, controller)
             shown.append((tick, truth))
             time.sleep(0.002)

@@ -29,7 +29,7 @@ NEVER = frozenset({
     LiftOutcome.INTERNAL_ERROR,
 })  # fmt: skip
 # says that this computer stalled, whichever device it names
-STALLED = r"worker process says nothing|for \d+\.\d\d s this computer did not keep it alive in time"
+STALLED = r"clock stands still|program on the arm controller has ended"
 
 
 class Ended(msgspec.Struct, frozen=True):

@@ -16,7 +16,7 @@ MUTMUT = Path(sys.executable).with_name("mutmut")
 # defaults that nothing reads
 LEAST = {
     "grasp.guard": 0.90,
-    "grasp.slip": 0.73,
+    "grasp.slip_monitor": 0.73,
     "grasp.step": 0.87,
     "grasp.safe_state": 0.87,
     "detector.decision": 0.93,

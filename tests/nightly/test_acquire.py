@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
+from drivers.ur import driver
 from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 
 pytest.importorskip("rtde_control")
 
-PATIENT = ("arm.drive_timeout_s=0.2",)  # a busy machine renews a drive late
-
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("direction", ["45", "ccw"])
 def test_an_acquisition_on_the_emulated_rig_holds_its_force_and_labels_its_strokes(
-    tmp_path: Path, direction: str
+    tmp_path: Path, direction: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = load_acquire_config("planar", "emulated", None, PATIENT)
+    monkeypatch.setattr(driver, "DRIVE_TIMEOUT_S", 0.2)  # a busy machine renews a drive late
+    config = load_acquire_config("planar", "emulated", None, ())
     finished = acquire.run(
         config, motion(direction, 0.05, 1.0), 0, 5.0, tmp_path, False, lambda tick: None
     )

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.link.thread import ReadingThread
+from drivers.takktile.link import ReadingThread
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from scenarios.campaign.config import RunConfig, load_config

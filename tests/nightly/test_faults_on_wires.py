@@ -2,14 +2,14 @@
 
 import pytest
 
-from grasp.phases import Phase
+from grasp.states import State
 from tests.wire.scenarios.cell.staged import FAULTS, PHASES, run
 
 
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_ends_in_the_safe_state(
-    fault: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+    fault: str, phase: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = run(fault, phase, monkeypatch)
     print(row)

@@ -1,16 +1,14 @@
 """What no client may do to the emulated arm: end it, outgrow it, or keep it from the others."""
 
-import contextlib
-import signal
 import socket
 import struct
 import time
 
+import psutil
 import pytest
 
-from tests.wire.drivers.ur.emulator.test_process import Rtde, ask_dashboard, packet, send_program
+from tests.wire.drivers.ur.emulator.test_process import Rtde, ask_dashboard, packet
 
-WAIT_S = 15.0
 MUTE_S = 5.0  # far above what a machine under load needs, far below what was seen without limits
 
 
@@ -47,40 +45,14 @@ def test_recipe_that_cannot_be_served_is_refused(emulator):
     assert answers(emulator)
 
 
-def test_connections_that_say_nothing_are_capped_and_make_room(emulator):
-    """More than select() could number, and than a process may open."""
-    with contextlib.ExitStack() as held:
-        for _ in range(1100):
-            with contextlib.suppress(OSError):
-                held.enter_context(socket.create_connection((emulator.host, 30004), timeout=2.0))
-        deadline = time.monotonic() + WAIT_S
-        while True:  # those that are idle for longest make room
-            with contextlib.suppress(OSError, AssertionError, struct.error):
-                assert answers(emulator)
-                break
-            assert time.monotonic() < deadline
-            time.sleep(0.5)
-
-
-HOG = (
-    "global P=p[0.6,0.4,0.9,1,2,3]\n def f():\n"
-    + f" x={' xor '.join(['get_inverse_kin_has_solution(P)'] * 20)}\n" * 250
-    + " end\n"
-    + " f()\n" * 200
-)
-
-
-def test_program_that_computes_without_end_starves_nobody(emulator):
-    send_program(emulator.host, f"def f():\n {HOG}\nend\n")
-    for _ in range(5):
-        assert answers(emulator)
-    emulator.process.send_signal(signal.SIGTERM)
-    assert emulator.process.wait(MUTE_S) == 0
-
-
 def resident_mb(process):
     with open(f"/proc/{process.pid}/status") as lines:
         return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
+
+
+def is_connected(client, process):
+    served = psutil.Process(process.pid).net_connections()
+    return client.getsockname() in {tuple(each.raddr) for each in served}
 
 
 @pytest.mark.timeout(200)
@@ -92,11 +64,9 @@ def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator):
         client.connect((emulator.host, 30004))
         client.sendall(packet("O", recipe(125.0, ",".join(["actual_q"] * 1000))) + packet("S"))
         deadline = time.monotonic() + 120.0
-        said = ""
-        while "cut off: it has not read 1048576 bytes" not in said:
-            assert time.monotonic() < deadline, said
+        while is_connected(client, emulator.process):
+            assert time.monotonic() < deadline
             most = max(most, resident_mb(emulator.process))
             time.sleep(0.02)
-            said = " ".join(emulator.fault(do="state")["messages"])
     assert most - before < 11.0  # what it keeps, and what answers are made of
     assert answers(emulator)

@@ -58,7 +58,7 @@ def test_what_must_not_be_is_found_and_nothing_else() -> None:
         (FINE, {"outcome": "dropped"}, "dropped"),
         (FINE, {"message": "the arm is silent"}, "nothing is wrong with the arm"),
         (FINE, {"struck": frozenset()}, "nothing is wrong with the fingertips"),
-        (FINE, {"message": "phase rest lasted longer than 30 s"}, "time-out"),
+        (FINE, {"message": "phase grasp.tare lasted longer than 30 s"}, "time-out"),
         (FINE, {"hand": "the hand is open"}, "the hand is not open"),
     )
     for made, changes, expected in cases:

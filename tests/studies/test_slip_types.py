@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.heads import Heads, read_heads, width_of
+from detector.auxiliary_outputs import OutputsFile, read_outputs, width_of
 from detector.network_file import read_network, weights_digest, weights_path
 from detector.recordings import Recording, write
 from studies import slip_types as study
@@ -96,6 +96,6 @@ def test_outputs_that_were_trained_are_read_with_their_network(tmp_path: Path) -
     assert main("slip_types", study.STUDY, [*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
     weights = tmp_path / "gru.onnx"
     weights.write_bytes(weights_path("gru").read_bytes())
-    assert read_heads(weights, weights_digest(weights), read_network(weights)) is not None
-    made = msgspec.json.decode((tmp_path / "gru.heads.json").read_bytes(), type=Heads)
+    assert read_outputs(weights, weights_digest(weights), read_network(weights)) is not None
+    made = msgspec.json.decode((tmp_path / "gru.heads.json").read_bytes(), type=OutputsFile)
     assert f"{tmp_path.name}: {study.OWN}, {study.FIGURES[0]}" in made.scores

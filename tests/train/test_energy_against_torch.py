@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from detector.energy import EnergyDetector, EnergySettings
+from detector.energy import STEEPNESS, EnergyDetector, EnergySettings
 
 torch = pytest.importorskip("torch")
 
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.train
 def test_the_streamed_energy_is_torch_s_average_pool_of_absolute_changes(window: int) -> None:
     torch.set_num_threads(1)
     counts = np.random.default_rng(window).integers(-500, 200, (400, 3, 6)).astype(np.int16)
-    settings = EnergySettings(window=window, threshold_counts=120.0, steepness=2.5)
+    settings = EnergySettings(window=window, threshold_counts=120.0)
     detector = EnergyDetector(settings, 3)
     streamed, energies = [], []
     for frame in counts:
@@ -25,6 +25,6 @@ def test_the_streamed_energy_is_torch_s_average_pool_of_absolute_changes(window:
     changes = torch.diff(series, dim=2).abs()
     changes = torch.nn.functional.pad(changes, (window, 0))  # no change before the first frame
     pooled = torch.nn.functional.avg_pool1d(changes, window, stride=1).mean(dim=1)  # (fingers, n)
-    odds = settings.steepness * torch.log(pooled / settings.threshold_counts)
+    odds = STEEPNESS * torch.log(pooled / settings.threshold_counts)
     assert np.abs(np.array(energies).T - pooled.numpy()).max() < 1e-9
     assert np.abs(np.array(streamed).T - torch.sigmoid(odds).numpy()).max() < 1e-9

@@ -15,9 +15,10 @@ from detector.recordings import write  # noqa: E402
 from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training, TrainingProgress  # noqa: E402
+from detector.training.networks import odds_of  # noqa: E402
 from detector.training.sequences import Windows, digest, fingers_of  # noqa: E402
 from detector.training.settings import TrainSettings  # noqa: E402
-from detector.training.validation import calibration, likelihood, odds_of  # noqa: E402
+from detector.training.validation import calibration, likelihood  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402

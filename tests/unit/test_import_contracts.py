@@ -138,7 +138,7 @@ def test_no_module_is_named_in_a_string() -> None:
 
 
 # code of other people: detectors, the arm's library in its worker, and what is installed
-BY_NAME = ["detector/own.py", "drivers/ur/link/worker.py"]
+BY_NAME = ["detector/plugins.py", "drivers/ur/link/worker.py"]
 
 
 def test_no_module_is_imported_by_a_computed_name() -> None:

@@ -9,7 +9,7 @@ import grasp
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
-from tests.unit.detector.test_own import WHOLE
+from tests.unit.detector.test_plugins import WHOLE
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_detector.py"

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from detector.training.settings import TrainSettings
-from drivers.ur.emulator.settings import EmulatorSettings
+from drivers.ur.emulator.controller import EmulatorSettings
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.plan import DatasetConfig
 from scenarios.campaign.config import RunConfig

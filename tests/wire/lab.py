@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
-from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
 from grasp.cli.main import main
 from grasp.clock import WallClock

@@ -14,14 +14,12 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, FingerMotion, Fingers
-from drivers.robotiq.model.hand import HandSettings
-from drivers.robotiq.model.motor import FINGERS, Scissor
-from drivers.robotiq.model.registers import (
+from drivers.robotiq.model.hand import (
     FULL,
     WORDS,
     AxisStatus,
     Command,
+    HandSettings,
     HandStatus,
     Request,
     Words,
@@ -29,13 +27,25 @@ from drivers.robotiq.model.registers import (
     encode,
     written,
 )
+from drivers.robotiq.model.motor import (
+    AT_TARGET,
+    FINGERS,
+    FREE,
+    OPEN_LIMIT_COUNTS,
+    Axes,
+    FingerLoads,
+    FingerMotion,
+    Fingers,
+    Scissor,
+)
 
 __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTransport"]
 
 _NEVER: Final = 1 << 62
 _SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
 _SCISSOR_MODE: Final = 3
-_FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
+_MODE_CHANGE_S: Final = 3.0  # assumed
+FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
 
 
 Lie = Callable[[Words], Words]
@@ -49,14 +59,13 @@ class Stage(IntEnum):
     ACTIVATING = 2
     MODE_CHANGE = 3
     READY = 4
-    RELEASING = 5
-    RELEASED = 6
-    FAULTED = 7
+    RELEASED = 5
+    FAULTED = 6
 
 
 _INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
 _LEFT_BY_FAULT: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
-_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASING: 0x0B, Stage.RELEASED: 0x0F}
+_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASED: 0x0F}
 _DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
 
 
@@ -81,11 +90,11 @@ class GripperModel:
         self._latency_ns = round(settings.command_latency_s * 1e9)
         self._now_ns = now_ns
         self._pending: deque[FingerMotion] = deque()
-        self._scissor = Scissor(_SCISSOR_OF_MODE[0], settings.scissor_speed_counts_ps)
+        self._scissor = Scissor(_SCISSOR_OF_MODE[0])
         self._written = self._taken_up = ((active << 8), *(WORDS - 1) * (0,))
         self._command = decode(self._written)
         self._mode = 0
-        self._targets = [settings.open_limit_counts] * FINGERS  # as last requested
+        self._targets = [OPEN_LIMIT_COUNTS] * FINGERS  # as last requested
         self._going = False
         self._injected = 0
         self._jammed = False
@@ -93,8 +102,6 @@ class GripperModel:
         self.swallows = False  # a fault: what is written changes nothing
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
-        if settings.boot_s > 0 and not active:
-            self._enter(Stage.BOOTING, now_ns, settings.boot_s)
         self._sampled = encode(self._status_now(now_ns))
         self._busy = False
         self._next_tick_ns = 0
@@ -161,8 +168,8 @@ class GripperModel:
         self._jammed = True
         self._fingers.stop()
 
-    def power_cycle(self) -> None:
-        """A fault hook, for tests alone: off and on again.
+    def power_cycle(self, boot_s: float = 0.0) -> None:
+        """A fault hook, for tests alone: off and on again, ready after so long.
 
         The fingers stay where they are, the hand is not active any more.
         """
@@ -171,8 +178,8 @@ class GripperModel:
         self._command = decode(self._written)
         self._going = False
         self._fingers.forget_detections()
-        if self.settings.boot_s > 0:
-            self._enter(Stage.BOOTING, self._now_ns, self.settings.boot_s)
+        if boot_s:
+            self._enter(Stage.BOOTING, self._now_ns, boot_s)
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
@@ -237,14 +244,10 @@ class GripperModel:
         self._command = command
         if not command.activate:
             self._reset()
-        elif self._stage in (Stage.RELEASING, Stage.RELEASED, Stage.FAULTED):
-            pass  # only clearing rACT gets the hand out of these
-        elif command.auto_release:
-            self._release(now_ns)
         elif self._stage is Stage.RESET:
             self._activate(now_ns)
         elif self._stage is Stage.READY:
-            self._obey(now_ns)
+            self._obey(now_ns)  # only clearing rACT gets it out of a fault
 
     def _reset(self) -> None:
         self._halt(Stage.RESET)
@@ -268,19 +271,10 @@ class GripperModel:
         self._mode = self._command.mode
         self._going = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
-        self._enter(Stage.MODE_CHANGE, now_ns, self.settings.mode_change_s)
-
-    def _release(self, now_ns: int) -> None:
-        self._halt(Stage.RELEASING)
-        self._pending.append(FingerMotion(now_ns, _all_to(0, 0), to_stops=True))
-        travel_m = float(self.travel_m.max())
-        duration_s = travel_m / self.settings.least_speed_mps + 4 * self.settings.speed_lag_s
-        self._enter(Stage.RELEASING, now_ns, duration_s)
+        self._enter(Stage.MODE_CHANGE, now_ns, _MODE_CHANGE_S)
 
     def _end_stage(self, now_ns: int) -> None:
-        ended = self._stage
-        follows = {Stage.BOOTING: Stage.RESET, Stage.RELEASING: Stage.RELEASED}
-        self._halt(follows.get(ended, Stage.READY))
+        self._halt(Stage.RESET if self._stage is Stage.BOOTING else Stage.READY)
         if self._stage is Stage.READY:
             self._fingers.forget_detections()
             self._obey(now_ns)  # what was asked meanwhile was delayed, not lost
@@ -388,7 +382,7 @@ class ModelTransport:
 
     def __init__(self, model: GripperModel, link: Literal["tcp", "rtu"] = "tcp") -> None:
         self._model = model
-        self._command, self._status = _FIRST_REGISTERS[link]
+        self._command, self._status = FIRST_REGISTERS[link]
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         self._model.write(first_register - self._command, registers, now_ns)

@@ -1,127 +1,168 @@
-"""Settings of the modelled hand: everything that no manual states, each with source and range."""
+"""The modelled hand: its settings, and its registers as it sees them. No I/O, no time.
 
-from typing import Annotated, Literal
+The codec is written from the register map of the Robotiq 3-Finger manual (2014, p. 39-57) and apart
+from the driver's: a byte that one of the two misplaces does not come back right. Eight words of
+16 bits go each way; byte 2n is the high half of word n, byte 2n + 1 its low half.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Final, Literal
 
 import msgspec
+from msgspec import Meta
 
-_Meta = msgspec.Meta
-_Offset = Annotated[int, _Meta(ge=-5, le=5)]
+WORDS: Final = 8
+FULL: Final = 255
+MA_PER_COUNT: Final = 10  # of gCU; manual p. 67: 0x0F is 150 mA
+MOST_FORCE_N: Final = 60.0  # true static force of byte 255; manual p. 47
+
+Words = tuple[int, ...]
+
+# First byte of a block of three: fingers A, B, C, then the scissor.
+_BLOCKS: Final = (3, 6, 9, 12)
 
 
 class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The reference hand. "manual": Robotiq 3-Finger manual, 2014 or 2018; "assumed": no source."""
 
-    # Registers and time
+    m_per_count: ClassVar[float] = 0.00077  # fingertip travel of a motor count; Franchi TR711
+
     refresh_hz: Annotated[
-        Literal[100, 200],
-        _Meta(description="rate at which registers are latched, Hz; manual p. 75 (100), FC23 200"),
+        Literal[100, 200], Meta(description="rate at which registers are latched; manual p. 75")
     ] = 100
-    tick_phase_s: Annotated[
-        float, _Meta(ge=0, lt=0.01, description="refresh ticks against time zero, s; assumed")
-    ] = 0.005
+    tick_phase_s: float = 0.005  # refresh ticks against time zero; drawn for each trial
     command_latency_s: Annotated[
-        float, _Meta(ge=0, le=0.15, description="from take-up to motor, s; assumed")
+        float, Meta(ge=0, le=0.15, description="from take-up to motor, s; assumed")
     ] = 0.03
-    boot_s: Annotated[
-        float, _Meta(ge=0, le=60, description="fault 0x09 after power-up lasts, s; assumed")
-    ] = 0.0
     activation_s: Annotated[
-        float, _Meta(ge=0, le=30, description="duration of activation, s; assumed")
+        float, Meta(ge=0, le=30, description="duration of activation, s; assumed")
     ] = 6.0
-    mode_change_s: Annotated[
-        float, _Meta(ge=0, le=30, description="duration of a mode change, s; assumed")
-    ] = 3.0
-    scissor_speed_counts_ps: Annotated[
-        float, _Meta(ge=10, le=1000, description="speed of the scissor axis, 1/s; assumed")
-    ] = 100.0
-
-    # Position
-    m_per_count: Annotated[
-        float,
-        _Meta(ge=0.0003, le=0.0012, description="fingertip travel of a count, m; Franchi TR711"),
-    ] = 0.00077
-    open_limit_counts: Annotated[
-        int, _Meta(ge=0, le=20, description="software limit of opening; manual p. 74, 6 to 7")
-    ] = 6
-    closed_limit_counts: Annotated[
-        int, _Meta(ge=200, le=255, description="software limit of closing; Franchi TR711")
-    ] = 240
-    offset_counts: Annotated[
-        tuple[_Offset, _Offset, _Offset],
-        _Meta(description="zero of each finger's encoder, counts, -5 to 5; manual p. 74 shows 1"),
-    ] = (0, 0, 0)
-
-    # Motors
-    least_speed_mps: Annotated[
-        float, _Meta(ge=0.001, le=0.1, description="fingertip speed of byte 0, m/s; manual")
-    ] = 0.022
-    speed_step_mps: Annotated[
-        float,
-        _Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; manual, 88 mm/s over 255"),
-    ] = 0.000345
-    speed_lag_s: Annotated[
-        float,
-        _Meta(ge=0.001, le=0.2, description="lag of the motor's speed, s; assumed 20 to 50 ms"),
-    ] = 0.03
     tip_mass_kg: Annotated[
-        float, _Meta(ge=0.02, le=2, description="motor and links as seen at the tip, kg; assumed")
+        float, Meta(ge=0.02, le=2, description="motor and links as seen at the tip, kg; assumed")
     ] = 0.1
-    servo_gain_nspm: Annotated[
-        float, _Meta(ge=1000, le=50000, description="stiffness of the speed servo, N s/m; assumed")
-    ] = 5000.0
-
-    # Force
     least_force_n: Annotated[
-        float, _Meta(ge=1, le=30, description="true static force of byte 0, N; Grover 2022")
+        float, Meta(ge=1, le=30, description="true static force of byte 0, N; Grover 2022")
     ] = 10.0
-    most_force_n: Annotated[
-        float, _Meta(ge=15, le=80, description="true static force of byte 255, N; manual p. 47")
-    ] = 60.0
     force_exponent: Annotated[
-        float, _Meta(ge=0.3, le=3, description="curve of byte to true force; assumed linear")
+        float, Meta(ge=0.3, le=3, description="curve of byte to true force; assumed linear")
     ] = 1.0
     current_clamp: Annotated[
-        bool, _Meta(description="motor current is limited at once, not by detection alone; assumed")
+        bool, Meta(description="motor current is limited at once, not by detection alone; assumed")
     ] = True
     override_s: Annotated[
-        float,
-        _Meta(ge=0, le=0.3, description="force overridden at start, s; manual p. 47, assumed"),
+        float, Meta(ge=0, le=0.3, description="force overridden at start, s; manual p. 47, assumed")
     ] = 0.0
     override_n: Annotated[
-        float, _Meta(ge=0, le=80, description="force while it is overridden, N; assumed")
+        float, Meta(ge=0, le=80, description="force while it is overridden, N; assumed")
     ] = 30.0
-
-    # Object detection
     debounce_s: Annotated[
-        float, _Meta(ge=0.001, le=0.2, description="stall to reported contact, s; assumed")
+        float, Meta(ge=0.001, le=0.2, description="stall to reported contact, s; assumed")
     ] = 0.03
-    stall_speed_mps: Annotated[
-        float, _Meta(ge=1e-5, le=0.01, description="speed below which it stalls, m/s; assumed")
-    ] = 0.001
-    misses_contact: Annotated[
-        bool,
-        _Meta(description="contact is reported as 'at target', as thin objects may be; assumed"),
-    ] = False
-
-    # Current, as reported
-    running_current_ma: Annotated[
-        tuple[float, float],
-        _Meta(description="moving freely at 0 and at full speed, mA; manual p. 68-73"),
-    ] = (110.0, 160.0)
-    current_ma_per_n: Annotated[
-        float, _Meta(ge=0, le=100, description="rise of current with drive force, mA/N; assumed")
-    ] = 20.0
-
-    def __post_init__(self) -> None:
-        if self.most_force_n <= self.least_force_n:
-            raise ValueError("most_force_n must exceed least_force_n")
-        if any(not -5 <= offset <= 5 for offset in self.offset_counts):
-            raise ValueError("offset_counts must lie within -5 and 5")
 
     def force_n(self, byte: int) -> float:
         """True static force at which the motor of a finger stalls, N."""
-        span = self.most_force_n - self.least_force_n
-        return float(self.least_force_n + span * (byte / 255) ** self.force_exponent)
+        span = MOST_FORCE_N - self.least_force_n
+        return float(self.least_force_n + span * (byte / FULL) ** self.force_exponent)
 
-    def speed_mps(self, byte: int) -> float:
-        return self.least_speed_mps + self.speed_step_mps * byte
+
+def speed_mps(byte: int) -> float:
+    """Fingertip speed of a speed byte, m/s; manual, 22 to 110 mm/s."""
+    return 0.022 + 0.000345 * byte
+
+
+class Request(msgspec.Struct, frozen=True):
+    """What one axis was told (rPR, rSP, rFR)."""
+
+    position: int = 0
+    speed: int = 0
+    force: int = 0
+
+
+class Command(msgspec.Struct, frozen=True):
+    """The eight command words, decoded."""
+
+    activate: bool  # rACT
+    mode: int  # rMOD
+    go_to: bool  # rGTO
+    individual_fingers: bool  # rICF
+    individual_scissor: bool  # rICS
+    fingers: tuple[Request, Request, Request]
+    scissor: Request
+
+
+class AxisStatus(msgspec.Struct, frozen=True):
+    """What one axis tells (gPR, gPO, gCU, gDT)."""
+
+    echo: int
+    position: int
+    current: int
+    detection: int
+
+
+class HandStatus(msgspec.Struct, frozen=True):
+    """The eight status words, before they are encoded."""
+
+    active: bool  # gACT
+    mode: int  # gMOD
+    going: bool  # gGTO
+    initialization: int  # gIMC
+    stopped: int  # gSTA
+    fault: int  # gFLT
+    axes: tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]
+
+
+def decode(words: Sequence[int]) -> Command:
+    """Eight command words. Reserved bits are not looked at."""
+    action, options = words[0] >> 8, words[0] & 0xFF
+    a, b, c, scissor = (Request(*(_byte(words, at + i) for i in range(3))) for at in _BLOCKS)
+    return Command(
+        activate=_bit(action, 0),
+        mode=(action & 0b0000_0110) >> 1,
+        go_to=_bit(action, 3),
+        individual_fingers=_bit(options, 2),
+        individual_scissor=_bit(options, 3),
+        fingers=(a, b, c),
+        scissor=scissor,
+    )
+
+
+def encode(hand: HandStatus) -> Words:
+    """Eight status words."""
+    status = (
+        (hand.stopped << 6)
+        + (hand.initialization << 4)
+        + (hand.going << 3)
+        + (hand.mode << 1)
+        + hand.active
+    )
+    a, b, c, s = hand.axes
+    detections = (s.detection << 6) + (c.detection << 4) + (b.detection << 2) + a.detection
+    return (
+        (status << 8) + detections,
+        (hand.fault << 8) + a.echo,
+        (a.position << 8) + a.current,
+        (b.echo << 8) + b.position,
+        (b.current << 8) + c.echo,
+        (c.position << 8) + c.current,
+        (s.echo << 8) + s.position,
+        s.current << 8,
+    )
+
+
+def written(words: Words, first: int, values: Sequence[int]) -> Words:
+    """Command words with some of them overwritten; raises ValueError for what cannot be."""
+    last = first + len(values)
+    if not values or first < 0 or last > WORDS:
+        raise ValueError(f"command registers {first} to {last - 1} do not exist")
+    if not all(value in range(1 << 16) for value in values):
+        raise ValueError(f"not registers of 16 bits: {list(values)}")
+    return (*words[:first], *values, *words[last:])
+
+
+def _byte(words: Sequence[int], n: int) -> int:
+    word = words[n // 2]
+    return word & 0xFF if n % 2 else word >> 8
+
+
+def _bit(byte: int, n: int) -> bool:
+    return bool(byte & 1 << n)

@@ -1,4 +1,5 @@
-"""Motors of the hand between two register refreshes: the compiled inner loop, and the scissor axis.
+"""Fingers and their motors between two register refreshes: starts, stops and the contact latch,
+around a compiled inner loop; and the scissor axis.
 
 Each finger: a speed reference with a lag, a stiff speed servo whose force is clamped by the motor
 current, an inertia at the fingertip, a self-locking screw. Position is fingertip travel in metres
@@ -6,14 +7,22 @@ from the mechanical opening stop. The step grid is aligned to absolute time, so 
 and many short ones do the same arithmetic.
 """
 
-from math import sqrt
+from math import floor, sqrt
 from typing import Final
 
+import msgspec
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.hand import HandSettings
+from drivers.robotiq.model.hand import (
+    FULL,
+    MA_PER_COUNT,
+    AxisStatus,
+    HandSettings,
+    Request,
+    speed_mps,
+)
 
 SUBSTEP_NS: Final = 100_000
 FINGERS: Final = 3
@@ -25,8 +34,17 @@ REALS: Final = 7
 DIRECTION, DETECTION, STALLED, AGE = range(4)
 INTEGERS: Final = 4
 # Entries of the parameters.
-MASS, GAIN, LAG, STALL_SPEED, OVERRIDE_N, OVERRIDE_STEPS, DEBOUNCE_STEPS, CLAMPED = range(8)
+MASS, OVERRIDE_N, OVERRIDE_STEPS, DEBOUNCE_STEPS, CLAMPED = range(5)
 
+CLOSING, AT_TARGET = 2, 3  # gDT
+OPEN_LIMIT_COUNTS: Final = 6  # software limits; manual p. 74, 6 to 7; Franchi TR711
+CLOSED_LIMIT_COUNTS: Final = 240
+LAG_S: Final = 0.03  # of a motor's speed; assumed 20 to 50 ms
+SCISSOR_COUNTS_PS: Final = 100.0  # assumed
+_GAIN_NSPM: Final = 5000.0  # stiffness of the speed servo; assumed
+_STALL_SPEED_MPS: Final = 0.001  # below it a motor stalls; assumed
+_RUNNING_MA: Final = (110.0, 160.0)  # moving freely at 0 and at full speed; manual p. 68-73
+_MA_PER_N: Final = 20.0  # rise with drive force; assumed
 _STEP_S: Final = SUBSTEP_NS * 1e-9
 _PUSHING: Final = 0.99  # share of the clamp from which the drive counts as saturated
 
@@ -34,13 +52,12 @@ Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def parameters(s: HandSettings) -> Reals:
+def _parameters(s: HandSettings) -> Reals:
     """Settings of the hand as the compiled loop takes them."""
     override_steps = s.override_s * 1e9 // SUBSTEP_NS
     debounce_steps = max(1.0, s.debounce_s * 1e9 // SUBSTEP_NS)
-    motion = (s.tip_mass_kg, s.servo_gain_nspm, s.speed_lag_s, s.stall_speed_mps)
-    force = (s.override_n, override_steps, debounce_steps, float(s.current_clamp))
-    return np.array([*motion, *force])
+    clamped = float(s.current_clamp)
+    return np.array([s.tip_mass_kg, s.override_n, override_steps, debounce_steps, clamped])
 
 
 @numba.njit(cache=True)
@@ -54,12 +71,12 @@ def _stop(real: Reals, whole: Integers, i: int, detection: int) -> None:
 
 
 @numba.njit(cache=True)
-def _reference(real: Reals, p: Reals, i: int, distance: float, clamp: float) -> float:
+def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
     """Wanted speed: lagged command, braked before the target, never too slow to reach the clamp."""
     speed = real[SPEED, i]
-    real[LAGGED, i] += (speed - real[LAGGED, i]) * min(1.0, _STEP_S / p[LAG])
-    braking = sqrt(2.0 * (speed / p[LAG]) * distance)
-    creep = 1.05 * clamp / p[GAIN]
+    real[LAGGED, i] += (speed - real[LAGGED, i]) * min(1.0, _STEP_S / LAG_S)
+    braking = sqrt(2.0 * (speed / LAG_S) * distance)
+    creep = 1.05 * clamp / _GAIN_NSPM
     return float(min(real[LAGGED, i], max(braking, creep)))
 
 
@@ -72,11 +89,11 @@ def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> No
     clamp = real[CLAMP, i]
     if whole[AGE, i] < p[OVERRIDE_STEPS]:
         clamp = max(clamp, p[OVERRIDE_N])
-    wanted = _reference(real, p, i, distance, clamp)
+    wanted = _reference(real, i, distance, clamp)
     # The servo is stiffer than the step: implicit in its own term.
     rate = _STEP_S / p[MASS]
-    after = (u + rate * (p[GAIN] * wanted - opposing)) / (1.0 + rate * p[GAIN])
-    drive = p[GAIN] * (wanted - after)
+    after = (u + rate * (_GAIN_NSPM * wanted - opposing)) / (1.0 + rate * _GAIN_NSPM)
+    drive = _GAIN_NSPM * (wanted - after)
     if p[CLAMPED] > 0.0 and abs(drive) > clamp:
         drive = clamp if drive > 0.0 else -clamp
         after = u + rate * (drive - opposing)
@@ -86,37 +103,30 @@ def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> No
     real[TRAVEL, i] += real[VELOCITY, i] * _STEP_S
     real[DRIVE, i] = drive
     whole[AGE, i] += 1
-    stalled = after < p[STALL_SPEED] or p[CLAMPED] == 0.0
+    stalled = after < _STALL_SPEED_MPS or p[CLAMPED] == 0.0
     whole[STALLED, i] = whole[STALLED, i] + 1 if drive >= _PUSHING * clamp and stalled else 0
     if direction * (real[TARGET, i] - real[TRAVEL, i]) <= 0.0:
         real[TRAVEL, i] = real[TARGET, i]
-        _stop(real, whole, i, 3)
+        _stop(real, whole, i, AT_TARGET)
     elif whole[STALLED, i] >= p[DEBOUNCE_STEPS]:
-        _stop(real, whole, i, 2 if direction > 0 else 1)
+        _stop(real, whole, i, CLOSING if direction > 0 else 1)
 
 
 @numba.njit(cache=True)
 def advance_motors(
-    real: Reals,
-    whole: Integers,
-    p: Reals,
-    steps: int,
-    origin: Reals,
-    force: Reals,
-    stiffness: Reals,
-    outside: Reals,
-) -> bool:
+    real: Reals, whole: Integers, p: Reals, steps: int,
+    origin: Reals, force: Reals, stiffness: Reals,
+) -> bool:  # fmt: skip
     """Advance all fingers by ``steps`` substeps; returns whether any still moves.
 
-    Closing is opposed by max(0, force + stiffness x (travel - origin)), N and N/m; opening by the
-    constant ``outside``.
+    Closing is opposed by max(0, force + stiffness x (travel - origin)), N and N/m.
     """
     moving = False
     for i in range(FINGERS):
         for _ in range(steps):
             if whole[DIRECTION, i] == 0:
                 break
-            opposing = outside[i]
+            opposing = 0.0
             if whole[DIRECTION, i] > 0:
                 opposing = max(0.0, force[i] + stiffness[i] * (real[TRAVEL, i] - origin[i]))
             _step(real, whole, p, i, opposing)
@@ -124,20 +134,161 @@ def advance_motors(
     return moving
 
 
+Axes = tuple[Request, Request, Request]
+
+
+class FingerLoads(msgspec.Struct, frozen=True):
+    """What opposes each finger, linearised about its travel x0 when it is handed over.
+
+    A closing finger meets max(0, force_n + stiffness_npm * (x - x0)); a negative force is a gap.
+    An opening finger meets nothing. Each is a (3,) float64 array.
+    """
+
+    force_n: NDArray[np.float64]
+    stiffness_npm: NDArray[np.float64]
+
+
+FREE: Final = FingerLoads(np.zeros(FINGERS), np.zeros(FINGERS))
+
+
+class FingerMotion(msgspec.Struct, frozen=True):
+    """A request on its way to the motors. ``retrigger``: rGTO rose, so it clears latches."""
+
+    at_ns: int
+    axes: Axes
+    starts: tuple[bool, bool, bool] = (True, True, True)
+    retrigger: bool = True
+    stop: bool = False
+    to_stops: bool = False  # to the mechanical stops, past the software limits
+
+
+class Fingers:
+    """State of the three finger motors. Positions in counts are what the encoders say."""
+
+    def __init__(self, settings: HandSettings, now_ns: int) -> None:
+        self._settings = settings
+        self._real = np.zeros((REALS, FINGERS))
+        self._whole = np.zeros((INTEGERS, FINGERS), dtype=np.int64)
+        self._real[TRAVEL] = OPEN_LIMIT_COUNTS * settings.m_per_count
+        self._parameters = _parameters(settings)
+        self._substep = now_ns // SUBSTEP_NS
+        self._forces = [0] * FINGERS  # force byte that each motor last ran with
+        self._loads = FREE
+        self._origin = self._real[TRAVEL].copy()
+        self.moving = False
+        self._run(0)  # compiled now, the first time on a machine: later a client waits
+
+    @property
+    def travel_m(self) -> NDArray[np.float64]:
+        return np.array(self._real[TRAVEL])
+
+    @property
+    def velocity_mps(self) -> NDArray[np.float64]:
+        return np.array(self._real[VELOCITY])
+
+    def load(self, loads: FingerLoads) -> None:
+        self._loads = loads
+        self._origin[:] = self._real[TRAVEL]
+
+    def integrate(self, until_ns: int) -> None:
+        """Run the motors over the substeps that begin before ``until_ns``."""
+        step = until_ns // SUBSTEP_NS
+        if self.moving and step > self._substep:
+            self._run(step - self._substep)
+        self._substep = step
+
+    def _run(self, substeps: int) -> None:
+        load = self._origin, self._loads.force_n, self._loads.stiffness_npm
+        self.moving = advance_motors(self._real, self._whole, self._parameters, substeps, *load)
+
+    def stop(self) -> None:
+        """Brake all motors where they are; what was detected stays."""
+        self.moving = False
+        self._whole[DIRECTION] = 0
+        self._real[VELOCITY : LAGGED + 1] = 0.0
+        self._real[DRIVE] = 0.0
+
+    def forget_detections(self) -> None:
+        self._whole[DETECTION] = 0
+
+    def expect(self, i: int) -> None:
+        """A request for finger ``i`` is under way: it counts as moving."""
+        self._whole[DETECTION, i] = 0
+
+    def stronger_in_contact(self, i: int, force: int) -> bool:
+        return self._whole[DETECTION, i] == CLOSING and force > self._forces[i]
+
+    def free_to_go(self, i: int, axis: Request, retrigger: bool) -> bool:
+        """The contact latch: opposite direction, higher force or a new rGTO only (manual p. 51)."""
+        detection = self._whole[DETECTION, i]
+        if retrigger or axis.force > self._forces[i]:
+            return True
+        return detection != CLOSING or axis.position < self.counts(i)
+
+    def execute(self, motion: FingerMotion) -> None:
+        """Hand a request to the motors. Contact made since it was taken up latches it too."""
+        if motion.stop:
+            self.stop()
+            return
+        settings, whole = self._settings, self._whole
+        for i, axis in enumerate(motion.axes):
+            self._real[SPEED, i] = speed_mps(axis.speed)
+            starts = motion.starts[i] and self.free_to_go(i, axis, motion.retrigger)
+            if starts or whole[DIRECTION, i]:
+                self._forces[i] = axis.force
+                self._real[CLAMP, i] = settings.force_n(axis.force)
+            if starts:
+                self._start(i, axis.position, motion.to_stops)
+        self.moving = bool(whole[DIRECTION].any())
+
+    def _start(self, i: int, counts: int, to_stops: bool) -> None:
+        """Set motor ``i`` going; software limits replace the request, silently (manual p. 74)."""
+        low, high = (0, FULL) if to_stops else (OPEN_LIMIT_COUNTS, CLOSED_LIMIT_COUNTS)
+        target = min(max(counts, low), high)
+        real, whole = self._real, self._whole
+        was = whole[DIRECTION, i]
+        if not was and target == self.counts(i):
+            whole[DETECTION, i] = AT_TARGET
+            return
+        real[TARGET, i] = target * HandSettings.m_per_count
+        direction = 1 if real[TARGET, i] > real[TRAVEL, i] else -1
+        whole[DETECTION, i] = whole[STALLED, i] = 0
+        if direction != was:
+            whole[DIRECTION, i] = direction
+            whole[AGE, i] = 0
+            real[LAGGED, i] = 0.0
+
+    def counts(self, i: int) -> int:
+        """Position of finger ``i`` as its encoder reports it, rounded."""
+        counts = float(self._real[TRAVEL, i]) / HandSettings.m_per_count
+        return min(max(floor(counts + 0.5), 0), FULL)
+
+    def status(self, i: int, echo: int) -> AxisStatus:
+        detection = int(self._whole[DETECTION, i])
+        return AxisStatus(echo, self.counts(i), self._current(i), detection)
+
+    def _current(self, i: int) -> int:
+        if not self._whole[DIRECTION, i]:
+            return 0
+        slow, fast = _RUNNING_MA
+        speed, drive = abs(float(self._real[VELOCITY, i])), abs(float(self._real[DRIVE, i]))
+        current = slow + (fast - slow) * speed / speed_mps(FULL) + _MA_PER_N * drive
+        return min(round(current / MA_PER_COUNT), 255)
+
+
 class Scissor:
     """Fourth motor, which spreads fingers B and C: moves at one speed, meets nothing."""
 
-    def __init__(self, counts: int, counts_per_s: float) -> None:
+    def __init__(self, counts: int) -> None:
         self._from = self._to = counts
         self._since_ns = 0
-        self._speed = counts_per_s
 
     def go(self, counts: int, now_ns: int) -> None:
         if counts != self._to:
             self._from, self._to, self._since_ns = self.counts(now_ns), counts, now_ns
 
     def counts(self, now_ns: int) -> int:
-        travelled = int(self._speed * (now_ns - self._since_ns) * 1e-9)
+        travelled = int(SCISSOR_COUNTS_PS * (now_ns - self._since_ns) * 1e-9)
         if travelled >= abs(self._to - self._from):
             return self._to
         return self._from + (travelled if self._to > self._from else -travelled)

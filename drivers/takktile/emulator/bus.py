@@ -1,55 +1,133 @@
 """The pyusb back end of an emulated board: forwards every transfer to a ``BoardServer``.
 
-Errors are those that pyusb's libusb 1.0 back end raises: libusb's code and the errno.
+Errors are those that pyusb's libusb 1.0 back end raises: libusb's code and the errno. Descriptors
+are those of the TakkTile-usb firmware, Descriptors.c.
+
+Each request gets one reply on the same connection. A message is its length (4 bytes, big-endian)
+and its fields in MessagePack. A transfer that takes long blocks its connection, so that a handle
+has two: one for bulk transfers, one for everything else.
 """
 
 import contextlib
 import errno
 import os
 import socket
-import struct
 import threading
 from array import array
 from collections.abc import Iterator
+from enum import IntEnum
 from types import SimpleNamespace
+from typing import TypeVar
 from urllib.parse import urlsplit
 
+import msgspec
 import usb.backend
 import usb.core
 
-from drivers.takktile.emulator import hop
-from drivers.takktile.emulator.hop import HopReply, HopRequest, Listed, Op
+ENDPOINT_IN, ENDPOINT_OUT = 0x81, 0x02  # the firmware never takes anything from the second
+CONFIGURATION = 1
+PACKET_BYTES = 64  # full-speed bulk
+SERIAL_INDEX = 0xDC  # the XMEGA stack builds this string on the fly
+_VENDOR_CLASS = 0xFF
+
+_DEVICE = {
+    "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0110, "bDeviceClass": _VENDOR_CLASS,
+    "bDeviceSubClass": 0, "bDeviceProtocol": 0, "bMaxPacketSize0": 64, "idVendor": 0x59E3,
+    "idProduct": 0x74C7, "bcdDevice": 0x0200, "iManufacturer": 1, "iProduct": 2,
+    "iSerialNumber": SERIAL_INDEX, "bNumConfigurations": 1,
+    "bus": 1, "port_number": 1, "port_numbers": (1,), "speed": 2,
+}  # fmt: skip
+_CONFIG = {
+    "bLength": 9, "bDescriptorType": 2, "wTotalLength": 32, "bNumInterfaces": 1,
+    "bConfigurationValue": CONFIGURATION, "iConfiguration": 0, "bmAttributes": 0x80,
+    "bMaxPower": 250, "extra_descriptors": [],
+}  # fmt: skip
+_INTERFACE = {
+    "bLength": 9, "bDescriptorType": 4, "bInterfaceNumber": 0, "bAlternateSetting": 0,
+    "bNumEndpoints": 2, "bInterfaceClass": _VENDOR_CLASS, "bInterfaceSubClass": 0,
+    "bInterfaceProtocol": 0, "iInterface": 0, "extra_descriptors": [],
+}  # fmt: skip
+_ENDPOINT = {
+    "bLength": 7, "bDescriptorType": 5, "bmAttributes": 2, "bInterval": 0, "bRefresh": 0,
+    "bSynchAddress": 0, "extra_descriptors": [],
+}  # fmt: skip
+_ENDPOINTS = ((ENDPOINT_IN, PACKET_BYTES), (ENDPOINT_OUT, 32))
 
 _CONNECT_S = 5.0
 _GRACE_S = 1.0  # beyond a transfer's own time-out: then the server is gone
-_FULL_SPEED = 2  # libusb_speed
+_LENGTH_BYTES = 4
+_MOST_BYTES = 1 << 16
 _LIBUSB_CODE = {
-    errno.EIO: -1,
-    errno.EINVAL: -2,
-    errno.EACCES: -3,
-    errno.ENODEV: -4,
-    errno.ENOENT: -5,
-    errno.EBUSY: -6,
-    errno.ETIMEDOUT: -7,
-    errno.EOVERFLOW: -8,
-    errno.EPIPE: -9,
-}
-_HEADER = ("bLength", "bDescriptorType")
-_DEVICE_FIELDS = (
-    *_HEADER, "bcdUSB", "bDeviceClass", "bDeviceSubClass", "bDeviceProtocol", "bMaxPacketSize0",
-    "idVendor", "idProduct", "bcdDevice", "iManufacturer", "iProduct", "iSerialNumber",
-    "bNumConfigurations",
-)  # fmt: skip
-_CONFIG_FIELDS = (
-    *_HEADER, "wTotalLength", "bNumInterfaces", "bConfigurationValue", "iConfiguration",
-    "bmAttributes", "bMaxPower",
-)  # fmt: skip
-_INTERFACE_FIELDS = (
-    *_HEADER, "bInterfaceNumber", "bAlternateSetting", "bNumEndpoints", "bInterfaceClass",
-    "bInterfaceSubClass", "bInterfaceProtocol", "iInterface",
-)  # fmt: skip
-_ENDPOINT_FIELDS = (*_HEADER, "bEndpointAddress", "bmAttributes", "wMaxPacketSize", "bInterval")
-_CONFIG_BYTES, _INTERFACE_BYTES, _ENDPOINT_BYTES = 9, 9, 7
+    errno.EIO: -1, errno.EACCES: -3, errno.ENODEV: -4, errno.ENOENT: -5, errno.EBUSY: -6,
+    errno.ETIMEDOUT: -7, errno.EOVERFLOW: -8, errno.EPIPE: -9,
+}  # fmt: skip
+
+
+class Op(IntEnum):
+    """What the back end asks for."""
+
+    LIST = 0  # replies ``plugs`` of each board that is plugged in
+    OPEN = 1  # index: ``plugs`` of the board meant; replies a handle
+    CLOSE = 2
+    CONFIGURE = 3
+    CLAIM = 4
+    RELEASE = 5
+    CONTROL = 6
+    BULK_READ = 7
+    REACH = 8  # nothing to do, but the board must be there
+
+
+class BusRequest(msgspec.Struct, frozen=True, array_like=True):
+    """One operation; fields that it does not use are zero."""
+
+    op: Op
+    handle: int = 0
+    request_type: int = 0
+    request: int = 0
+    value: int = 0
+    index: int = 0
+    size: int = 0
+    timeout_ms: int = 0  # 0: none
+
+
+class BusReply(msgspec.Struct, frozen=True, array_like=True):
+    """``errno`` as a USB host would report it; 0 is success."""
+
+    errno: int
+    data: bytes = b""
+
+
+Message = TypeVar("Message")
+
+
+def send(connection: socket.socket, message: object) -> None:
+    data = msgspec.msgpack.encode(message)
+    connection.sendall(len(data).to_bytes(_LENGTH_BYTES) + data)
+
+
+def receive(connection: socket.socket, kind: type[Message]) -> Message:
+    """Next message; ``OSError`` when the connection ends or what comes is no message."""
+    length = int.from_bytes(_exactly(connection, _LENGTH_BYTES))
+    if length > _MOST_BYTES:
+        raise OSError("not a message of the emulator")
+    return decode(_exactly(connection, length), kind)
+
+
+def decode(data: bytes, kind: type[Message]) -> Message:
+    try:
+        return msgspec.msgpack.decode(data, type=kind)
+    except msgspec.MsgspecError as error:
+        raise OSError("not a message of the emulator") from error
+
+
+def _exactly(connection: socket.socket, size: int) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        part = connection.recv(size - len(data))
+        if not part:
+            raise ConnectionResetError("the other side has closed the connection")
+        data += part
+    return bytes(data)
 
 
 class _Connection:
@@ -63,15 +141,15 @@ class _Connection:
             raise _usb_error(errno.ENODEV) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, request: HopRequest) -> bytes:
+    def ask(self, request: BusRequest) -> bytes:
         """Data of the reply; a server that is gone is a device that is gone."""
         try:
             with self._lock:
+                endless = request.op is Op.BULK_READ and not request.timeout_ms
                 limit_s = request.timeout_ms * 1e-3 + _GRACE_S
-                endless = request.op in (Op.BULK_READ, Op.BULK_WRITE) and not request.timeout_ms
                 self._socket.settimeout(None if endless else limit_s)
-                hop.send(self._socket, request)
-                reply = hop.receive(self._socket, HopReply)
+                send(self._socket, request)
+                reply = receive(self._socket, BusReply)
         except OSError as error:
             self.close()
             raise _usb_error(errno.ENODEV) from error
@@ -86,22 +164,21 @@ class _Connection:
 
 
 class _Handle:
-    """An opened board: bulk transfers may block, so they have a connection of their own."""
+    """An opened board."""
 
-    def __init__(self, address: tuple[str, int], board: Listed) -> None:
+    def __init__(self, address: tuple[str, int], plugs: int) -> None:
         self._control = _Connection(address)
         try:
-            opened = self._control.ask(HopRequest(Op.OPEN, index=board.plugs))
-            self._number = hop.decode(opened, int)
+            self._number = decode(self._control.ask(BusRequest(Op.OPEN, index=plugs)), int)
             self._bulk = _Connection(address)
         except BaseException:
             self._control.close()
             raise
 
     def ask(self, op: Op, **fields: int) -> bytes:
-        connection = self._bulk if op in (Op.BULK_READ, Op.BULK_WRITE) else self._control
+        connection = self._bulk if op is Op.BULK_READ else self._control
         try:
-            return connection.ask(HopRequest(op, self._number, **fields))
+            return connection.ask(BusRequest(op, self._number, **fields))
         except usb.core.USBError as error:
             if error.errno == errno.ENODEV:  # what is gone is asked nothing more, nor waited for
                 self._control.close()
@@ -110,13 +187,16 @@ class _Handle:
 
     def close(self) -> None:
         with contextlib.suppress(usb.core.USBError):  # it may be gone already
-            self._control.ask(HopRequest(Op.CLOSE, self._number))
+            self._control.ask(BusRequest(Op.CLOSE, self._number))
         self._control.close()
         self._bulk.close()
 
 
 class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no types
-    """A USB bus with the one board of a ``BoardServer``; empty when nobody serves."""
+    """A USB bus with the one board of a ``BoardServer``; empty when nobody serves.
+
+    A device of it is the ``plugs`` of the board: how often that has been plugged in.
+    """
 
     def __init__(self, url: str) -> None:
         parts = urlsplit(url)
@@ -128,65 +208,57 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
     def _finalize_object(self) -> None:
         """Nothing is held open between handles."""
 
-    def enumerate_devices(self) -> Iterator[Listed]:
+    def enumerate_devices(self) -> Iterator[int]:
         try:
             connection = _Connection(self._address)
         except usb.core.USBError:
             return iter(())
         try:
-            return iter(hop.decode(connection.ask(HopRequest(Op.LIST)), list[Listed]))
+            return iter(decode(connection.ask(BusRequest(Op.LIST)), list[int]))
         except usb.core.USBError:  # it listens, and says nothing
             return iter(())
         finally:
             connection.close()
 
-    def get_parent(self, dev: Listed) -> None:
+    def get_parent(self, dev: int) -> None:
         return None
 
-    def get_device_descriptor(self, dev: Listed) -> SimpleNamespace:
-        fields = _unpack(_DEVICE_FIELDS, "<2BH4B3H4B", dev.device)
+    def get_device_descriptor(self, dev: int) -> SimpleNamespace:
         # a new address after each replug, as Linux gives out
-        place = {"bus": 1, "address": dev.plugs % 127 + 1, "port_number": 1, "port_numbers": (1,)}
-        return SimpleNamespace(**fields, **place, speed=_FULL_SPEED)
+        return SimpleNamespace(**_DEVICE, address=dev % 127 + 1)
 
-    def get_configuration_descriptor(self, dev: Listed, config: int) -> SimpleNamespace:
+    def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         _only_first(config)
-        return _descriptor(_CONFIG_FIELDS, "<2BH5B", dev.config)
+        return SimpleNamespace(**_CONFIG)
 
     def get_interface_descriptor(
-        self, dev: Listed, intf: int, alt: int, config: int
+        self, dev: int, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         _only_first(intf, alt, config)
-        return _descriptor(_INTERFACE_FIELDS, "<9B", dev.config[_CONFIG_BYTES:])
+        return SimpleNamespace(**_INTERFACE)
 
     def get_endpoint_descriptor(
-        self, dev: Listed, ep: int, intf: int, alt: int, config: int
+        self, dev: int, ep: int, intf: int, alt: int, config: int
     ) -> SimpleNamespace:
         _only_first(intf, alt, config)
-        at = _CONFIG_BYTES + _INTERFACE_BYTES + ep * _ENDPOINT_BYTES
-        if ep < 0 or at >= len(dev.config):
-            raise IndexError(f"no endpoint {ep}")
-        found = _descriptor(_ENDPOINT_FIELDS, "<4BHB", dev.config[at:])
-        found.bRefresh = found.bSynchAddress = 0
-        return found
+        address, packet_bytes = _ENDPOINTS[ep]
+        return SimpleNamespace(**_ENDPOINT, bEndpointAddress=address, wMaxPacketSize=packet_bytes)
 
-    def open_device(self, dev: Listed) -> _Handle:
+    def open_device(self, dev: int) -> _Handle:
         return _Handle(self._address, dev)
 
     def close_device(self, dev_handle: _Handle) -> None:
         dev_handle.close()
 
     def set_configuration(self, dev_handle: _Handle, config_value: int) -> None:
-        dev_handle.ask(Op.SET_CONFIGURATION, value=config_value)
+        dev_handle.ask(Op.CONFIGURE, value=config_value)
 
     def get_configuration(self, dev_handle: _Handle) -> int:
-        reply = dev_handle.ask(Op.CONTROL, request_type=0x80, request=8, size=1)
-        if not reply:  # of another request, where something on the way repeats answers
-            raise _usb_error(errno.EIO)
-        return reply[0]
+        dev_handle.ask(Op.REACH)
+        return CONFIGURATION
 
     def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
-        dev_handle.ask(Op.SET_ALTSETTING, index=intf, value=altsetting)
+        dev_handle.ask(Op.REACH)
 
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
         dev_handle.ask(Op.CLAIM, index=intf)
@@ -205,42 +277,21 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         timeout: int,
     ) -> int:
         reply = dev_handle.ask(
-            Op.CONTROL,
-            request_type=bmRequestType,
-            request=bRequest,
-            value=wValue,
-            index=wIndex,
-            size=len(data),
-            timeout_ms=timeout,
-        )
+            Op.CONTROL, request_type=bmRequestType, request=bRequest, value=wValue, index=wIndex,
+            size=len(data), timeout_ms=timeout,
+        )  # fmt: skip
         return _fill(data, reply)
 
     def bulk_read(
         self, dev_handle: _Handle, ep: int, intf: int, buff: "array[int]", timeout: int
     ) -> int:
-        reply = dev_handle.ask(Op.BULK_READ, request_type=ep, size=len(buff), timeout_ms=timeout)
-        return _fill(buff, reply)
-
-    def bulk_write(
-        self, dev_handle: _Handle, ep: int, intf: int, data: "array[int]", timeout: int
-    ) -> int:
-        dev_handle.ask(Op.BULK_WRITE, request_type=ep, size=len(data), timeout_ms=timeout)
-        return len(data)
+        return _fill(buff, dev_handle.ask(Op.BULK_READ, size=len(buff), timeout_ms=timeout))
 
     def clear_halt(self, dev_handle: _Handle, ep: int) -> None:
-        dev_handle.ask(Op.CLEAR_HALT, request_type=ep)
-
-    def reset_device(self, dev_handle: _Handle) -> None:
-        dev_handle.ask(Op.RESET)
+        dev_handle.ask(Op.REACH)  # the firmware's halts last for one transfer
 
     def is_kernel_driver_active(self, dev_handle: _Handle, intf: int) -> bool:
         return False  # no kernel driver knows this vendor class
-
-    def detach_kernel_driver(self, dev_handle: _Handle, intf: int) -> None:
-        raise _usb_error(errno.ENOENT)
-
-    def attach_kernel_driver(self, dev_handle: _Handle, intf: int) -> None:
-        raise _usb_error(errno.ENOENT)
 
 
 def backend(url: str) -> EmulatedBus:
@@ -251,17 +302,6 @@ def backend(url: str) -> EmulatedBus:
 def _usb_error(code: int) -> usb.core.USBError:
     kind = usb.core.USBTimeoutError if code == errno.ETIMEDOUT else usb.core.USBError
     return kind(os.strerror(code), _LIBUSB_CODE.get(code, -99), code)
-
-
-def _unpack(names: tuple[str, ...], layout: str, data: bytes) -> dict[str, int]:
-    try:
-        return dict(zip(names, struct.unpack_from(layout, data), strict=True))
-    except struct.error as error:
-        raise _usb_error(errno.EIO) from error
-
-
-def _descriptor(names: tuple[str, ...], layout: str, data: bytes) -> SimpleNamespace:
-    return SimpleNamespace(**_unpack(names, layout, data), extra_descriptors=[])
 
 
 def _only_first(*indices: int) -> None:

@@ -1,35 +1,37 @@
-"""A board model behind USB transfers: a loopback server, and the pyusb back end that talks to it.
+"""A board model behind USB transfers: the server that the pyusb back end of ``bus`` talks to.
 
 There is no USB bus without hardware, so the seam is the one where pyusb hands a transfer to its
 back end: everything above it, pyusb included, is what a lab runs. Source of the behaviour: the
 TakkTile-usb firmware; libusb and Linux usbfs for what a host says to claims, replugs, time-outs.
-A connection for which there is no place is closed.
 """
 
 import contextlib
 import errno
-import secrets
+import itertools
 import select
 import socket
 import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any, Self
 
-from drivers.fairness import Places
-from drivers.takktile.emulator import descriptors, hop
-from drivers.takktile.emulator.bus import backend
-from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
+import msgspec
+
+from drivers.takktile.emulator import bus
+from drivers.takktile.emulator.bus import BusReply, BusRequest, Op, backend
 from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 
 __all__ = ["BoardServer", "backend"]
 
+SERIAL = "4A453034383114003F001F"  # of an emulated board: lot, wafer and coordinates, as hex digits
+_STRINGS = {1: "The Biorobotics Lab", 2: "TakkTile", bus.SERIAL_INDEX: SERIAL}
+_LANGUAGES = bytes((4, 3, 0x09, 0x04))  # English alone
+_VENDOR_REQUEST = 0xC0  # to the host, vendor, device: every request of the board, even a command
+_STANDARD_REQUEST, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
 _LOOK_AGAIN_S = 0.01  # while a read is pending: whether the board was unplugged or started
 _JOIN_S = 5.0
-_CLIENTS = 32
-_OPENED = 16  # handles of one connection
+_NEVER_NS = 1 << 62
 
 
 class _Failure(Exception):
@@ -54,19 +56,16 @@ class BoardServer:
         host: str = "127.0.0.1",
         port: int = 0,
         clock: Callable[[], int] = time.monotonic_ns,
-        serial: str = descriptors.SERIAL,
     ) -> None:
         self._board = board
         self._lock = lock
         self._address = host, port
         self._clock = clock
-        self._serial = serial
         self._listener: socket.socket | None = None
-        self._connections: dict[socket.socket, threading.Thread] = {}  # until the next comes
-        self._crowd = threading.Lock()  # guards the next
-        self._places: Places[socket.socket] = Places(_CLIENTS)
+        self._connections: dict[socket.socket, threading.Thread] = {}
         self._ending = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
+        self._numbers = itertools.count(1)
         self._handles: dict[int, int] = {}  # handle -> ``plugs`` of the board when it was opened
         self._owner: int | None = None  # handle that has claimed the interface
 
@@ -99,12 +98,7 @@ class BoardServer:
     def __enter__(self) -> Self:
         return self.start()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _accept(self) -> None:
@@ -115,9 +109,6 @@ class BoardServer:
             except OSError:
                 return
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            if not self._enter(connection):
-                connection.close()
-                continue
             thread = threading.Thread(
                 target=self._serve, args=(connection,), name="takktile-connection", daemon=True
             )
@@ -125,94 +116,57 @@ class BoardServer:
             living = {c: t for c, t in self._connections.items() if t.is_alive()}
             self._connections = {**living, connection: thread}
 
-    def _enter(self, connection: socket.socket) -> bool:
-        """Give a place to a newcomer; False when there is none."""
-        with self._crowd:
-            try:
-                leaves = self._places.enter(connection, time.monotonic())
-            except OverflowError:
-                return False
-        if leaves is not None:
-            _shut(leaves)
-        return True
-
     def _serve(self, connection: socket.socket) -> None:
         opened: list[int] = []  # handles, which end with this connection
         try:
             while not self._ending.is_set():
-                request = hop.receive(connection, HopRequest)
-                hop.send(connection, self._answer(request, connection, opened))
-                with self._crowd:
-                    self._places.heard(connection, time.monotonic())
+                request = bus.receive(connection, BusRequest)
+                bus.send(connection, self._answer(request, connection, opened))
         except OSError:
             pass
         finally:
             with self._lock:
                 for handle in opened:
                     self._forget(handle)
-            with self._crowd:
-                self._places.leave(connection)
             connection.close()
 
-    def _answer(self, r: HopRequest, connection: socket.socket, opened: list[int]) -> HopReply:
+    def _answer(self, r: BusRequest, connection: socket.socket, opened: list[int]) -> BusReply:
         try:
-            match r.op:
-                case Op.OPEN:
-                    if len(opened) >= _OPENED:
-                        return HopReply(errno.EMFILE)
-                    opened.append(self._open(r.index))
-                    return HopReply(0, hop.encode(opened[-1]))
-                case Op.CONTROL:
-                    return HopReply(0, self._control(r, connection))
-                case Op.BULK_READ:
-                    return HopReply(0, self._bulk_read(r, connection))
-                case Op.BULK_WRITE:
-                    self._bulk_write(r, connection)
+            if r.op is Op.CONTROL:
+                return BusReply(0, self._control(r, connection))
+            if r.op is Op.BULK_READ:
+                return BusReply(0, self._bulk_read(r, connection))
             with self._lock:
-                return HopReply(0, self._manage(r))
+                return BusReply(0, self._manage(r, opened))
         except _Failure as failure:
-            return HopReply(failure.code)
+            return BusReply(failure.code)
         except Unplugged:
-            return HopReply(errno.ENODEV)
+            return BusReply(errno.ENODEV)
         except Stall:
-            return HopReply(errno.EPIPE)
+            return BusReply(errno.EPIPE)
 
-    def _open(self, plugs: int) -> int:
-        with self._lock:
-            if not self._board.plugged or plugs != self._board.plugs:
-                raise _Failure(errno.ENODEV)
-            handle = secrets.randbelow(1 << 31)  # nobody guesses another's
-            self._handles[handle] = plugs
-            return handle
-
-    def _manage(self, r: HopRequest) -> bytes:
+    def _manage(self, r: BusRequest, opened: list[int]) -> bytes:
         """What needs no transfer to the board."""
+        board = self._board
         if r.op is Op.LIST:
-            return hop.encode(self._listed())
+            return msgspec.msgpack.encode([board.plugs] if board.plugged else [])
+        if r.op is Op.OPEN:
+            if not board.plugged or r.index != board.plugs:
+                raise Unplugged
+            opened.append(next(self._numbers))
+            self._handles[opened[-1]] = board.plugs
+            return msgspec.msgpack.encode(opened[-1])
         if r.op is Op.CLOSE:
             self._forget(r.handle)
             return b""
         self._reach(r.handle)
-        match r.op:
-            case Op.CLAIM:
-                self._claim(r.handle, r.index)
-            case Op.RELEASE:
-                self._release(r.handle)
-            case Op.SET_CONFIGURATION:
-                self._configure(r.value)
-            case Op.SET_ALTSETTING if (r.index, r.value) != (0, 0):
-                raise _Failure(errno.ENOENT)
-            case Op.CLEAR_HALT if r.request_type not in (
-                descriptors.ENDPOINT_IN,
-                descriptors.ENDPOINT_OUT,
-            ):
-                raise _Failure(errno.ENOENT)
-        return b""  # a reset, like a cleared halt, leaves the firmware as it was
-
-    def _listed(self) -> list[hop.Listed]:
-        if not self._board.plugged:
-            return []
-        return [hop.Listed(self._board.plugs, descriptors.DEVICE, descriptors.CONFIG)]
+        if r.op is Op.CLAIM:
+            self._claim(r.handle)
+        elif r.op is Op.RELEASE and self._owner == r.handle:
+            self._owner = None
+        elif r.op is Op.CONFIGURE and self._claimed():  # usbfs refuses it to the owner too
+            raise _Failure(errno.EBUSY)
+        return b""
 
     def _forget(self, handle: int) -> None:
         self._handles.pop(handle, None)
@@ -222,90 +176,67 @@ class BoardServer:
     def _reach(self, handle: int) -> None:
         """Fail unless the board that the handle was opened on is still plugged in."""
         if not self._board.plugged or self._handles.get(handle) != self._board.plugs:
-            raise _Failure(errno.ENODEV)
+            raise Unplugged
 
     def _claimed(self) -> bool:
         """Whether somebody holds the interface: a claim does not outlive a replug."""
         return self._owner is not None and self._handles.get(self._owner) == self._board.plugs
 
-    def _claim(self, handle: int, interface: int) -> None:
-        if interface != 0:
-            raise _Failure(errno.ENOENT)
+    def _claim(self, handle: int) -> None:
         if self._claimed() and self._owner != handle:
             raise _Failure(errno.EBUSY)
         self._owner = handle
 
-    def _release(self, handle: int) -> None:
-        if self._owner != handle:
-            raise _Failure(errno.ENOENT)
-        self._owner = None
-
-    def _configure(self, value: int) -> None:
-        if value not in (0, descriptors.CONFIGURATION):
-            raise _Failure(errno.ENOENT)
-        if self._claimed():  # usbfs refuses it to the owner too
-            raise _Failure(errno.EBUSY)
-
-    def _control(self, r: HopRequest, connection: socket.socket) -> bytes:
-        if r.request_type != descriptors.VENDOR_REQUEST:
-            with self._lock:
-                self._reach(r.handle)
-            reply = descriptors.answer(r.request_type, r.request, r.value, self._serial)
-            if reply is None:
-                raise _Failure(errno.EPIPE)
-            return reply[: r.size]
+    def _control(self, r: BusRequest, connection: socket.socket) -> bytes:
         try:
             with self._lock:
                 self._reach(r.handle)
+                if r.request_type != _VENDOR_REQUEST:
+                    return _standard(r)[: r.size]
                 return self._board.control(r.request, r.value, r.index, r.size, self._clock())
         except Hung:
-            self._time_out(r, connection)
-            raise _Failure(errno.ETIMEDOUT) from None
+            return self._when_ready(r, connection)  # which it never is
 
-    def _bulk_read(self, r: HopRequest, connection: socket.socket) -> bytes:
-        """One pending read: blocks until the board has a frame or the time-out has passed."""
-        if r.request_type != descriptors.ENDPOINT_IN:
-            raise _Failure(errno.ENOENT)
-        whole_packets = -(-r.size // descriptors.PACKET_BYTES) * descriptors.PACKET_BYTES
-        give_up_ns = self._give_up_ns(r)
+    def _bulk_read(self, r: BusRequest, connection: socket.socket) -> bytes:
+        """One transfer: the host takes whole packets until a short one or the size asked for."""
+        with self._lock:
+            self._reach(r.handle)
+            self._claim(r.handle)  # usbfs claims for whoever forgot to
+        data = self._when_ready(r, connection)
+        if len(data) > r.size:
+            raise _Failure(errno.EOVERFLOW)
+        return data
+
+    def _when_ready(self, r: BusRequest, connection: socket.socket) -> bytes:
+        whole_packets = -(-r.size // bus.PACKET_BYTES) * bus.PACKET_BYTES
+        give_up_ns = 0
         while True:
             with self._lock:
                 self._reach(r.handle)
-                self._claim(r.handle, 0)  # usbfs claims for whoever forgot to
                 now_ns = self._clock()
-                next_ns = give_up_ns
-                if (ready_ns := self._board.ready_ns) is not None:
-                    next_ns = min(ready_ns, give_up_ns)
+                if not give_up_ns:
+                    give_up_ns = now_ns + r.timeout_ms * 1_000_000 if r.timeout_ms else _NEVER_NS
+                ready_ns = self._board.ready_ns
+                next_ns = give_up_ns if ready_ns is None else min(ready_ns, give_up_ns)
                 data = self._board.bulk_read(whole_packets, now_ns) if now_ns >= next_ns else None
             if data is not None:
-                if len(data) > r.size:
-                    raise _Failure(errno.EOVERFLOW)
                 return data
             if now_ns >= give_up_ns:
                 raise _Failure(errno.ETIMEDOUT)
             _wait(connection, next_ns - now_ns)
 
-    def _bulk_write(self, r: HopRequest, connection: socket.socket) -> None:
-        """The firmware never takes anything: the write is not acknowledged until it times out."""
-        with self._lock:
-            self._reach(r.handle)
-            self._claim(r.handle, 0)
-        self._time_out(r, connection)
-        raise _Failure(errno.ETIMEDOUT)
 
-    def _time_out(self, r: HopRequest, connection: socket.socket) -> None:
-        give_up_ns = self._give_up_ns(r)
-        while True:
-            with self._lock:
-                self._reach(r.handle)
-                now_ns = self._clock()
-            if now_ns >= give_up_ns:
-                return
-            _wait(connection, give_up_ns - now_ns)
-
-    def _give_up_ns(self, r: HopRequest) -> int:
-        with self._lock:
-            return self._clock() + r.timeout_ms * 1_000_000 if r.timeout_ms else 1 << 62
+def _standard(r: BusRequest) -> bytes:
+    """Reply to a standard request: the strings of the board are all that is asked for."""
+    if (r.request_type, r.request, r.value >> 8) != (_STANDARD_REQUEST, _GET_DESCRIPTOR, _STRING):
+        raise Stall
+    index = r.value & 0xFF
+    if index == 0:
+        return _LANGUAGES
+    if index not in _STRINGS:
+        raise Stall
+    units = _STRINGS[index].encode("utf-16-le")
+    return bytes([2 + len(units), _STRING]) + units
 
 
 def _wait(connection: socket.socket, wait_ns: int) -> None:

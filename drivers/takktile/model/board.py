@@ -3,27 +3,49 @@
 Source: TakkTile-usb firmware (main.c, TakkI2C.c). The board is host-paced: its timer interrupt
 reads all cells, waits until the host has drained the frame, and only then starts the next
 conversion. What a host reads was therefore converted right after its previous read.
+
+Its bytes are coded here, apart from the driver's ``protocol``: a mistake in one shows at the other
+end.
 """
 
-from collections.abc import Callable
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.takktile.model import codec
-from drivers.takktile.model.codec import Cell, Codes
-
+Cell = tuple[int, int]  # (row, column)
+Codes = NDArray[np.int16]
 Latched = Callable[[], tuple[Codes, Codes]]
 Sample = Callable[[int], Latched]
 Lie = Callable[[Codes], Codes]
 
-# MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
-_COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
-_COLUMNS = 6
-_ALL_CALL = (0x0C, 0x0D)
-_FOR_EVER_NS = 1 << 62
-_BUFFER_BYTES = 256  # the firmware indexes its calibration buffer by a byte
+SCAN, CONFIGURE_TIMER = 0x5C, 0xC7  # bRequest of the vendor requests
+CONVERTER_MAX: Final = 1023  # ten bits, sent as the upper ten of a word, high byte first
+PACKET_BYTES: Final = 64
+CELL_READ_NS: Final = 100_000  # to read one cell by I2C; assumed, 1 MHz and 89 bits
+_WORD_STEP: Final = 1 << 6  # one code in a word
+_FOR_EVER_NS: Final = 1 << 62
+
+
+def ticks_ns(ticks: int) -> int:
+    """Period of the conversion timer: 32 MHz divided by 256."""
+    return ticks * 256 * 1000 // 32
+
+
+def scan_reply(alive: Sequence[Cell]) -> bytes:
+    """Eight bytes, one a row: bit c stands for column c."""
+    return bytes(sum(1 << c for r, c in alive if r == row) for row in range(8))
+
+
+def bulk_frame(pressure: Codes, temperature: Codes) -> bytes:
+    """Four bytes a cell, pressure before temperature; (n,) codes beyond the converter saturate."""
+    codes = np.empty((len(pressure), 2), np.int16)
+    codes[:, 0], codes[:, 1] = pressure, temperature
+    words = np.minimum(np.maximum(codes, 0), CONVERTER_MAX).view(np.uint16)
+    words *= _WORD_STEP
+    return words.astype(">u2").tobytes()
 
 
 class Stall(Exception):
@@ -43,22 +65,8 @@ class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     cells: Annotated[
         tuple[Cell, ...],
-        msgspec.Meta(
-            min_length=1,
-            description="(row, column) of the cells fitted, in row-major order; Robotiq kit: 3 x 6",
-        ),
-    ] = tuple((row, column) for row in range(3) for column in range(6))
-    cell_read_us: Annotated[
-        float,
-        msgspec.Meta(
-            ge=0.0, le=1000.0, description="us to read one cell by I2C; assumed, 1 MHz, 89 bits"
-        ),
-    ] = 100.0
-    takkfast: Annotated[
-        bool, msgspec.Meta(description="speak the takkfast firmware: 40-byte scan, fixed frames")
-    ] = False
-    hardware_version: Annotated[str, msgspec.Meta(description="string 0")] = "1.0"
-    firmware_version: Annotated[str, msgspec.Meta(description="string 1, assumed")] = "model"
+        msgspec.Meta(min_length=1, description="(row, column) of the cells, in row-major order"),
+    ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit
 
 
 class _Next(msgspec.Struct):
@@ -67,7 +75,6 @@ class _Next(msgspec.Struct):
     timeouts: int = 0
     lost_bytes: int = 0
     split: bool = False
-    flip: tuple[int, int] | None = None  # byte, bit
     stall: bool = False
 
 
@@ -83,14 +90,13 @@ class BoardModel:
     def __init__(self, settings: BoardModelSettings, sample: Sample) -> None:
         self._settings = settings
         self._sample = sample
-        self._read_ns = round(settings.cell_read_us * 1e3)
         self._dead: set[Cell] = set()
-        self._frozen: dict[int, int] = {}  # cell index -> code
         self._lie: Lie = _truth
         self._next = _Next()
         self._ready_ns = 0
         self._pending = b""  # of a frame, what the host has not drained yet
         self._plugs = 0
+        self._hung = self._started = False
         self._power_up()
 
     @property
@@ -118,9 +124,7 @@ class BoardModel:
             return _FOR_EVER_NS
         if self._next.stall or self._next.timeouts or self._next.split or self._next.lost_bytes:
             return _FOR_EVER_NS
-        if self._next.flip is not None or self._dead:
-            return _FOR_EVER_NS
-        return self._period_ns
+        return _FOR_EVER_NS if self._dead else self._period_ns
 
     def drain(self, now_ns: int) -> None:
         """A frame that is ready is read and thrown away."""
@@ -131,21 +135,16 @@ class BoardModel:
         self._reach()
         if self._hung:
             raise Hung
-        match request:
-            case codec.GET_STRING if index in (0, 1):
-                strings = (self._settings.hardware_version, self._settings.firmware_version)
-                reply = strings[index].encode("ascii") + b"\0"
-            case codec.CONFIGURE_TIMER:
-                reply = self._configure_timer(value, index, now_ns)
-            case codec.SCAN:
-                reply = self._scan()
-            case codec.BOTHER_ADDRESS:
-                reply = self._bother(index)
-            case codec.GET_CALIBRATION:
-                reply = self._calibration(row=index, column=value)
-            case _:
-                raise Stall
-        return reply[:length]
+        if request == CONFIGURE_TIMER:
+            return self._configure_timer(value, index, now_ns)[:length]
+        if request != SCAN:
+            raise Stall
+        if self._started:
+            # A scan pre-empts the sampling interrupt in the middle of its I2C transfer. That can
+            # end in garbage or a hang; the model takes the worst case.
+            self._hung = True
+            raise Hung
+        return scan_reply(self._alive())[:length]
 
     def bulk_read(self, size: int, now_ns: int) -> bytes | None:
         """One bulk IN transfer of at most ``size`` bytes; None when it times out."""
@@ -157,7 +156,7 @@ class BoardModel:
             return None
         if not self._pending:
             self._pending = self._spoil(self._frame())
-            size = codec.PACKET_BYTES if self._next.split else size
+            size = PACKET_BYTES if self._next.split else size
             self._next.split = False
         out, self._pending = self._pending[:size], self._pending[size:]
         if not self._pending:
@@ -169,11 +168,6 @@ class BoardModel:
     def kill_column(self, column: int) -> None:
         """Every cell of a column dies: the frame shrinks at once, without any notice."""
         self._dead |= {cell for cell in self._settings.cells if cell[1] == column}
-
-    def freeze_cell(self, row: int, column: int) -> None:
-        """The cell repeats its present pressure code for ever."""
-        cell = self._settings.cells.index((row, column))
-        self._frozen[cell] = int(self._codes()[0][cell])
 
     def misreport(self, lie: Lie) -> None:
         """From the next conversion on the pressure codes of all cells are what ``lie`` makes of
@@ -195,10 +189,6 @@ class BoardModel:
     def split_frame(self) -> None:
         """The next frame arrives in two reads, as when the first times out half-way."""
         self._next.split = True
-
-    def flip_bit(self, byte: int, bit: int) -> None:
-        """One bit of the next frame is wrong."""
-        self._next.flip = byte, bit
 
     def stall(self) -> None:
         """The next transfer, control or bulk, is answered with STALL."""
@@ -238,46 +228,9 @@ class BoardModel:
         self._pending = b""  # the firmware resets the IN pipe
         self._started = index != 0
         if self._started:
-            reading_ns = self._read_ns * len(self._settings.cells)
-            self._period_ns = codec.ticks_ns(ticks) + reading_ns
+            self._period_ns = ticks_ns(ticks) + CELL_READ_NS * len(self._settings.cells)
             self._start_conversion(now_ns)
         return bytes([self._started])
-
-    def _scan(self) -> bytes:
-        self._use_bus()
-        reply = codec.chain_scan_reply if self._settings.takkfast else codec.scan_reply
-        return reply(self._alive())
-
-    def _bother(self, address: int) -> bytes:
-        """Whether somebody on the I2C bus answers to an address byte: each row's ATtiny, at row
-        times 16, twice the column and a low bit, and all of them at 0x0C and 0x0D. Reading from
-        nobody hangs the firmware."""
-        self._use_bus()
-        row, column = address >> 4, address >> 1 & 7
-        rows = {cell_row for cell_row, _ in self._settings.cells}
-        known = address in _ALL_CALL or (row in rows and column < _COLUMNS)
-        if not known and address & 1:
-            self._hung = True
-            raise Hung
-        return bytes([known])
-
-    def _calibration(self, row: int, column: int) -> bytes:
-        """Fill the firmware's buffer as it does, byte-wide index and all, and answer from it."""
-        self._use_bus()
-        buffer = bytearray(_BUFFER_BYTES)
-        for cell_row, cell_column in self._alive():
-            at = (40 * cell_row + 8 * cell_column) % _BUFFER_BYTES
-            a0 = int.from_bytes(_COEFFICIENTS[:2]) + cell_row * _COLUMNS + cell_column
-            buffer[at : at + 8] = a0.to_bytes(2) + _COEFFICIENTS[2:]
-        at = (40 * row + 8 * column) % _BUFFER_BYTES
-        return bytes(buffer[at : at + 8])
-
-    def _use_bus(self) -> None:
-        # A scan pre-empts the sampling interrupt in the middle of its I2C transfer. That can end in
-        # garbage or a hang; the model takes the worst case.
-        if self._started:
-            self._hung = True
-            raise Hung
 
     def _start_conversion(self, now_ns: int) -> None:
         self._latched, self._held = self._sample(now_ns), None
@@ -287,9 +240,6 @@ class BoardModel:
         """Of the conversion at hand."""
         if self._held is None:
             pressure, temperature = self._latched()
-            if self._frozen:
-                pressure = pressure.copy()
-                pressure[list(self._frozen)] = list(self._frozen.values())
             self._held = self._lie(pressure), temperature
         return self._held
 
@@ -298,17 +248,12 @@ class BoardModel:
         if self._dead:
             live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
             pressure, temperature = pressure[live], temperature[live]
-        if self._settings.takkfast:
-            return codec.chain_frame(self._alive(), pressure, temperature)
-        return codec.bulk_frame(pressure, temperature)
+        return bulk_frame(pressure, temperature)
 
     def _spoil(self, frame: bytes) -> bytes:
         """Apply the faults of one frame and forget them."""
         if self._next.lost_bytes:
             frame, self._next.lost_bytes = frame[: -self._next.lost_bytes], 0
-        if self._next.flip is not None:
-            (byte, bit), self._next.flip = self._next.flip, None
-            frame = frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
         return frame
 
 

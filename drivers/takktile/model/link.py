@@ -3,8 +3,7 @@
 from collections.abc import Callable
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.takktile.board import READ_TIMEOUT_MS, Transfer
-from drivers.takktile.link import trouble
+from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
 from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.protocol import Layout
 from drivers.takktile.receiver import Readings, Receiver, ReceiverCounts, UsbBoard
@@ -22,7 +21,7 @@ class ModelUsb:
     def __init__(self, model: BoardModel) -> None:
         """``LinkLost`` when the board is unplugged."""
         if not model.plugged:
-            raise trouble.unplugged()
+            raise unplugged()
         self._model = model
         self._plugs = model.plugs
 
@@ -135,7 +134,7 @@ class ModelLink:
 def _explain(error: Stall | Unplugged | Hung) -> DeviceFault | LinkLost:
     match error:
         case Stall():
-            return trouble.stalled()
+            return stalled()
         case Hung():
-            return LinkLost(trouble.HUNG, trouble.HUNG_REMEDY)
-    return trouble.unplugged()
+            return hung()
+    return unplugged()

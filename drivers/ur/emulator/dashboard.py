@@ -1,119 +1,76 @@
-"""The dashboard server: one line in, one line out ("Dashboard Server" of the UR manuals)."""
+"""The dashboard server, and the emulator's own control channel: one line in, one line out.
 
+Commands and answers of the dashboard: "Dashboard Server" of the UR manuals. The control channel is
+no part of any UR interface: faults on demand, one JSON object a line each way. Where the emulator
+is not on loopback alone, a request needs its ``token``. A request is ``{"do": verb, ...}``, the
+answer ``{"ok": true, ...}`` or ``{"ok": false, "error": text}``. Verbs:
+
+- ``state``: position, modes, counters and the last messages
+- ``protective_stop``; ``emergency_stop`` with ``pressed`` (default true); ``kill_program``
+- ``remote_control`` with ``on``, of an e-Series alone; ``claim`` with ``names`` (RTDE inputs taken
+  by "somebody else"), ``unclaim``
+- ``speed_slider`` with ``fraction``, 0 to 1: somebody turns it at the pendant
+- ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing meanwhile
+"""
+
+import secrets
 from collections.abc import Callable
+from typing import Any, Protocol
 
-from drivers.ur.emulator.controller import Controller, RuntimeState
-from drivers.ur.emulator.settings import EmulatorSettings
+import msgspec
 
-# the only program file there is: the one that the C++ client library's example loads
-PROGRAMS = {"wait_program.urp": "def wait_program():\n while True:\n  sleep(1)\n end\nend\n"}
+from drivers.ur.emulator.controller import Controller, EmulatorSettings, RuntimeState
+from drivers.ur.emulator.rtde import INPUTS, RtdeServer
+
 BANNER = b"Connected: Universal Robots Dashboard Server\n"
+_SERIAL_NUMBER = "2015300001"
+_STRANGER = object()  # owner of the inputs that ``claim`` takes
+_MAX_FREEZE_S = 60.0
+_SHOWN_MESSAGES = 20
 
 
 class Dashboard:
     """Answers lines; shared by all connections."""
 
     def __init__(self, settings: EmulatorSettings, controller: Controller) -> None:
-        self._profile = settings.controller
-        self._controller = controller
+        profile = settings.controller
+        self._controller = c = controller
         self._answers: dict[str, Callable[[], str]] = {
-            "polyscopeversion": lambda: self._profile.polyscope,
-            "get serial number": lambda: settings.serial_number,
+            "polyscopeversion": lambda: profile.polyscope,
+            "get serial number": lambda: _SERIAL_NUMBER,
             "get robot model": lambda: "UR10",
-            "robotmode": lambda: f"Robotmode: {controller.robot_mode.name}",
-            "safetymode": lambda: f"Safetymode: {controller.safety_mode.name}",
-            "safetystatus": lambda: f"Safetystatus: {controller.safety_mode.name}",
-            "programstate": self._program_state,
-            "running": lambda: f"Program running: {str(self._playing).lower()}",
+            "robotmode": lambda: f"Robotmode: {c.robot_mode.name}",
+            "safetymode": lambda: f"Safetymode: {c.safety_mode.name}",
+            "safetystatus": lambda: f"Safetystatus: {c.safety_mode.name}",
+            "programstate": lambda: f"{c.runtime_state.name} <unnamed>",
+            "running": self._running,
             "stop": self._stop,
-            "play": self._play,
-            "pause": self._pause,
             "power off": self._power_off,
-            "get loaded program": self._loaded_program,
-            "isprogramsaved": lambda: " ".join(("true", self._loaded)).strip(),
-            "restart safety": self._restart_safety,
-            "shutdown": lambda: self._refuse("shutdown"),
-            "get operational mode": lambda: "NONE",
-            "clear operational mode": lambda: "No longer controlling the operational mode",
-            "is in remote control": self._remote,
-            "version": lambda: ".".join(map(str, self._profile.version)),
-            "savelog": lambda: "Log saved to disk",
-            "quit": lambda: "Disconnected",
+            "power on": lambda: _allowed(c.power_on(), "Powering on"),
+            "brake release": lambda: _allowed(c.release_brakes(), "Brake releasing"),
             "unlock protective stop": self._unlock,
             "close safety popup": lambda: "closing safety popup",
-            "close popup": lambda: "closing popup",
-            "power on": lambda: self._allowed(controller.power_on(), "Powering on"),
-            "brake release": lambda: self._allowed(controller.release_brakes(), "Brake releasing"),
+            "quit": lambda: "Disconnected",
         }
-        self._worded: dict[str, Callable[[str], str]] = {
-            "load": self._load,
-            "popup": lambda text: self._refuse("popup"),
-            "addtolog": self._add_to_log,
-        }
-        self._loaded = ""
+        if profile.e_series:
+            self._answers["is in remote control"] = lambda: str(c.remote_control).lower()
 
     def answer(self, line: str) -> str:
         """The answer without its line end."""
-        text = " ".join(line.split())
-        known = self._answers.get(text.lower())
-        if known is not None:
-            return known()
-        word, _, rest = text.partition(" ")
-        worded = self._worded.get(word.lower())
-        return worded(rest) if worded and rest else f"could not understand: '{line.strip():.200}'"
+        known = self._answers.get(" ".join(line.split()).lower())
+        return known() if known else f"could not understand: '{line.strip():.200}'"
 
-    @property
-    def _playing(self) -> bool:
-        return self._controller.runtime_state is RuntimeState.PLAYING
-
-    def _load(self, name: str) -> str:
-        if name not in PROGRAMS:
-            return f"File not found: {name[:200]}"
-        self._loaded = name
-        return f"Loading program: /programs/{name}"
-
-    def _loaded_program(self) -> str:
-        return f"Loaded program: /programs/{self._loaded}" if self._loaded else "No program loaded"
-
-    def _play(self) -> str:
-        if self._controller.runtime_state is RuntimeState.PAUSED:
-            done = self._controller.resume_program()
-        else:
-            done = bool(self._loaded) and self._controller.ready
-            if done:
-                self._controller.load(PROGRAMS[self._loaded])
-        return "Starting program" if done else "Failed to execute: play"
-
-    def _pause(self) -> str:
-        return "Pausing program" if self._controller.pause_program() else "Failed to execute: pause"
-
-    def _power_off(self) -> str:
-        self._controller.power_off()
-        return "Powering off"
-
-    def _restart_safety(self) -> str:
-        self._controller.power_off()
-        return "Restarting safety"
-
-    def _add_to_log(self, text: str) -> str:
-        self._controller.log(text)
-        return "Added log message"
-
-    def _refuse(self, what: str) -> str:
-        self._controller.log(f"{what} is not emulated")
-        return f"Failed to execute: {what}"
-
-    def _remote(self) -> str:
-        if not self._profile.has_remote_control:
-            return "could not understand: 'is in remote control'"
-        return str(self._controller.remote_control).lower()
-
-    def _program_state(self) -> str:
-        return f"{self._controller.runtime_state.name} <unnamed>"
+    def _running(self) -> str:
+        playing = self._controller.runtime_state is RuntimeState.PLAYING
+        return f"Program running: {str(playing).lower()}"
 
     def _stop(self) -> str:
         self._controller.stop_program("dashboard")
         return "Stopped"
+
+    def _power_off(self) -> str:
+        self._controller.power_off()
+        return "Powering off"
 
     def _unlock(self) -> str:
         if self._controller.unlock_protective_stop():
@@ -123,5 +80,92 @@ class Dashboard:
             "Always inspect cause of protective stop before unlocking"
         )
 
-    def _allowed(self, done: bool, answer: str) -> str:
-        return answer if done else "Failed: the emergency stop button is pressed"
+
+def _allowed(done: bool, answer: str) -> str:
+    return answer if done else "Failed: the emergency stop button is pressed"
+
+
+class Links(Protocol):
+    """What faults may do to the connections."""
+
+    def drop_links(self) -> None: ...
+
+    def freeze(self, seconds: float) -> None: ...
+
+
+class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
+    """One line."""
+
+    do: str
+    token: str = ""
+    pressed: bool = True
+    on: bool = True
+    names: list[str] = []
+    seconds: float = 0.0
+    fraction: float = 1.0
+
+
+class FaultChannel:
+    """Carries out requests."""
+
+    def __init__(
+        self, controller: Controller, rtde: RtdeServer, links: Links, token: str = ""
+    ) -> None:
+        self._token = token.encode()
+        self._controller = controller
+        self._rtde = rtde
+        self._verbs: dict[str, Callable[[FaultRequest], None]] = {
+            "state": lambda request: None,
+            "protective_stop": lambda request: controller.protective_stop(),
+            "emergency_stop": lambda request: controller.emergency_stop(request.pressed),
+            "kill_program": lambda request: controller.stop_program("killed by request"),
+            "remote_control": lambda request: controller.set_remote_control(request.on),
+            "claim": self._claim,
+            "unclaim": lambda request: rtde.release(_STRANGER),
+            "speed_slider": lambda request: controller.set_speed(
+                _within("fraction", request.fraction, 1.0)
+            ),
+            "drop_link": lambda request: links.drop_links(),
+            "freeze": lambda request: links.freeze(
+                _within("seconds", request.seconds, _MAX_FREEZE_S)
+            ),
+        }
+
+    def answer(self, line: str) -> str:
+        try:
+            request = msgspec.json.decode(line, type=FaultRequest)
+            if not secrets.compare_digest(request.token.encode(), self._token):
+                raise ValueError("the emulator's token is asked for")
+            verb = self._verbs.get(request.do)
+            if verb is None:
+                raise ValueError(f"unknown verb {request.do!r}")
+            verb(request)
+            result = {"ok": True, **(self._state() if request.do == "state" else {})}
+        except (msgspec.DecodeError, UnicodeError, ValueError) as error:
+            result = {"ok": False, "error": str(error)}
+        return msgspec.json.encode(result).decode()
+
+    def _state(self) -> dict[str, Any]:
+        controller = self._controller
+        return {
+            "position_m": controller.motion.position,
+            "moving": controller.motion.moving,
+            "robot_mode": controller.robot_mode,
+            "safety_mode": controller.safety_mode,
+            "runtime_state": controller.runtime_state,
+            "cycles": controller.cycles,
+            "script_errors": controller.script_errors,
+            "ignored_packets": self._rtde.ignored_packets,
+            "messages": list(controller.messages)[-_SHOWN_MESSAGES:],
+        }
+
+    def _claim(self, request: FaultRequest) -> None:
+        if unknown := [name for name in request.names if name not in INPUTS]:
+            raise ValueError(f"no input {unknown[0]!r:.60}")
+        self._rtde.claim(request.names, _STRANGER)
+
+
+def _within(what: str, value: float, most: float) -> float:
+    if not 0.0 <= value <= most:
+        raise ValueError(f"{what} must be within 0 and {most:g}")
+    return value

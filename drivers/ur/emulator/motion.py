@@ -13,10 +13,8 @@ import numpy as np
 
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
-from drivers.ur.emulator.settings import EmulatorSettings
-from drivers.ur.emulator.urscript.parse import ScriptError
-from drivers.ur.emulator.urscript.run import Thread
-from drivers.ur.kinematics import STILL, Frame, Joints, Pose, beyond, in_range, where
+from drivers.ur.emulator.urscript import ScriptError, Thread
+from drivers.ur.kinematics import STILL, Frame, Joints, Pose, beyond, in_range
 from drivers.ur.model import ArmModel
 
 _TURN_TOLERANCE_RAD = 1e-4  # what is turned by less keeps its orientation
@@ -24,7 +22,8 @@ _AT_TARGET_M = 1e-6
 _OFF_AXIS = 0.01  # of a turn: direction of another axis
 _ON_AXIS = 1e-6  # of the tool centre point, m; of a turn, rad/s
 _STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 ms
-
+_TOOL_DOWN = (math.pi, 0.0, 0.0)  # rotation vector of the flange at the start
+_STOP_MPS2 = 5.0  # when a program ends in motion; assumed
 
 # no arm moves faster, or changes its speed more slowly; what follows from them stays finite
 _SPEEDS = (1e-6, 100.0)  # m/s, rad/s
@@ -41,17 +40,12 @@ class RobotMotion:
     """The arm as the controller sees it, renewed once per cycle by ``update``."""
 
     def __init__(
-        self,
-        settings: EmulatorSettings,
-        arm: ArmModel,
-        lock: AbstractContextManager[object],
-        now_ns: int,
+        self, period_s: float, arm: ArmModel, lock: AbstractContextManager[object], now_ns: int
     ) -> None:
         self._arm = arm
         self._lock = lock
-        self._period_s = settings.controller.period_ns * 1e-9
-        self._stop_mps2 = settings.stop_deceleration_mps2
-        self._start_rotation = kinematics.rotation(settings.tool_rotation_rad)
+        self._period_s = period_s
+        self._start_rotation = kinematics.rotation(_TOOL_DOWN)
         self._rotation = self._start_rotation
         self._turned_rad = 0.0  # the arm model's angle at the start rotation
         self._slider = 1.0
@@ -108,7 +102,7 @@ class RobotMotion:
             self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
         except np.linalg.LinAlgError:
             return "joints cannot follow the tool: singular"
-        return where(beyond(self.q, self.qd), self.q)
+        return beyond(self.q, self.qd)
 
     # state
 
@@ -193,7 +187,7 @@ class RobotMotion:
     def brake_if_unowned(self) -> None:
         """A motion whose thread or program has ended is braked."""
         if self._owner is None and (self._target is not None or self._speed is not None):
-            self.stop(self._stop_mps2)
+            self.stop(_STOP_MPS2)
 
     def line(self, pose: Sequence[float], speed_mps: float, acceleration_mps2: float) -> None:
         """Straight line of the tool centre point to a pose. Raises ScriptError."""

@@ -1,33 +1,201 @@
-"""RTDE as the controller serves it: one object per connection, bytes in, bytes out.
+"""RTDE as the controller serves it (Universal Robots, "RTDE Guide"): bytes in, bytes out.
 
-After setup a connection gets data packets only; nothing is ever sent before the answer to a
-request, because clients read exactly one packet as that answer.
+A packet is a big-endian uint16 of its whole size, one byte of type, and a body. After setup a
+connection gets data packets only; nothing is ever sent before the answer to a request, because
+clients read exactly one packet as that answer. The fields are those that ur_rtde or this project
+asks for; currents, voltages, temperatures and the like are constants of an idle arm.
 """
 
 import struct
-from collections.abc import Mapping
-from weakref import WeakValueDictionary
+from collections.abc import Callable
+from enum import IntEnum
+from typing import NamedTuple
 
-from drivers.ur.emulator.rtde_wire import (
-    IN_USE,
-    INPUT_TYPES,
-    NOT_FOUND,
-    PROTOCOL_VERSION,
-    Cells,
-    PacketType,
-    Recipe,
-    Splitter,
+from drivers.ur.emulator.controller import (
+    REGISTERS,
+    Controller,
+    Profile,
+    RobotMode,
+    RuntimeState,
+    SafetyMode,
     Values,
-    packet,
-    split_names,
 )
-from drivers.ur.emulator.settings import Profile
+
+PORT = 30004
+PROTOCOL_VERSION = 2
+HEADER = struct.Struct(">HB")
+MOST_BYTES = 65535 - HEADER.size  # of a body
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 _MAX_RECIPES = 255
-_MAX_NAMES = 1000  # of one recipe; all outputs together are fewer
+_MAX_NAMES = 1000  # of one recipe
 _MAX_HELD = 5000  # of all input recipes of one client
 _SLOWEST_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
 _FREQUENCY = struct.Struct(">d")
+
+
+class PacketType(IntEnum):
+    """The type byte, a letter."""
+
+    PROTOCOL_VERSION = ord("V")
+    CONTROLLER_VERSION = ord("v")
+    OUTPUTS = ord("O")
+    INPUTS = ord("I")
+    START = ord("S")
+    PAUSE = ord("P")
+    DATA = ord("U")
+
+
+STRUCT_CODES = {
+    "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
+    "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i",
+}  # fmt: skip
+_STRUCTS = {kind: struct.Struct(f">{code}") for kind, code in STRUCT_CODES.items()}
+
+
+# output fields
+
+_POWER_ON, _PROGRAM_RUNNING, _POWER_BUTTON = 1 << 0, 1 << 1, 1 << 3  # robot_status_bits
+_JOINT_RUNNING, _JOINT_POWER_OFF = 253, 245  # joint_mode
+_SAFETY_BITS = {
+    SafetyMode.NORMAL: 1 << 0,
+    SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
+    SafetyMode.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
+}
+
+
+class Field(NamedTuple):
+    """An output: its RTDE type, and its values in a cycle."""
+
+    type: str
+    values: Callable[[Controller], Values]
+
+
+def _constant(kind: str, *values: float) -> Field:
+    return Field(kind, lambda controller: values)
+
+
+def _register(direction: str, kind: str, index: int) -> Field:
+    return Field(
+        {"int": "INT32", "double": "DOUBLE"}[kind],
+        lambda controller: (controller.registers.values[direction, kind][index],),
+    )
+
+
+def _status_bits(controller: Controller) -> Values:
+    power = _POWER_ON if controller.robot_mode is not RobotMode.POWER_OFF else 0
+    program = _PROGRAM_RUNNING if controller.runtime_state is RuntimeState.PLAYING else 0
+    return (power | program | _POWER_BUTTON,)
+
+
+def _joint_modes(controller: Controller) -> Values:
+    running = controller.robot_mode is RobotMode.RUNNING
+    return (_JOINT_RUNNING if running else _JOINT_POWER_OFF,) * 6
+
+
+_ZERO_VECTORS = (
+    "target_qdd target_current target_moment actual_current joint_control_output actual_TCP_force "
+    "payload_inertia"
+)
+_ZERO_NUMBERS = (
+    "actual_execution_time actual_momentum standard_analog_input0 standard_analog_input1 "
+    "standard_analog_output0 standard_analog_output1"
+)
+_REGISTER_FIELDS = {
+    f"{direction}_{kind}_register_{index}": (direction, kind, index)
+    for direction in ("input", "output")
+    for kind in ("int", "double")
+    for index in range(REGISTERS)
+}
+_FORCE_SENSOR = "ft_raw_wrench"  # of an e-Series alone
+OUTPUTS: dict[str, Field] = {
+    "timestamp": Field("DOUBLE", lambda c: (c.cycles * c.period_s,)),
+    "actual_q": Field("VECTOR6D", lambda c: c.motion.q),
+    "target_q": Field("VECTOR6D", lambda c: c.motion.q),
+    "actual_qd": Field("VECTOR6D", lambda c: c.motion.qd),
+    "target_qd": Field("VECTOR6D", lambda c: c.motion.qd),
+    "actual_TCP_pose": Field("VECTOR6D", lambda c: c.motion.tcp_pose),
+    "target_TCP_pose": Field("VECTOR6D", lambda c: c.motion.tcp_pose),
+    "actual_TCP_speed": Field("VECTOR6D", lambda c: c.motion.tcp_speed),
+    "target_TCP_speed": Field("VECTOR6D", lambda c: c.motion.tcp_speed),
+    "tcp_offset": Field("VECTOR6D", lambda c: c.motion.tcp_offset),
+    "payload": Field("DOUBLE", lambda c: (c.payload_kg,)),
+    "payload_cog": Field("VECTOR3D", lambda c: c.payload_cog_m),
+    "robot_mode": Field("INT32", lambda c: (c.robot_mode,)),
+    "joint_mode": Field("VECTOR6INT32", _joint_modes),
+    "safety_mode": Field("INT32", lambda c: (c.safety_mode,)),
+    "speed_scaling": Field("DOUBLE", lambda c: (c.speed_fraction,)),
+    "target_speed_fraction": Field("DOUBLE", lambda c: (c.speed_fraction,)),
+    "runtime_state": Field("UINT32", lambda c: (c.runtime_state,)),
+    "robot_status_bits": Field("UINT32", _status_bits),
+    "safety_status_bits": Field("UINT32", lambda c: (_SAFETY_BITS[c.safety_mode],)),
+    "joint_temperatures": _constant("VECTOR6D", *(30.0,) * 6),
+    "actual_joint_voltage": _constant("VECTOR6D", *(48.0,) * 6),
+    "actual_tool_accelerometer": _constant("VECTOR3D", 0.0, 0.0, -9.82),
+    "actual_main_voltage": _constant("DOUBLE", 48.0),
+    "actual_robot_voltage": _constant("DOUBLE", 48.0),
+    "actual_robot_current": _constant("DOUBLE", 0.5),
+    "actual_digital_input_bits": _constant("UINT64", 0),
+    "actual_digital_output_bits": _constant("UINT64", 0),
+    _FORCE_SENSOR: _constant("VECTOR6D", *(0.0,) * 6),
+    **{name: _constant("VECTOR6D", *(0.0,) * 6) for name in _ZERO_VECTORS.split()},
+    **{name: _constant("DOUBLE", 0.0) for name in _ZERO_NUMBERS.split()},
+    **{name: _register(*which) for name, which in _REGISTER_FIELDS.items()},
+}
+
+# inputs: those that are neither register nor speed slider are taken without effect
+_BYTES = (
+    "standard_digital_output_mask standard_digital_output configurable_digital_output_mask "
+    "configurable_digital_output tool_digital_output_mask tool_digital_output "
+    "standard_analog_output_mask standard_analog_output_type"
+)
+INPUTS: dict[str, str] = {
+    "speed_slider_mask": "UINT32",
+    **dict.fromkeys(_BYTES.split(), "UINT8"),
+    "speed_slider_fraction": "DOUBLE",
+    "standard_analog_output_0": "DOUBLE",
+    "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+    **{name: OUTPUTS[name].type for name in _REGISTER_FIELDS if name.startswith("input")},
+}
+
+
+class Sample(dict[str, bytes]):
+    """Output fields of one cycle, each packed when it is first asked for."""
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
+        self._controller = controller
+
+    def __missing__(self, name: str) -> bytes:
+        field = OUTPUTS[name]
+        self[name] = _STRUCTS[field.type].pack(*field.values(self._controller))
+        return self[name]
+
+
+def packet(kind: PacketType, body: bytes = b"") -> bytes:
+    """Raises ValueError for a body beyond ``MOST_BYTES``."""
+    if len(body) > MOST_BYTES:
+        raise ValueError(f"a packet of {len(body)} bytes")
+    return HEADER.pack(HEADER.size + len(body), kind) + body
+
+
+class InputRecipe:
+    """Names of inputs, in order, and how their values are packed."""
+
+    def __init__(self, names: list[str]) -> None:
+        codes = [STRUCT_CODES[INPUTS[name]] for name in names]
+        self._widths = [
+            (name, int(code[:-1] or 1)) for name, code in zip(names, codes, strict=True)
+        ]
+        self._struct = struct.Struct(">" + "".join(codes))
+
+    def unpack(self, body: bytes) -> dict[str, Values] | None:
+        """Values by name; None when the body is not as long as the recipe says."""
+        if len(body) != self._struct.size:
+            return None
+        flat = iter(self._struct.unpack(body))
+        return {name: tuple(next(flat) for _ in range(n)) for name, n in self._widths}
 
 
 class RtdeServer:
@@ -38,22 +206,18 @@ class RtdeServer:
         self.claims: dict[str, object] = {}
         self.ignored_packets = 0
         self._written: dict[str, Values] = {}
-        self._recipes: WeakValueDictionary[tuple[str, ...], Recipe] = WeakValueDictionary()
 
     def write(self, values: dict[str, Values]) -> None:
         self._written.update(values)
-
-    def outputs(self, names: list[str]) -> Recipe:
-        """Those who ask for the same get the same recipe, which is packed once for all."""
-        recipe = self._recipes.get(tuple(names))
-        if recipe is None:
-            recipe = self._recipes[tuple(names)] = Recipe(1, names, self.profile.output_types)
-        return recipe
 
     def take_inputs(self) -> dict[str, Values]:
         """Inputs written since the last call: the controller reads them once per cycle."""
         written, self._written = self._written, {}
         return written
+
+    def output_type(self, name: str) -> str:
+        known = name in OUTPUTS and (self.profile.e_series or name != _FORCE_SENSOR)
+        return OUTPUTS[name].type if known else NOT_FOUND
 
     def claim(self, names: list[str], owner: object) -> None:
         """Give these inputs to somebody; another one's request is answered IN_USE."""
@@ -64,47 +228,40 @@ class RtdeServer:
         self.claims = {name: one for name, one in self.claims.items() if one is not owner}
 
 
-class Told:
-    """What is told of one cycle: each field and each recipe is packed once, whoever asks."""
-
-    def __init__(self, values: Mapping[str, Values], profile: Profile) -> None:
-        self._cells = Cells(values, profile.output_types)
-        self._packets: dict[Recipe, bytes] = {}
-
-    def packet(self, recipe: Recipe) -> bytes:
-        if recipe not in self._packets:
-            self._packets[recipe] = recipe.pack(self._cells)
-        return self._packets[recipe]
-
-
 class RtdeConnection:
-    """One client."""
+    """One client; ``broken`` once its bytes are no packets."""
 
     def __init__(self, server: RtdeServer) -> None:
         self._server = server
-        self._splitter = Splitter()
-        self._inputs: dict[int, Recipe] = {}
-        self._held = 0  # names of all these
-        self._output: Recipe | None = None
+        self._held = bytearray()
+        self.broken = False
+        self._inputs: list[InputRecipe] = []
+        self._input_names = 0  # of all these
+        self._output: list[str] = []
         self._every = 1  # cycles per data packet
         self._started = False
-
-    @property
-    def broken(self) -> bool:
-        return self._splitter.broken
 
     def close(self) -> None:
         self._server.release(self)
 
     def feed(self, data: bytes) -> bytes:
         """Answers to the requests in these bytes."""
-        return b"".join(self._answer(kind, body) for kind, body in self._splitter.feed(data))
+        self._held += data
+        answers = []
+        while len(self._held) >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._held)
+            self.broken = size < HEADER.size
+            if self.broken or len(self._held) < size:
+                break
+            answers.append(self._answer(kind, bytes(self._held[HEADER.size : size])))
+            del self._held[:size]
+        return b"".join(answers)
 
-    def sample(self, cycle: int, told: "Told") -> bytes:
+    def sample(self, cycle: int, sample: Sample) -> bytes:
         """The data packet of this cycle, or nothing."""
-        if not self._started or self._output is None or cycle % self._every:
+        if not self._started or cycle % self._every:
             return b""
-        return told.packet(self._output)
+        return packet(PacketType.DATA, b"\x01" + b"".join(sample[name] for name in self._output))
 
     def _answer(self, kind: int, body: bytes) -> bytes:
         match kind:
@@ -119,7 +276,7 @@ class RtdeConnection:
             case PacketType.INPUTS:
                 return packet(PacketType.INPUTS, self._set_up_inputs(body))
             case PacketType.START:
-                self._started = self._output is not None
+                self._started = bool(self._output)
                 return packet(PacketType.START, bytes([self._started]))
             case PacketType.PAUSE:
                 self._started = False
@@ -133,37 +290,42 @@ class RtdeConnection:
     def _set_up_outputs(self, body: bytes) -> bytes:
         rate = self._server.profile.rate_hz
         wanted = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
-        names = split_names(body[_FREQUENCY.size :])
-        known = self._server.profile.output_types
-        types = [known.get(name, NOT_FOUND) for name in names[:_MAX_NAMES]]
+        names = _names(body[_FREQUENCY.size :])
+        types = [self._server.output_type(name) for name in names[:_MAX_NAMES]]
         valid = _SLOWEST_HZ <= wanted <= rate and 0 < len(names) <= _MAX_NAMES
         valid = valid and NOT_FOUND not in types
-        self._output = self._server.outputs(names) if valid else None
+        self._output = names if valid else []
         self._every = round(rate / wanted) if valid else 1
         return bytes([valid]) + ",".join(types).encode()
 
     def _set_up_inputs(self, body: bytes) -> bytes:
-        names = split_names(body)
+        names = _names(body)
         types = [self._input_type(name) for name in names[:_MAX_NAMES]]
-        valid = 0 < len(names) <= _MAX_NAMES and self._held + len(names) <= _MAX_HELD
+        valid = 0 < len(names) <= _MAX_NAMES and self._input_names + len(names) <= _MAX_HELD
         valid = valid and NOT_FOUND not in types and IN_USE not in types
-        number = len(self._inputs) + 1 if valid and len(self._inputs) < _MAX_RECIPES else 0
-        if number:
-            self._inputs[number] = Recipe(number, names, INPUT_TYPES)
-            self._held += len(names)
+        valid = valid and len(self._inputs) < _MAX_RECIPES
+        if valid:
+            self._inputs.append(InputRecipe(names))
+            self._input_names += len(names)
             self._server.claim(names, self)
-        return bytes([number]) + ",".join(types).encode()
+        return bytes([len(self._inputs) if valid else 0]) + ",".join(types).encode()
 
     def _input_type(self, name: str) -> str:
-        if name not in INPUT_TYPES:
+        if name not in INPUTS:
             return NOT_FOUND
         free = self._server.claims.get(name, self) is self
-        return INPUT_TYPES[name] if free else IN_USE
+        return INPUTS[name] if free else IN_USE
 
     def _take(self, body: bytes) -> None:
-        recipe = self._inputs.get(body[0]) if body else None
-        values = recipe.unpack(body) if recipe else None
+        number = body[0] if body else 0
+        known = 0 < number <= len(self._inputs)
+        values = self._inputs[number - 1].unpack(body[1:]) if known else None
         if values is None:
             self._server.ignored_packets += 1
         else:
             self._server.write(values)
+
+
+def _names(text: bytes) -> list[str]:
+    """Of a recipe. ur_rtde ends its list with a comma; an empty name is no name."""
+    return [name for name in text.decode("ascii", "replace").split(",") if name]

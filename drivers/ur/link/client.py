@@ -5,8 +5,6 @@ Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts 
 
 import math
 import os
-import time
-from collections.abc import Callable
 from typing import Annotated, Self
 
 import msgspec
@@ -15,24 +13,19 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
-from drivers.ur.driver import UNREAD, ArmSample
+from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
-from drivers.ur.link.look import require_standing
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
-from drivers.ur.link.preflight import PreflightFindings, preflight, require
+from drivers.ur.link.preflight import PreflightFindings, preflight, require, require_standing
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
 _BEAT_NS = 10_000_000
-_LATELY_S = 2.0
 
 
 class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to reach the controller, what hangs on the flange, and how long to wait."""
 
     host: Annotated[str, Meta(description="address of the arm's controller; empty: not said")] = ""
-    frequency_hz: Annotated[
-        float, Meta(ge=10.0, le=500.0, description="samples per s; UR RTDE guide: CB3 sends 125")
-    ] = 125.0
     tcp_offset: Annotated[
         Pose, Meta(description="m and rad, tool centre point from the flange; assumed")
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -41,52 +34,39 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Meta(description="m, centre of gravity of the payload from the flange; assumed"),
     ] = (0.0, 0.0, 0.06)
     watchdog_hz: Annotated[
-        float,
-        Meta(ge=1.0, le=50.0, description="kicks per s below which the controller stops"),
+        float, Meta(ge=1, le=50, description="kicks per s below which the controller stops")
     ] = 10.0
     heartbeat_timeout_s: Annotated[
-        float,
-        Meta(ge=0.05, le=5.0, description="s without a read() after which a motion is braked and "
-             "its program left to the watchdog; doubt.standstill_s: that a step may be late"),
-    ] = 0.15  # fmt: skip
+        float, Meta(ge=0.05, le=5, description="s without a read() after which a motion is braked")
+    ] = 0.15
     step_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=30.0, description="s for each question before ur_rtde is started")
+        float, Meta(ge=0.1, le=10, description="s for each question and each command")
     ] = 2.0
-    start_timeout_s: Annotated[
-        float, Meta(ge=1.0, le=60.0, description="s until the program runs on the controller")
-    ] = 15.0
-    command_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="s until a command is taken")
-    ] = 2.0
-    link_timeout_s: Annotated[
-        float,
-        Meta(ge=0.1, le=2.0, description="s of silence that end the link; ur_rtde's own is 2.5"),
-    ] = 1.0
-    stop_margin_s: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="s that a stop may take beyond braking; assumed")
-    ] = 0.5
-    standing_below_mps: Annotated[
-        float, Meta(gt=0.0, le=0.01, description="m/s that count as standing; assumed")
-    ] = 0.001
-    standing_below_radps: Annotated[
-        float, Meta(gt=0.0, le=0.1, description="rad/s that count as standing; assumed: what "
-                    "standing_below_mps is at 0.2 m from the axis")
-    ] = 0.005  # fmt: skip
-    brake_again_s: Annotated[
-        float, Meta(ge=0.05, le=2.0, description="s after which a drive that still moves is told "
-                    "again to end, since a controller may miss a call; assumed")
-    ] = 0.2  # fmt: skip
-    leave_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="s for the worker to brake in when the client is "
-                    "gone, below close_timeout_s; assumed: 1 m/s at 0.5 m/s2")
-    ] = 2.0  # fmt: skip
-    close_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=30.0, description="s for the worker to end before it is killed")
-    ] = 4.0
 
-    def __post_init__(self) -> None:
-        if self.leave_timeout_s >= self.close_timeout_s:
-            raise ValueError("leave_timeout_s must be below close_timeout_s: it kills the worker")
+    @property
+    def start_timeout_s(self) -> float:
+        """Until the program runs on the controller."""
+        return 7.5 * self.step_timeout_s
+
+    @property
+    def leave_timeout_s(self) -> float:
+        """For the worker to brake in when the client is gone; 1 m/s at 0.5 m/s2 takes 2 s."""
+        return self.step_timeout_s
+
+    @property
+    def close_timeout_s(self) -> float:
+        """For the worker to end before it is killed, longer than it may brake."""
+        return 2.0 * self.step_timeout_s
+
+    @property
+    def stop_margin_s(self) -> float:
+        """That a stop may take beyond braking; assumed."""
+        return 0.25 * self.step_timeout_s
+
+    @property
+    def link_timeout_s(self) -> float:
+        """Silence that ends the link; ur_rtde's own is 2.5 s."""
+        return min(2.0, 0.5 * self.step_timeout_s)
 
 
 class UrLink:
@@ -106,8 +86,7 @@ class UrLink:
         self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at the start
         self._turned = False
         self._beat_ns = 0
-        self._left_alone = -math.inf, 0.0  # when it was read again last after too long, s; how long
-        self._told: set[str] = set()  # troubles that were raised already and have not ended
+        self._raised: set[str] = set()  # troubles that have not ended
         self._stop_number: int | None = None
         self._stop_due_ns = 0
 
@@ -118,14 +97,25 @@ class UrLink:
         findings = preflight(s.host, s.step_timeout_s)
         require(findings)
         require_standing(s.host, s.step_timeout_s)
-        started = WorkerProcess(self._setup())
+        setup = messages.Setup(
+            host=s.host,
+            tcp_offset=s.tcp_offset,
+            payload_kg=self._payload_kg,
+            cog_m=s.cog_m,
+            watchdog_hz=s.watchdog_hz,
+            heartbeat_timeout_s=s.heartbeat_timeout_s,
+            link_timeout_s=s.link_timeout_s,
+            leave_timeout_s=s.leave_timeout_s,
+            client_pid=os.getpid(),
+        )
+        started = WorkerProcess(setup)
         try:
             started.wait_ready(s.start_timeout_s)
         except BaseException:  # a signal among them: no program of ours may be left
             started.close(s.close_timeout_s)
             raise
         self._worker, self._trusted = started, started.state
-        self._told.clear()
+        self._raised.clear()
         self._stop_number = None
         self._turned = False
         if self._trusted is not None:
@@ -150,48 +140,38 @@ class UrLink:
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
         """False in a safety stop; raises DeviceFault when no program runs on the controller."""
-        _, state = self._live()
+        process, state = self._live()
         rotation = state.pose[3:] if self._turned else self._rotation
-        return self._start(
-            lambda number: messages.Move(
-                number, (*target_m, *rotation), speed_mps, acceleration_mps2
-            ),
-            now_ns,
-        )
+        target = (*target_m, *rotation)
+        number = process.next_number()
+        return self._start(messages.Move(number, target, speed_mps, acceleration_mps2), now_ns)
 
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
         """As ``move_l``; the controller keeps the velocity for as long as ``read`` is called."""
-        _, state = self._live()
+        process, state = self._live()
         self._turned = self._turned or spin_radps != 0.0
-        axis = kinematics.rotation(state.pose[3:])[:, 2]
-        wx, wy, wz = (spin_radps * axis).tolist()
-        return self._start(
-            lambda number: messages.DriveArm(
-                number, (*velocity_mps, wx, wy, wz), acceleration_mps2
-            ),
-            now_ns,
-        )
+        wx, wy, wz = (spin_radps * kinematics.rotation(state.pose[3:])[:, 2]).tolist()
+        velocity, number = (*velocity_mps, wx, wy, wz), process.next_number()
+        return self._start(messages.DriveArm(number, velocity, acceleration_mps2), now_ns)
 
-    def _start(
-        self, motion: Callable[[int], messages.Move | messages.DriveArm], now_ns: int
-    ) -> bool:
+    def _start(self, motion: messages.Move | messages.DriveArm, now_ns: int) -> bool:
         process, state = self._live()
         if state.stopped_by_safety:
             return False
         if not state.program_running:
-            raise self._program_ended(process)
+            raise _program_ended()
         self._stop_number = None
         self._beat_ns = now_ns
-        process.post(motion(process.next_number()), self._settings.command_timeout_s)
+        process.post(motion, self._settings.step_timeout_s)
         return True
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
         """``read`` confirms it by the speed, and raises DeviceFault when it does not come to 0."""
         process, state = self._live()
         number = process.next_number()
-        process.post(messages.Stop(number, deceleration_mps2), self._settings.command_timeout_s)
+        process.post(messages.Stop(number, deceleration_mps2), self._settings.step_timeout_s)
         braking_s = math.hypot(*state.velocity_mps) / deceleration_mps2
         self._stop_number, self._beat_ns = number, now_ns
         self._stop_due_ns = now_ns + round((braking_s + self._settings.stop_margin_s) * 1e9)
@@ -200,7 +180,7 @@ class UrLink:
         """Waits until the controller has taken it; set again with every connection."""
         process, _ = self._live()
         command = messages.SetPayload(process.next_number(), mass_kg, self._settings.cog_m)
-        outcome = process.call(command, self._settings.command_timeout_s)
+        outcome = process.call(command, self._settings.step_timeout_s)
         if outcome is not Outcome.DONE:
             raise Refused(f"the arm controller did not take the payload: {outcome}", SEE_PENDANT)
         self._payload_kg = mass_kg
@@ -212,9 +192,6 @@ class UrLink:
         controller reports a pose that the tool does not have.
         """
         process, state = self._live()
-        unread_s = (now_ns - self._beat_ns) * 1e-9
-        if self._beat_ns and unread_s > self._settings.heartbeat_timeout_s:
-            self._left_alone = time.monotonic(), unread_s
         if now_ns - self._beat_ns >= _BEAT_NS:
             self._beat_ns = now_ns
             process.beat()
@@ -233,7 +210,6 @@ class UrLink:
             angle_rad=self._angle(trusted.pose[3:]),
             spin_radps=_along_axis(trusted) if powered else 0.0,
             speed_fraction=state.speed_fraction,
-            silent_s=process.silent_s,
         )
 
     def _angle(self, rotation: Vector3) -> float:
@@ -254,51 +230,30 @@ class UrLink:
         return process, state
 
     def _raise_trouble(self, process: WorkerProcess, state: State) -> None:
-        """The driver tells of protective stops itself, so those are left to it."""
+        """Each once, when it begins. The driver raises protective stops itself."""
         failure = process.failure()
         stopped = state.stopped_by_safety
-        if self._begins("stop", state.emergency_stop):
-            raise DeviceFault(
-                f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
-                "release the emergency stop or close the safeguard, power the robot on at the "
-                "teach pendant, then start the run again",
-            )
-        if self._begins("mode", state.robot_mode != ROBOT_RUNNING and not stopped):
-            raise DeviceFault(
-                f"the arm's motors are off (robot mode {state.robot_mode})",
-                "power the robot on at the teach pendant, then start the run again",
-            )
-        if self._begins("program", not state.program_running and not stopped):
-            raise self._program_ended(process)
+        safety_stop = DeviceFault(
+            f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
+            "release the emergency stop or close the safeguard, power the robot on at the "
+            "teach pendant, then start the run again",
+        )
+        no_power = DeviceFault(
+            f"the arm's motors are off (robot mode {state.robot_mode})",
+            "power the robot on at the teach pendant, then start the run again",
+        )
+        for name, present, fault in (
+            ("stop", state.emergency_stop, safety_stop),
+            ("mode", state.robot_mode != ROBOT_RUNNING and not stopped, no_power),
+            ("program", not state.program_running and not stopped, _program_ended()),
+        ):
+            if not present:
+                self._raised.discard(name)
+            elif name not in self._raised:
+                self._raised.add(name)
+                raise fault
         if failure is Outcome.NOT_TAKEN:
             raise Refused("the arm controller did not take a command", SEE_PENDANT)
-
-    def _program_ended(self, process: WorkerProcess) -> DeviceFault:
-        """Its own watchdog ends it, where nobody has kicked that for long enough."""
-        s, away_s = self._settings, process.away_s(_LATELY_S)
-        again_at, unread_s = self._left_alone
-        if time.monotonic() - again_at < _LATELY_S:
-            away_s = max(away_s, unread_s)
-        if away_s > max(0.5 / s.watchdog_hz, 3.0 / s.frequency_hz):
-            return DeviceFault(
-                f"the program on the arm controller has ended: for {away_s:.2f} s this computer "
-                "did not keep it alive in time",
-                UNREAD,
-            )
-        return DeviceFault(
-            "the program on the arm controller has ended",
-            "look at the log of the teach pendant, and whether it was turned to Local; "
-            f"{START_AGAIN}",
-        )
-
-    def _begins(self, trouble: str, present: bool) -> bool:
-        """True when it was not there at the last look."""
-        if not present:
-            self._told.discard(trouble)
-            return False
-        begins = trouble not in self._told
-        self._told.add(trouble)
-        return begins
 
     def _confirm_stop(self, process: WorkerProcess, state: State, now_ns: int) -> None:
         number = self._stop_number
@@ -314,27 +269,15 @@ class UrLink:
                 f"press the emergency stop if it still moves; {START_AGAIN}",
             )
 
-    def _setup(self) -> messages.Setup:
-        s = self._settings
-        return messages.Setup(
-            host=s.host,
-            frequency_hz=s.frequency_hz,
-            tcp_offset=s.tcp_offset,
-            payload_kg=self._payload_kg,
-            cog_m=s.cog_m,
-            watchdog_hz=s.watchdog_hz,
-            heartbeat_timeout_s=s.heartbeat_timeout_s,
-            link_timeout_s=s.link_timeout_s,
-            standing_below_mps=s.standing_below_mps,
-            standing_below_radps=s.standing_below_radps,
-            brake_again_s=s.brake_again_s,
-            leave_timeout_s=s.leave_timeout_s,
-            start_timeout_s=s.start_timeout_s,
-            client_pid=os.getpid(),
-        )
+
+def _program_ended() -> DeviceFault:
+    return DeviceFault(
+        "the program on the arm controller has ended",
+        "look at the log of the teach pendant, whether it was turned to Local, and whether this "
+        f"computer was too busy to keep the program's watchdog alive; {START_AGAIN}",
+    )
 
 
 def _along_axis(state: State) -> float:
     """Spin about the tool's own axis, rad/s."""
-    axis = kinematics.rotation(state.pose[3:])[:, 2]
-    return float(sum(a * w for a, w in zip(axis.tolist(), state.turning_radps, strict=True)))
+    return float(kinematics.rotation(state.pose[3:])[:, 2] @ state.turning_radps)

@@ -12,7 +12,7 @@ PROGRAM_RUNNING = 2  # runtime_state; RTDE guide
 ROBOT_RUNNING = 7  # robot_mode; RTDE guide
 # safety_status_bits; RTDE guide: 2 protective stop, 10 stopped due to safety (with any of them)
 _STOP_BITS = 1 << 2 | 1 << 10
-_OTHER_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
+_WORSE_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
 LONGEST_MESSAGE = 65536
 
 
@@ -34,18 +34,13 @@ class Setup(Message, frozen=True):
     """First of all; tcp_offset in m and rad, payload_kg None: as the installation has it."""
 
     host: str
-    frequency_hz: float
     tcp_offset: Pose
     payload_kg: float | None
     cog_m: Vector3
     watchdog_hz: float
     heartbeat_timeout_s: float
     link_timeout_s: float
-    standing_below_mps: float
-    standing_below_radps: float
-    brake_again_s: float
     leave_timeout_s: float
-    start_timeout_s: float
     client_pid: int  # the worker does not outlive it
 
 
@@ -125,16 +120,12 @@ class State(Message, frozen=True):
 
     @property
     def stopped_by_safety(self) -> bool:
-        return bool(self.safety_bits & (_STOP_BITS | _OTHER_STOP_BITS))
+        return bool(self.safety_bits & (_STOP_BITS | _WORSE_STOP_BITS))
 
     @property
     def emergency_stop(self) -> bool:
         """Whatever is worse than a protective stop: safeguard too, violation, fault."""
-        return bool(self.safety_bits & _OTHER_STOP_BITS)
+        return bool(self.safety_bits & _WORSE_STOP_BITS)
 
 
-class NothingNew(Message, frozen=True):
-    """This process has run for a cycle in which the controller sent no sample."""
-
-
-FromWorker = Ready | Failed | Reply | State | NothingNew
+FromWorker = Ready | Failed | Reply | State

@@ -1,4 +1,4 @@
-"""Ask a controller, step by step and each with a deadline, whether ur_rtde can work with it.
+"""Ask a controller, each question with a deadline, how it is and whether ur_rtde can work with it.
 
 ur_rtde blocks for ever on a peer that accepts and stays silent, and reports other trouble late and
 vaguely. This goes first and names every failure with its remedy. RTDE framing and names: UR's
@@ -6,46 +6,138 @@ Real-Time Data Exchange (RTDE) guide; commands: UR's dashboard server guide.
 """
 
 import contextlib
+import math
 import socket
 import struct
 import time
-from collections.abc import Callable
-from typing import Literal, TypeVar
+from collections.abc import Mapping
+from typing import Final, Literal, Self
 
 import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import LEAST_SPEED_FRACTION
+from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING, Pose
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
-
 CONNECT_AGAIN = "check power, cable and address of the robot's controller"
-Status = Literal["ok", "warn", "fail"]
-Version = tuple[int, int, int, int]
+TURN_UP = "set the speed slider to 100 % at the teach pendant"
+MOVES, END_IT = "the arm moves", "end the program that moves it"
+Version = tuple[int, ...]
 
-# ur_rtde does not ask for remote control at these addresses
-_UNCHECKED_HOSTS = ("localhost", "127.0.0.1", "192.168.56.101")
-# what ur_rtde 1.6.5 writes to with its register offset 0
 _REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
     f"input_double_register_{i}" for i in range(18)
-]
+]  # what ur_rtde 1.6.5 writes to with its register offset 0
 _ASK_AGAIN_S = 0.05  # for claims: a client that has just gone is noticed a moment later
-_FIELDS = b"runtime_state,target_speed_fraction"
-_LOOKS_HZ = 25.0
 _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
 _FULL_SPEED = 0.995  # a slider that says 100 %
-TURN_UP = "set the speed slider to 100 % at the teach pendant"
+_PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
 _HANG_UP_S = 0.2
 _LONGEST_LINE = 1024
 
-_Result = TypeVar("_Result")
+
+# questions
+
+
+class Rtde:
+    """One RTDE connection for a handful of questions; they raise OSError and ValueError."""
+
+    def __init__(self, host: str, timeout_s: float) -> None:
+        self._socket = socket.create_connection((host, RTDE_PORT), timeout_s)
+        self._file = self._socket.makefile("rb")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait briefly for the controller to hang up too: then the claims are free again."""
+        deadline = time.monotonic() + _HANG_UP_S
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+            self._socket.settimeout(_HANG_UP_S)
+            while time.monotonic() < deadline and self._socket.recv(_LONGEST_LINE):
+                pass
+        self._file.close()
+        self._socket.close()
+
+    def ask(self, kind: bytes, body: bytes = b"") -> bytes:
+        """Body of the answer of the same kind; other packets (messages) are skipped."""
+        self.tell(kind, body)
+        return self.wait(kind)
+
+    def tell(self, kind: bytes, body: bytes) -> None:
+        """A packet that is not answered."""
+        self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
+
+    def wait(self, kind: bytes) -> bytes:
+        """Body of the next packet of a kind."""
+        while True:
+            size, found = struct.unpack(">Hc", self._read(3))
+            if size < 3:
+                raise ValueError(f"RTDE packet of {size} bytes")
+            body = self._read(size - 3)
+            if found == kind:
+                return body
+
+    def subscribe(self, frequency_hz: float, names: Mapping[str, str]) -> None:
+        """Have these fields sent, as packets of kind U."""
+        types = self.ask(b"O", struct.pack(">d", frequency_hz) + ",".join(names).encode())[1:]
+        if b"NOT_FOUND" in types or self.ask(b"S") != b"\x01":
+            raise ValueError(f"it does not send {','.join(names)}: {types.decode()}")
+
+    def _read(self, count: int) -> bytes:
+        data = self._file.read(count)
+        if len(data) < count:
+            raise ConnectionError("the peer hung up")
+        return data
+
+
+class Dashboard:
+    """Line by line: one command, one answer; raises OSError and ValueError."""
+
+    def __init__(self, host: str, timeout_s: float) -> None:
+        self._socket = socket.create_connection((host, DASHBOARD_PORT), timeout_s)
+        self._file = self._socket.makefile("rb")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._socket.close()
+
+    def line(self) -> str:
+        line = self._file.readline(_LONGEST_LINE)
+        if not line.endswith(b"\n"):
+            raise ValueError("no end of line" if line else "the peer hung up")
+        return line.decode("utf-8", "replace").strip()
+
+    def ask(self, command: str) -> str:
+        self._socket.sendall(command.encode() + b"\n")
+        return self.line()
+
+
+def peek(host: str, port: int, count: int, timeout_s: float) -> bytes:
+    """The first bytes that a port sends unasked; raises OSError."""
+    with (
+        socket.create_connection((host, port), timeout_s) as peer,
+        peer.makefile("rb") as stream,
+    ):
+        return stream.read(count)
+
+
+def _reason(error: Exception) -> str:
+    return "no answer in time" if isinstance(error, TimeoutError) else str(error) or "no answer"
+
+
+# preflight
 
 
 class PreflightCheck(msgspec.Struct, frozen=True):
     """One question and its answer; ``remedy`` is empty when there is nothing to do."""
 
     name: str
-    status: Status
+    status: Literal["ok", "warn", "fail"]
     detail: str
     remedy: str = ""
 
@@ -62,25 +154,22 @@ class PreflightFindings(msgspec.Struct, frozen=True):
         return tuple(check for check in self.checks if check.status == "fail")
 
 
+# checks that fail although the controller answers: it is set up wrongly, or in no state to move
+_ANSWERED = (
+    "version", "registers", "program", "speed slider", "remote control", "robot mode",
+    "safety mode",
+)  # fmt: skip
+
+
 def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
     """Ask everything; never raises on an unfit controller, and no step takes longer than told."""
-    checks = [_address(host)]
-    reachable = set()
-    for port, name in (
-        (DASHBOARD_PORT, "dashboard"),
-        (SCRIPT_PORT, "script"),
-        (RTDE_PORT, "rtde"),
-    ):
-        check = _port(host, port, name, step_timeout_s)
-        checks.append(check)
-        reachable |= {port} if check.status == "ok" else set()
-    version = None
-    if RTDE_PORT in reachable:
-        version, found = _ask_rtde(host, step_timeout_s)
-        checks += found
-    if DASHBOARD_PORT in reachable:
-        checks += _ask_dashboard(host, version, step_timeout_s)
-    return PreflightFindings(host, tuple(checks), version)
+    asked = _Questions(host, step_timeout_s)
+    open_ports = [port for port in _PORTS if asked.port(port)]
+    if RTDE_PORT in open_ports:
+        asked.rtde()
+    if DASHBOARD_PORT in open_ports:
+        asked.dashboard()
+    return PreflightFindings(host, tuple(asked.checks), asked.version)
 
 
 def require(findings: PreflightFindings) -> None:
@@ -89,8 +178,7 @@ def require(findings: PreflightFindings) -> None:
     LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion or
     the controller is not set up for remote control by RTDE.
     """
-    failures = findings.failures
-    if not failures:
+    if not (failures := findings.failures):
         return
     answered = all(check.name in _ANSWERED for check in failures)
     raise (DeviceFault if answered else LinkLost)(
@@ -99,204 +187,147 @@ def require(findings: PreflightFindings) -> None:
     )
 
 
-_ANSWERED = (
-    "version", "registers", "program", "speed slider", "remote control", "robot mode",
-    "safety mode",
-)  # fmt: skip
+class _Questions:
+    """What is asked of a controller, and how each answer is judged."""
+
+    def __init__(self, host: str, timeout_s: float) -> None:
+        self.checks: list[PreflightCheck] = []
+        self.version: Version | None = None
+        self._host, self._timeout_s = host, timeout_s
+
+    def _add(self, name: str, fine: str, trouble: str = "", remedy: str = "") -> None:
+        fit = PreflightCheck(name, "ok", fine)
+        self.checks.append(PreflightCheck(name, "fail", trouble, remedy) if trouble else fit)
+
+    def port(self, port: int) -> bool:
+        what, trouble = f"{_PORTS[port]} port {port}", ""
+        try:
+            socket.create_connection((self._host, port), self._timeout_s).close()
+        except OSError as error:
+            trouble = f"{what}: {_reason(error)}"
+        remedy = f"{CONNECT_AGAIN}; no firewall may stand before its ports"
+        self._add(f"{_PORTS[port]} port", f"{what} open", trouble, remedy)
+        return not trouble
+
+    def rtde(self) -> None:
+        """Protocol, then version, then registers and state: each needs the one before."""
+        try:
+            with Rtde(self._host, self._timeout_s) as rtde:
+                if rtde.ask(b"V", struct.pack(">H", 2)) != b"\x01":
+                    trouble = "RTDE protocol version 2 is refused"
+                    self._add("version", "", trouble, "update PolyScope")
+                    return
+                self._add("rtde protocol", "RTDE protocol version 2")
+                self.version = struct.unpack(">4I", rtde.ask(b"v"))
+                self.checks.append(judge_version(self.version))
+                if self.checks[-1].status != "fail":
+                    self._registers(rtde)
+                    self._readiness(rtde)
+        except (OSError, ValueError, struct.error) as error:
+            trouble = f"RTDE port {RTDE_PORT} answers no RTDE: {_reason(error)}"
+            self._add("rtde protocol", "", trouble, CONNECT_AGAIN)
+
+    def _registers(self, rtde: Rtde) -> None:
+        """What is in use is asked for again while the step's time lasts."""
+        deadline = time.monotonic() + self._timeout_s
+        while True:
+            types = rtde.ask(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
+            if "IN_USE" not in types or time.monotonic() + _ASK_AGAIN_S > deadline:
+                break
+            time.sleep(_ASK_AGAIN_S)
+        answers = dict(zip(_REGISTERS, types, strict=False))
+        taken = [name for name in _REGISTERS if answers.get(name) == "IN_USE"]
+        missing = [name for name in _REGISTERS if answers.get(name, "NOT_FOUND") == "NOT_FOUND"]
+        fine = f"{len(_REGISTERS)} RTDE input registers free"
+        if taken:
+            trouble = f"RTDE input registers are in use by another client: {_shortened(taken)}"
+            remedy = (
+                "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and "
+                "URCaps that claim registers, then try again"
+            )
+            self._add("registers", fine, trouble, remedy)
+        else:
+            trouble = f"the controller does not know {_shortened(missing)}" if missing else ""
+            self._add("registers", fine, trouble, "update PolyScope")
+
+    def _readiness(self, rtde: Rtde) -> None:
+        """A program is looked at again while the step's time lasts: one whose client has just gone
+        is ending."""
+        rtde.subscribe(25.0, {"runtime_state": "I", "target_speed_fraction": "d"})
+        deadline = time.monotonic() + self._timeout_s
+        while True:
+            state, fraction = struct.unpack(">xId", rtde.wait(b"U"))
+            if state not in _PLAYING or time.monotonic() > deadline:
+                break
+        trouble = state in _PLAYING and (
+            f"a program {_PLAYING[state]} on the arm already, another client's or the teach "
+            "pendant's"
+        )
+        remedy = "end it where it was started, or by `grasp arm stop`"
+        self._add("program", "no program runs on the arm", trouble or "", remedy)
+        self.checks.append(judge_speed(fraction))
+
+    def dashboard(self) -> None:
+        try:
+            with Dashboard(self._host, self._timeout_s) as dashboard:
+                banner = dashboard.line()
+                known = "Dashboard Server" in banner
+                trouble = "" if known else f"no dashboard server: it says {banner!r}"
+                self._add("dashboard", banner, trouble, CONNECT_AGAIN)
+                if self.version is not None and self.version >= (5, 6):  # CB3 has no such switch
+                    self._state("remote control", dashboard.ask("is in remote control"), "TRUE")
+                self._state("robot mode", dashboard.ask("robotmode"), "RUNNING")
+                safety = dashboard.ask("safetystatus")
+                if not safety.lower().startswith("safetystatus"):  # before PolyScope 5.4
+                    safety = dashboard.ask("safetymode")
+                self._state("safety mode", safety, "NORMAL")
+        except (OSError, ValueError) as error:
+            trouble = f"dashboard server does not answer: {_reason(error)}"
+            self._add("dashboard", "", trouble, CONNECT_AGAIN)
+
+    def _state(self, name: str, answer: str, wanted: str) -> None:
+        """Judge the value of an answer such as "Safetystatus: NORMAL"."""
+        state = answer.rpartition(":")[2].strip().upper()
+        trouble = "" if state == wanted else f"{name} is {state}, not {wanted}"
+        remedies = ((key, remedy) for key, remedy in _REMEDIES.items() if key in f"{name} {state}")
+        self._add(
+            name, f"{name} {state}", trouble, next(remedies, ("", "see the teach pendant"))[1]
+        )
+
+
+_REMEDIES = {  # by words of the check and the state
+    "remote control": "enable remote control in PolyScope's settings, then switch from Local to "
+    "Remote at the top right of the teach pendant",
+    "robot mode": "power the robot on and release its brakes at the teach pendant",
+    "PROTECTIVE_STOP": "see the teach pendant for the cause, wait 5 s, clear it there",
+    "REDUCED": "leave reduced mode: it changes speeds behind the program's back",
+    "SAFEGUARD_STOP": "close the safeguard and reset it",
+    "EMERGENCY": "release the emergency stop, then power the robot on at the teach pendant",
+}
 
 
 def judge_version(version: Version) -> PreflightCheck:
     """Tested with 3.15 and 5.5 to 5.22; refused where the registers do not exist yet."""
     release, text = version[:2], ".".join(map(str, version))
     if release < (3, 4) or (4, 0) <= release < (5, 4):
+        detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
-        return PreflightCheck(
-            "version", "fail", f"PolyScope {text} has no RTDE registers for ur_rtde", remedy
-        )
+        return PreflightCheck("version", "fail", detail, remedy)
     if release == (3, 15) or (5, 5) <= release <= (5, 22):
         return PreflightCheck("version", "ok", f"PolyScope {text}")
-    return PreflightCheck(
-        "version",
-        "warn",
-        f"PolyScope {text} is untested",
-        "tested: 3.15 and 5.5 to 5.22; try slow moves first",
-    )
-
-
-def _address(host: str) -> PreflightCheck:
-    if host not in _UNCHECKED_HOSTS:
-        return PreflightCheck("address", "ok", host)
-    return PreflightCheck(
-        "address",
-        "warn",
-        f"at {host} ur_rtde does not check for remote control",
-        "use the controller's own address",
-    )
-
-
-def _port(host: str, port: int, name: str, timeout_s: float) -> PreflightCheck:
-    what = f"{name} port {port}"
-    try:
-        socket.create_connection((host, port), timeout_s).close()
-    except OSError as error:
-        remedy = f"{CONNECT_AGAIN}; no firewall may stand before its ports"
-        return PreflightCheck(f"{name} port", "fail", f"{what}: {_reason(error)}", remedy)
-    return PreflightCheck(f"{name} port", "ok", f"{what} open")
-
-
-def _reason(error: Exception) -> str:
-    return "no answer in time" if isinstance(error, TimeoutError) else str(error) or "no answer"
-
-
-class Rtde:
-    """One RTDE connection for a handful of questions; they raise OSError and ValueError."""
-
-    def __init__(self, host: str, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
-        self._socket = socket.create_connection((host, RTDE_PORT), timeout_s)
-
-    def __enter__(self) -> "Rtde":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait briefly for the controller to hang up too, whatever it still sends: then the claims
-        are free again."""
-        deadline = time.monotonic() + min(_HANG_UP_S, self._timeout_s)
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_WR)
-            while True:
-                _receive(self._socket, _LONGEST_LINE, deadline)
-        self._socket.close()
-
-    def ask(self, kind: bytes, body: bytes = b"") -> bytes:
-        """Body of the answer of the same kind; other packets (messages) are skipped."""
-        self.tell(kind, body)
-        return self.wait(kind)
-
-    def tell(self, kind: bytes, body: bytes) -> None:
-        """A packet that is not answered."""
-        self._socket.settimeout(self._timeout_s)
-        self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
-
-    def wait(self, kind: bytes) -> bytes:
-        """Body of the next packet of a kind."""
-        deadline = time.monotonic() + self._timeout_s
-        while True:
-            size, found = struct.unpack(">Hc", self._exactly(3, deadline))
-            if size < 3:
-                raise ValueError(f"RTDE packet of {size} bytes")
-            answer = self._exactly(size - 3, deadline)
-            if found == kind:
-                return answer
-
-    def _exactly(self, count: int, deadline: float) -> bytes:
-        data = b""
-        while len(data) < count:
-            data += _receive(self._socket, count - len(data), deadline)
-        return data
-
-
-def _receive(peer: socket.socket, count: int, deadline: float) -> bytes:
-    left_s = deadline - time.monotonic()
-    if left_s <= 0.0:
-        raise TimeoutError
-    peer.settimeout(left_s)
-    data = peer.recv(count)
-    if not data:
-        raise ConnectionError("the peer hung up")
-    return data
-
-
-def peek(host: str, port: int, count: int, timeout_s: float) -> bytes:
-    """The first bytes that a port sends unasked; raises OSError."""
-    deadline = time.monotonic() + timeout_s
-    with socket.create_connection((host, port), timeout_s) as peer:
-        data = b""
-        while len(data) < count:
-            data += _receive(peer, count - len(data), deadline)
-        return data
-
-
-def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[PreflightCheck]]:
-    """Protocol, then version, then claims: each needs the one before."""
-    checks: list[PreflightCheck] = []
-    version = None
-    try:
-        with Rtde(host, timeout_s) as rtde:
-            (accepted,) = struct.unpack(">B", rtde.ask(b"V", struct.pack(">H", 2)))
-            if accepted:
-                checks.append(PreflightCheck("rtde protocol", "ok", "RTDE protocol version 2"))
-            else:
-                detail, remedy = "RTDE protocol version 2 is refused", "update PolyScope"
-                return None, [PreflightCheck("version", "fail", detail, remedy)]
-            numbers = struct.unpack(">4I", rtde.ask(b"v"))
-            version = (numbers[0], numbers[1], numbers[2], numbers[3])
-            checks.append(judge_version(version))
-            if checks[-1].status != "fail":
-                checks.append(_claims(rtde, timeout_s))
-                checks += _readiness(rtde, timeout_s)
-    except (OSError, ValueError, struct.error) as error:
-        detail = f"RTDE port {RTDE_PORT} answers no RTDE: {_reason(error)}"
-        checks.append(PreflightCheck("rtde protocol", "fail", detail, CONNECT_AGAIN))
-    return version, checks
-
-
-def _claims(rtde: Rtde, timeout_s: float) -> PreflightCheck:
-    """Ask for the registers; what is in use is asked for again while the step's time lasts."""
-    deadline = time.monotonic() + timeout_s
-    while True:
-        types = rtde.ask(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
-        answers = dict(zip(_REGISTERS, types, strict=False))
-        taken = [name for name in _REGISTERS if answers.get(name) == "IN_USE"]
-        if not taken or time.monotonic() + _ASK_AGAIN_S > deadline:
-            break
-        time.sleep(_ASK_AGAIN_S)
-    if taken:
-        return PreflightCheck(
-            "registers",
-            "fail",
-            f"RTDE input registers are in use by another client: {_shortened(taken)}",
-            "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and "
-            "URCaps that claim registers, then try again",
-        )
-    missing = [name for name in _REGISTERS if answers.get(name, "NOT_FOUND") == "NOT_FOUND"]
-    if missing:
-        detail = f"the controller does not know {_shortened(missing)}"
-        return PreflightCheck("registers", "fail", detail, "update PolyScope")
-    return PreflightCheck("registers", "ok", f"{len(_REGISTERS)} RTDE input registers free")
-
-
-def _readiness(rtde: Rtde, timeout_s: float) -> list[PreflightCheck]:
-    """Does another program move the arm, and what does the speed slider make of speeds? A program
-    is looked at again while the step's time lasts: one whose client has just gone is ending."""
-    types = rtde.ask(b"O", struct.pack(">d", _LOOKS_HZ) + _FIELDS)[1:]
-    if b"NOT_FOUND" in types or rtde.ask(b"S") != b"\x01":
-        raise ValueError(f"it does not send {_FIELDS.decode()}: {types.decode()}")
-    deadline = time.monotonic() + timeout_s
-    while True:
-        state, fraction = struct.unpack(">xId", rtde.wait(b"U"))
-        if state not in _PLAYING or time.monotonic() > deadline:
-            return [_program(state), judge_speed(fraction)]
-
-
-def _program(state: int) -> PreflightCheck:
-    if state not in _PLAYING:
-        return PreflightCheck("program", "ok", "no program runs on the arm")
-    return PreflightCheck(
-        "program", "fail", f"a program {_PLAYING[state]} on the arm already, another client's or "
-        "the teach pendant's", "end it where it was started, or by `grasp arm stop`",
-    )  # fmt: skip
+    remedy = "tested: 3.15 and 5.5 to 5.22; try slow moves first"
+    return PreflightCheck("version", "warn", f"PolyScope {text} is untested", remedy)
 
 
 def judge_speed(fraction: float) -> PreflightCheck:
-    """Of the speed slider: what it makes slower is said, what it makes too slow is refused."""
+    """Of the speed slider: a slower arm gets a warning, one that is too slow is refused."""
     said = f"speed slider at {100 * fraction:.3g} %"
     if fraction >= _FULL_SPEED:
         return PreflightCheck("speed slider", "ok", said)
     if fraction >= LEAST_SPEED_FRACTION:
-        slower = f"{said}: the arm moves at so much of every speed that it is told"
+        slower = f"{said}: the arm moves at this share of every commanded speed"
         return PreflightCheck("speed slider", "warn", slower, TURN_UP)
-    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % slip is not surely heard"
+    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % slip may go undetected"
     return PreflightCheck("speed slider", "fail", least, f"{TURN_UP}; go slower by settings")
 
 
@@ -304,107 +335,112 @@ def _shortened(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-class Dashboard:
-    """Line by line: one command, one answer; raises OSError and ValueError."""
-
-    def __init__(self, host: str, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
-        self._socket = socket.create_connection((host, DASHBOARD_PORT), timeout_s)
-        self._rest = b""
-
-    def __enter__(self) -> "Dashboard":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()
-
-    def line(self) -> str:
-        deadline = time.monotonic() + self._timeout_s
-        while b"\n" not in self._rest:
-            if len(self._rest) > _LONGEST_LINE:
-                raise ValueError("no end of line")
-            self._rest += _receive(self._socket, _LONGEST_LINE, deadline)
-        line, _, self._rest = self._rest.partition(b"\n")
-        return line.decode("utf-8", "replace").strip()
-
-    def ask(self, command: str) -> str:
-        self._socket.settimeout(self._timeout_s)
-        self._socket.sendall(command.encode() + b"\n")
-        return self.line()
+# one look at the arm
 
 
-def _ask_dashboard(host: str, version: Version | None, timeout_s: float) -> list[PreflightCheck]:
-    checks: list[PreflightCheck] = []
+JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
+MOST_REACH_M: Final = 2.5  # of the tool from the base; UR20 manual: 1.75 m, and a long tool
+STANDS_MPS: Final = 0.001  # as `ur.standing_below_mps`
+_FIELDS: Final = {
+    "timestamp": "d", "actual_q": "6d", "actual_TCP_pose": "6d", "actual_TCP_speed": "6d",
+    "robot_mode": "i", "safety_mode": "i", "runtime_state": "I", "target_speed_fraction": "d",
+}  # fmt: skip
+_DATA: Final = struct.Struct(">B" + "".join(_FIELDS.values()))
+_FREQUENCY_HZ: Final = 125.0  # that every controller can send
+_APART: Final = 10  # samples between the two that are compared
+
+ROBOT_MODES: Final = {
+    -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off",
+    4: "power on", 5: "idle", 6: "backdrive", 7: "running", 8: "updating firmware",
+}  # fmt: skip
+SAFETY_MODES: Final = {
+    1: "normal", 2: "reduced", 3: "protective stop", 4: "recovery", 5: "safeguard stop",
+    6: "system emergency stop", 7: "robot emergency stop", 8: "violation", 9: "fault",
+}  # fmt: skip
+
+
+class ArmLook(msgspec.Struct, frozen=True):
+    """What the controller said in one cycle; angles in rad, the rest in m and s."""
+
+    t_s: float
+    joints_rad: Pose
+    pose: Pose
+    speed: Pose
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+    speed_fraction: float
+
+    @property
+    def stands(self) -> bool:
+        return math.hypot(*self.speed[:3]) < STANDS_MPS
+
+    @property
+    def running(self) -> bool:
+        """Powered, brakes released: else pose and speed are not those of the tool."""
+        return self.robot_mode == ROBOT_RUNNING
+
+
+def look(host: str, timeout_s: float) -> tuple[ArmLook, ArmLook]:
+    """Two looks, a moment apart. Raises LinkLost for a controller that answers otherwise."""
     try:
-        with Dashboard(host, timeout_s) as dashboard:
-            checks.append(_banner(dashboard.line()))
-            if version is not None and version >= (5, 6):  # CB3 has no such switch
-                checks.append(_remote(dashboard.ask("is in remote control")))
-            checks.append(_robot_mode(dashboard.ask("robotmode")))
-            checks.append(_first_known(dashboard.ask, ("safetystatus", "safetymode"), _safety))
-    except (OSError, ValueError) as error:
-        detail = f"dashboard server does not answer: {_reason(error)}"
-        checks.append(PreflightCheck("dashboard", "fail", detail, CONNECT_AGAIN))
-    return checks
+        with Rtde(host, timeout_s) as rtde:
+            rtde.ask(b"V", struct.pack(">H", 2))
+            rtde.subscribe(_FREQUENCY_HZ, _FIELDS)
+            samples = [_decoded(rtde.wait(b"U")) for _ in range(_APART + 1)]
+            return samples[0], samples[-1]
+    except (OSError, ValueError, struct.error) as error:
+        why = _reason(error)
+        raise LinkLost(f"arm at {host}, RTDE port {RTDE_PORT}: {why}", CONNECT_AGAIN) from None
 
 
-def _banner(line: str) -> PreflightCheck:
-    if "Dashboard Server" in line:
-        return PreflightCheck("dashboard", "ok", line)
-    return PreflightCheck(
-        "dashboard", "fail", f"no dashboard server: it says {line!r}", CONNECT_AGAIN
+def require_standing(host: str, timeout_s: float) -> None:
+    """Raises DeviceFault where the arm moves: a program of ours would end that which moves it."""
+    if any(each.running and not each.stands for each in look(host, timeout_s)):
+        raise DeviceFault(f"arm at {host}: {MOVES}", END_IT)
+
+
+def _decoded(body: bytes) -> ArmLook:
+    _, t_s, *v = _DATA.unpack(body)
+    one, two, three = (tuple(v[i : i + 6]) for i in (0, 6, 12))
+    return ArmLook(t_s, one, two, three, *v[18:])
+
+
+def doubts(now: ArmLook, before: ArmLook) -> list[str]:
+    """What no arm says; empty where nothing is strange. Of an arm without power only its clock."""
+    found = []
+    if now.t_s <= before.t_s:
+        found.append("the controller's clock stands still")
+    if not now.running:
+        return found
+    if not all(map(math.isfinite, (*now.joints_rad, *now.pose, *now.speed))):
+        return [*found, "joints or pose are no numbers"]
+    if not any(now.joints_rad):
+        found.append("all joints read exactly 0")
+    away_m = math.hypot(*now.pose[:3])
+    if away_m > MOST_REACH_M:
+        found.append(f"the tool is {away_m:.2f} m from the base, beyond any arm's reach")
+    moved_m, passed_s = math.dist(now.pose[:3], before.pose[:3]), now.t_s - before.t_s
+    if now.stands and before.stands and moved_m > 0.005 + passed_s * STANDS_MPS:
+        found.append(f"the tool went {moved_m * 1e3:.0f} mm at no speed")
+    return found
+
+
+def lines(now: ArmLook) -> list[str]:
+    """A person's words, a line each."""
+    degrees = ", ".join(
+        f"{name} {math.degrees(q):.1f}" for name, q in zip(JOINTS, now.joints_rad, strict=True)
     )
-
-
-def _remote(answer: str) -> PreflightCheck:
-    if answer.lower() == "true":
-        return PreflightCheck("remote control", "ok", "remote control is on")
-    return PreflightCheck(
-        "remote control",
-        "fail",
-        f"the robot is not in remote control ({answer})",
-        "enable remote control in PolyScope's settings, then switch from Local to Remote at the "
-        "top right of the teach pendant",
-    )
-
-
-def _robot_mode(answer: str) -> PreflightCheck:
-    mode = _value(answer)
-    if mode == "RUNNING":
-        return PreflightCheck("robot mode", "ok", "robot mode RUNNING")
-    remedy = "power the robot on and release its brakes at the teach pendant"
-    return PreflightCheck("robot mode", "fail", f"robot mode is {mode}, not RUNNING", remedy)
-
-
-_SAFETY_REMEDIES = {
-    "PROTECTIVE_STOP": "see the teach pendant for the cause, wait 5 s, clear it there",
-    "REDUCED": "leave reduced mode: it changes speeds behind the program's back",
-    "SAFEGUARD_STOP": "close the safeguard and reset it",
-}
-_EMERGENCY = "release the emergency stop, then power the robot on at the teach pendant"
-
-
-def _safety(answer: str) -> PreflightCheck:
-    mode = _value(answer)
-    if mode == "NORMAL":
-        return PreflightCheck("safety mode", "ok", "safety mode NORMAL")
-    fallback = _EMERGENCY if "EMERGENCY" in mode else "see the teach pendant"
-    remedy = _SAFETY_REMEDIES.get(mode, fallback)
-    return PreflightCheck("safety mode", "fail", f"safety mode is {mode}, not NORMAL", remedy)
-
-
-def _value(answer: str) -> str:
-    """NORMAL of "Safetystatus: NORMAL"."""
-    return answer.rpartition(":")[2].strip().upper()
-
-
-def _first_known(
-    ask: Callable[[str], str], commands: tuple[str, ...], judge: Callable[[str], _Result]
-) -> _Result:
-    """Judge the answer to the first command that this PolyScope understands."""
-    answer = ""
-    for command in commands:
-        answer = ask(command)
-        if answer.lower().startswith(command):
-            break
-    return judge(answer)
+    x, y, z, *turn = now.pose
+    program = "runs" if now.runtime_state == PROGRAM_RUNNING else "does not run"
+    return [
+        f"robot mode {now.robot_mode}: {ROBOT_MODES.get(now.robot_mode, 'unknown')}",
+        f"safety mode {now.safety_mode}: {SAFETY_MODES.get(now.safety_mode, 'unknown')}",
+        f"program: {program} (runtime state {now.runtime_state})",
+        f"speed slider: {now.speed_fraction * 100:.3g} %",
+        f"joints, degrees: {degrees}",
+        f"tool by the controller's own TCP, mm: x {x * 1e3:.1f}, y {y * 1e3:.1f}, "
+        f"z {z * 1e3:.1f}; "
+        f"turned, rad: {', '.join(f'{a:.3f}' for a in turn)}",
+        f"tool speed, mm/s: {math.hypot(*now.speed[:3]) * 1e3:.1f}",
+    ]

@@ -1,15 +1,13 @@
 """Supervision of the process that holds ur_rtde: started, heard and ended within deadlines."""
 
 import contextlib
-import os
-import selectors
 import socket
 import subprocess
 import sys
 import threading
 import time
 from collections import deque
-from typing import IO, NoReturn
+from typing import NoReturn
 
 import msgspec
 
@@ -21,9 +19,6 @@ from drivers.ur.link.preflight import CONNECT_AGAIN
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
 _LOG_LINES = 200
-_SILENT_S = 0.25  # some cycles of the slowest arm
-_GAPS = 32  # of what it says, that are remembered; each at least so long
-_GAP_S = 0.03
 
 
 class WorkerProcess:
@@ -33,8 +28,6 @@ class WorkerProcess:
         self.state: State | None = None  # latest value
         self.log: deque[str] = deque(maxlen=_LOG_LINES)  # what ur_rtde printed
         self._failures: deque[Outcome] = deque(maxlen=16)
-        self._heard_at = time.monotonic()
-        self._gaps: deque[tuple[float, float]] = deque(maxlen=_GAPS)  # when they ended, how long
         self._changed = threading.Condition()
         self._ready = False
         self._ended = ""  # why, once it has
@@ -46,25 +39,13 @@ class WorkerProcess:
         self._socket = ours
         with theirs:
             self._process = _spawn(theirs.fileno(), command)
-        self._thread = threading.Thread(target=self._listen, name="ur-worker", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=target, name="ur-worker", daemon=True)
+            for target in (self._listen, self._keep_log)
+        ]
+        for thread in self._threads:
+            thread.start()
         self._send(setup)
-
-    @property
-    def running(self) -> bool:
-        return not self._ended
-
-    @property
-    def silent_s(self) -> float:
-        """Since it has said anything at all; while it runs it does so each cycle."""
-        return time.monotonic() - self._heard_at
-
-    def away_s(self, within_s: float) -> float:
-        """The longest that it has said nothing, of lately: so long it, or this process, was not run
-        by the system."""
-        since = time.monotonic() - within_s
-        with self._changed:
-            return max((gap_s for ended_at, gap_s in self._gaps if ended_at > since), default=0.0)
 
     def wait_ready(self, timeout_s: float) -> None:
         """Until states flow; kills the worker and raises what is wrong when they do not."""
@@ -77,10 +58,11 @@ class WorkerProcess:
                 return
         self.kill()
         reason = reason or f"ur_rtde did not start within {timeout_s:g} s"
-        raise _start_error(f"{reason}{self._last_words()}")
+        printed = [line for line in self.log if line.strip()][-1:]
+        raise _start_error(f"{reason} (ur_rtde: {printed[0]})" if printed else reason)
 
     def post(self, command: messages.Command, timeout_s: float) -> None:
-        """Send without waiting; what goes wrong is told by ``failure`` and ``check``."""
+        """Send without waiting; ``failure`` and ``check`` say what went wrong."""
         with self._changed:
             self._due[command.number] = time.monotonic() + timeout_s
         self._send(command)
@@ -124,10 +106,7 @@ class WorkerProcess:
             self._give_up()
 
     def _give_up(self) -> NoReturn:
-        silent = self.silent_s > _SILENT_S
         self.kill()
-        if silent:
-            raise LinkLost("link to the arm lost: its worker process says nothing", START_AGAIN)
         raise LinkLost("the arm controller did not take a command in time", START_AGAIN)
 
     def close(self, timeout_s: float) -> None:
@@ -141,7 +120,8 @@ class WorkerProcess:
         """At once, without a word: the controller's watchdog then stops the arm."""
         self._process.kill()
         self._process.wait()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
         self._socket.close()
 
     def _send(self, message: messages.Request) -> None:
@@ -150,67 +130,44 @@ class WorkerProcess:
             self._socket.send(msgspec.msgpack.encode(message), socket.MSG_DONTWAIT)
 
     def _listen(self) -> None:
-        """Thread: take in messages and what ur_rtde prints until both ends are closed."""
+        """Thread: take in messages until the worker ends."""
         decoder = msgspec.msgpack.Decoder(messages.FromWorker)
-        printed = self._process.stdout
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._socket, selectors.EVENT_READ)
-            if printed is not None:
-                selector.register(printed, selectors.EVENT_READ)
-            while selector.get_map():
-                for key, _ in selector.select():
-                    if key.fileobj is printed:
-                        alive = self._print(printed)
-                    else:
-                        alive = self._take(decoder)
-                    if not alive:
-                        selector.unregister(key.fileobj)
-        if printed is not None:
-            printed.close()
+        alive = True
+        while alive:
+            try:
+                data = self._socket.recv(messages.LONGEST_MESSAGE)
+                alive = self._take(decoder.decode(data) if data else None)
+            except ConnectionResetError:  # it ended with requests unread; what it sent still comes
+                continue
+            except (OSError, msgspec.DecodeError):
+                alive = self._take(None)
 
-    def _print(self, printed: IO[bytes]) -> bool:
-        data = os.read(printed.fileno(), 65536)
-        self.log.extend(data.decode("utf-8", "replace").splitlines())
-        return bool(data)
+    def _keep_log(self) -> None:
+        """Thread: what ur_rtde prints."""
+        assert self._process.stdout is not None  # noqa: S101
+        with self._process.stdout as printed:
+            for line in printed:
+                self.log.append(line.decode("utf-8", "replace").rstrip("\n"))
 
-    def _take(self, decoder: msgspec.msgpack.Decoder[messages.FromWorker]) -> bool:
-        try:
-            data = self._socket.recv(messages.LONGEST_MESSAGE)
-            said = decoder.decode(data) if data else None
-        except ConnectionResetError:  # it ended with requests unread; what it sent still comes
-            return True
-        except (OSError, msgspec.DecodeError):
-            said = None
-        now = time.monotonic()
+    def _take(self, said: messages.FromWorker | None) -> bool:
         with self._changed:
-            if now - self._heard_at > _GAP_S:
-                self._gaps.append((now, now - self._heard_at))
-            self._heard_at = now
             if said is None:
                 self._ended = self._ended or "its worker process ended"
             elif isinstance(said, State):
                 self.state = said
             elif isinstance(said, messages.Reply):
-                self._settle(said)
+                self._due.pop(said.number, None)
+                if said.number in self._calls:
+                    self._calls.discard(said.number)
+                    self._outcomes[said.number] = said.outcome
+                elif said.outcome is not Outcome.DONE:
+                    self._failures.append(said.outcome)
             elif isinstance(said, messages.Ready):
                 self._ready = True
-                self._gaps.clear()  # until then it has nothing to say
             elif isinstance(said, messages.Failed):
                 self._ended = said.reason
             self._changed.notify_all()
         return said is not None
-
-    def _settle(self, reply: messages.Reply) -> None:
-        self._due.pop(reply.number, None)
-        if reply.number in self._calls:
-            self._calls.discard(reply.number)
-            self._outcomes[reply.number] = reply.outcome
-        elif reply.outcome is not Outcome.DONE:
-            self._failures.append(reply.outcome)
-
-    def _last_words(self) -> str:
-        lines = [line for line in self.log if line.strip()]
-        return f" (ur_rtde: {lines[-1]})" if lines else ""
 
 
 def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes]":

@@ -1,9 +1,9 @@
-"""The process that holds ur_rtde, and what is said to it; run it by its client, not by hand.
+"""The process that holds ur_rtde; its client starts it.
 
 ur_rtde holds Python's global lock in its constructors, never gives up reconnecting and can take the
 interpreter down. So it lives in a process of its own, which ends when its link is lost and is then
 replaced, not repaired. Messages are msgpack, one per packet of a local socket. While it starts, no
-thread of Python may run, so the system ends it with its client, or by an alarm; later it looks.
+thread of Python may run, so the system ends it with its client; later it looks.
 
 ur_rtde's calls share input registers with each other and with the watchdog, so one thread makes
 them all, one after the other; another one only reads. The main thread kicks the controller's
@@ -26,41 +26,22 @@ from typing import Any
 
 import msgspec
 
-from drivers.ur.link.messages import (
-    LONGEST_MESSAGE,
-    PROGRAM_RUNNING,
-    Command,
-    DriveArm,
-    Failed,
-    FromWorker,
-    Leave,
-    Move,
-    NothingNew,
-    Outcome,
-    Ready,
-    Reply,
-    Request,
-    SetPayload,
-    Setup,
-    State,
-    Stop,
-)
+from drivers.ur.link import messages
+from drivers.ur.link.messages import PROGRAM_RUNNING, DriveArm, Move, Outcome, State
 
 _RECIPE = [
-    "timestamp",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "target_TCP_speed",
-    "robot_mode",
-    "safety_status_bits",
-    "runtime_state",
-    "target_speed_fraction",
-]
-_PAUSE_S = 0.03  # between two looks, where 1 ms was to be slept: this process was not run
-_SETTLE_CYCLES = 4  # until a command shows in what the controller reports
+    "timestamp", "actual_TCP_pose", "actual_TCP_speed", "target_TCP_speed", "robot_mode",
+    "safety_status_bits", "runtime_state", "target_speed_fraction",
+]  # fmt: skip
+FREQUENCY_HZ = 125.0  # samples per s; RTDE guide: what a CB3 sends
+_PERIOD_S = 1.0 / FREQUENCY_HZ
+_STANDING_BELOW_MPS = 0.001  # assumed
+_STANDING_BELOW_RADPS = 0.005  # assumed: the same at 0.2 m from the axis
+_BRAKE_AGAIN_S = 0.2  # a drive that still moves is braked again: a controller may miss a call
+_LONGEST_LOOK_S = 0.03  # 1 ms is to be slept; beyond that this process was not run
+_SETTLE_S = 4 * _PERIOD_S  # until a command shows in what the controller reports
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
 _PR_SET_PDEATHSIG = 1  # prctl(2), Linux
-_GRACE_S = 2.0  # beyond its times, in which a client that lives would have ended it
 
 
 class Channel:
@@ -68,36 +49,32 @@ class Channel:
 
     def __init__(self, peer: socket.socket) -> None:
         self._socket = peer
-        self._decoder = msgspec.msgpack.Decoder[Request](Request)
+        self._decoder = msgspec.msgpack.Decoder[messages.Request](messages.Request)
 
-    def send(self, said: FromWorker) -> None:
+    def send(self, said: messages.FromWorker) -> None:
         # full: the client sees a silent robot; closed: receive() says so
         with contextlib.suppress(OSError):
             self._socket.send(msgspec.msgpack.encode(said), socket.MSG_DONTWAIT)
 
-    def receive(self, timeout_s: float) -> Request | None:
+    def receive(self, timeout_s: float) -> messages.Request | None:
         """None when nothing came in time; raises EOFError when the client is gone."""
         if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
             return None
-        data = self._socket.recv(LONGEST_MESSAGE)
+        data = self._socket.recv(messages.LONGEST_MESSAGE)
         if not data:
             raise EOFError
-        request: Request = self._decoder.decode(data)
+        request: messages.Request = self._decoder.decode(data)
         return request
 
 
 class Robot:
     """The state side: reads and publishes; ends the process when the link is lost."""
 
-    def __init__(self, receive: Any, setup: Setup, channel: Channel) -> None:
+    def __init__(self, receive: Any, setup: messages.Setup, channel: Channel) -> None:
         self._receive = receive
         self._setup = setup
         self._channel = channel
         self.publishing = False
-
-    @property
-    def period_s(self) -> float:
-        return 1.0 / self._setup.frequency_hz
 
     def state(self) -> State:
         """All fields of one sample: read again when the next one came in between."""
@@ -111,7 +88,6 @@ class Robot:
         receive = self._receive
         x, y, z, *turning = receive.getActualTCPSpeed()
         wanted = receive.getTargetTCPSpeed()
-        setup = self._setup
         speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
         turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
         return State(
@@ -119,7 +95,7 @@ class Robot:
             pose=tuple(receive.getActualTCPPose()),
             velocity_mps=(x, y, z),
             turning_radps=(turning[0], turning[1], turning[2]),
-            moving=speed > setup.standing_below_mps or turn > setup.standing_below_radps,
+            moving=speed > _STANDING_BELOW_MPS or turn > _STANDING_BELOW_RADPS,
             robot_mode=receive.getRobotMode(),
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
@@ -127,40 +103,33 @@ class Robot:
         )
 
     def watch(self) -> None:
-        """Publish each new sample, for ever; never comes back. A cycle without one is told too, so
-        that a controller whose clock stands still is no silence of this process. What passes while
-        this process is not run is no silence of the controller: what came then is read only now.
-        """
-        seen_s = -1.0
-        seen_at = said_at = ran_at = time.monotonic()
-        while self._receive.isConnected():
+        """Publish each new sample, for ever; never comes back. Time in which this process was not
+        run is no silence of the controller: what came meanwhile is read only now."""
+        timestamp_s, silent_s = -1.0, 0.0
+        looked_at = time.monotonic()
+        while self._receive.isConnected() and silent_s <= self._setup.link_timeout_s:
             now = time.monotonic()
-            if now - ran_at > _PAUSE_S:
-                seen_at, said_at = seen_at + now - ran_at, now
-            ran_at = now
-            timestamp_s = self._receive.getTimestamp()
-            if timestamp_s != seen_s:
-                seen_s, seen_at, said_at = timestamp_s, now, now
+            silent_s += min(now - looked_at, _LONGEST_LOOK_S)
+            looked_at = now
+            if (latest_s := self._receive.getTimestamp()) != timestamp_s:
+                timestamp_s, silent_s = latest_s, 0.0
                 if self.publishing:
                     self._channel.send(self.state())
-            elif now - seen_at > self._setup.link_timeout_s:
-                break
-            elif self.publishing and now - said_at >= self.period_s:
-                said_at = now
-                self._channel.send(NothingNew())
-            time.sleep(min(0.001, 0.25 * self.period_s))
-        self._channel.send(Failed("the arm controller sends no data any more"))
+            time.sleep(0.001)
+        self._channel.send(messages.Failed("the arm controller sends no data any more"))
         os._exit(3)  # no destructor: ur_rtde's would wait, and can crash
 
     def outcome(self, taken: bool) -> Outcome:
         """Why ur_rtde said False, by the controller's own bits, given a few cycles to show."""
         if taken:
             return Outcome.DONE
-        for _ in range(_SETTLE_CYCLES):
-            state = self.state()
-            if state.stopped_by_safety or not state.program_running:
+        deadline = time.monotonic() + _SETTLE_S
+        state = self.state()
+        while not (state.stopped_by_safety or not state.program_running):
+            if time.monotonic() > deadline:
                 break
-            time.sleep(self.period_s)
+            time.sleep(_PERIOD_S)
+            state = self.state()
         self._channel.send(state)
         if state.emergency_stop:
             return Outcome.EMERGENCY_STOP
@@ -183,7 +152,7 @@ class Commander:
         self,
         control: Any,
         robot: Robot,
-        setup: Setup,
+        setup: messages.Setup,
         channel: Channel,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -223,11 +192,11 @@ class Commander:
                 request = self._channel.receive(self._wait_s)
             except EOFError:
                 return
-            if isinstance(request, Leave) or os.getppid() != self._setup.client_pid:
+            if isinstance(request, messages.Leave) or os.getppid() != self._setup.client_pid:
                 return  # where others hold its end of the socket too, its death is not heard
             self.listened(request is not None)
-            if isinstance(request, Move | DriveArm | Stop | SetPayload):
-                self._channel.send(Reply(request.number, self.carry_out(request)))
+            if isinstance(request, Move | DriveArm | messages.Stop | messages.SetPayload):
+                self._channel.send(messages.Reply(request.number, self.carry_out(request)))
 
     def listened(self, heard: bool) -> None:
         """Silence is what a look at the socket did not find: where this process was held up, what
@@ -251,7 +220,7 @@ class Commander:
         while self.busy and self._clock() < deadline:
             self._go_on()
             self._control.kickWatchdog()
-            time.sleep(self._robot.period_s)
+            time.sleep(_PERIOD_S)
         self._control.stopScript()
 
     @property
@@ -260,16 +229,15 @@ class Commander:
         state = self._robot.state()
         if state.moving or not state.program_running:  # a program that ended leaves its flags
             return state.moving
-        settle_s = _SETTLE_CYCLES * self._robot.period_s
         running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
-        return bool(running) or self._clock() - self._commanded_at < settle_s
+        return bool(running) or self._clock() - self._commanded_at < _SETTLE_S
 
-    def carry_out(self, command: Command) -> Outcome:
+    def carry_out(self, command: messages.Command) -> Outcome:
         """Tell ur_rtde, and what it said; no motion begins after the arm was left alone."""
-        if isinstance(command, SetPayload):
+        if isinstance(command, messages.SetPayload):
             taken = self._control.setPayload(command.mass_kg, list(command.cog_m))
             return self._robot.outcome(bool(taken))
-        if isinstance(command, Stop):
+        if isinstance(command, messages.Stop):
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
         if self._forsaken:  # its program is about to end
@@ -288,7 +256,7 @@ class Commander:
         """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
         if self._braking and not self.busy:
             self._end_drive()
-        elif self._braking and self._clock() - self._commanded_at > self._setup.brake_again_s:
+        elif self._braking and self._clock() - self._commanded_at > _BRAKE_AGAIN_S:
             self._brake()
         motion = self._waiting
         if motion is None or self._braking or self.busy:
@@ -296,7 +264,7 @@ class Commander:
         self._waiting = None
         outcome = self._start(motion) if self._client_lives else Outcome.NOT_TAKEN
         if outcome is not Outcome.DONE:
-            self._channel.send(Reply(motion.number, outcome))
+            self._channel.send(messages.Reply(motion.number, outcome))
 
     def _start(self, motion: Move | DriveArm) -> Outcome:
         self._stopping = False
@@ -350,7 +318,7 @@ class Commander:
     def _wait_s(self) -> float:
         """No longer than until something of all that may be due."""
         if self._waiting or self._braking:
-            return self._robot.period_s
+            return _PERIOD_S
         return min(self._kick_period_s, self._setup.heartbeat_timeout_s / _KICKS_PER_LIMIT)
 
     def _kick(self) -> None:
@@ -364,41 +332,25 @@ class Commander:
         return self._unheard_s <= self._setup.heartbeat_timeout_s
 
 
-def _start(setup: Setup, channel: Channel) -> Commander:
+def _start(setup: messages.Setup, channel: Channel) -> Commander:
     """Both interfaces of ur_rtde, the reading thread, and the program prepared."""
     receive_module = importlib.import_module("rtde_receive")
     control_class = importlib.import_module("rtde_control").RTDEControlInterface
-    receive = receive_module.RTDEReceiveInterface(setup.host, setup.frequency_hz, _RECIPE)
+    receive = receive_module.RTDEReceiveInterface(setup.host, FREQUENCY_HZ, _RECIPE)
     flags = control_class.FLAG_UPLOAD_SCRIPT | control_class.FLAG_NO_EXT_FT
-    control = control_class(setup.host, setup.frequency_hz, flags)
+    control = control_class(setup.host, FREQUENCY_HZ, flags)
     robot = Robot(receive, setup, channel)
     threading.Thread(target=robot.watch, daemon=True).start()
     commander = Commander(control, robot, setup, channel)
     if not commander.prepare():
         raise RuntimeError(f"the arm took no setting: {robot.outcome(False)}")
-    time.sleep(_SETTLE_CYCLES * robot.period_s)  # until poses are those of the tool just set
+    time.sleep(_SETTLE_S)  # until poses are those of the tool just set
     robot.publishing = True
     return commander
 
 
-def _end_with(client_pid: int, within_s: float) -> None:
-    """Die with the client from now on, where the system can (Linux), and after a time anyhow: not
-    by a handler of ours, for ur_rtde's constructors let no Python run."""
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, within_s + _GRACE_S)
-    _die_with_client(signal.SIGKILL)
-    if os.getppid() != client_pid:  # it was gone before that
-        os._exit(4)
-
-
-def _stay() -> None:
-    """The arm is to be left standing and without a program: no more sudden ends. A death of the
-    client is asked for in turn; the system's signal would follow that of its thread alone."""
-    _die_with_client(0)
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
 def _die_with_client(number: int) -> None:
+    """The system sends this signal when the client dies (Linux alone); 0: none."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 
@@ -407,21 +359,18 @@ def main() -> None:
     """Entry of the child process; its only argument is the socket's descriptor."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
     setup = channel.receive(timeout_s=10.0)
-    if not isinstance(setup, Setup):
+    if not isinstance(setup, messages.Setup):
         os._exit(2)
     try:
-        _end_with(setup.client_pid, setup.start_timeout_s)
+        _die_with_client(signal.SIGKILL)
+        if os.getppid() != setup.client_pid:  # it was gone before that
+            os._exit(4)
         commander = _start(setup, channel)
-        _stay()
-        channel.send(Ready())
+        _die_with_client(0)  # from now on the arm is braked first
+        channel.send(messages.Ready())
         commander.serve()
-        signal.setitimer(signal.ITIMER_REAL, setup.leave_timeout_s + _GRACE_S)
         commander.leave()
     except Exception as error:  # ur_rtde raises what its C++ threw
-        channel.send(Failed(str(error)))
+        channel.send(messages.Failed(str(error)))
         os._exit(2)
     os._exit(0)  # no destructor: ur_rtde's takes half a second
-
-
-if __name__ == "__main__":
-    main()

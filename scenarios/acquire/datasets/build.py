@@ -19,10 +19,9 @@ from detector.recordings import Recording, write
 from drivers.errors import ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.datasets.draws import with_values
-from scenarios.acquire.datasets.grasped import GRASPED, make_grasped
+from scenarios.acquire.datasets.causes import GRASPED, make_grasped, make_pressed
+from scenarios.acquire.datasets.named_settings import with_values
 from scenarios.acquire.datasets.plan import Job, pressing
-from scenarios.acquire.datasets.pressed import make_pressed
 from scenarios.acquire.labels import recording
 from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
@@ -131,7 +130,10 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             found = None
         if found is None or found.digest != digest:
-            raise _other(out, found, len(jobs), option)
+            raise UsageError(
+                f"{out} holds a data set of other settings or of another version of the program",
+                f"--share and settings as they were then, or another folder with {option}",
+            )
         return
     make_private_folder(out)
     if any(out.iterdir()):
@@ -139,14 +141,4 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
     write_whole(
         path, msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n", private=True
-    )
-
-
-def _other(out: Path, found: _Index | None, wanted: int, option: str) -> UsageError:
-    """Of a folder that cannot be gone on with."""
-    many = None if found is None else found.recordings
-    told = "" if many in (None, wanted) else f", {many} recordings where {wanted} are asked for,"
-    return UsageError(
-        f"{out} holds a data set of other settings{told} or of another version of the program",
-        f"--share and settings as they were then, or another folder with {option}",
     )

@@ -5,7 +5,7 @@ objects, noise) comes again in another, whatever the set's size.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,12 +20,15 @@ from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
 from grasp.settings import load, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.datasets import bodies
-from scenarios.acquire.datasets.acts import Acts
-from scenarios.acquire.datasets.draws import layout_file, with_values
-from scenarios.acquire.datasets.grasped import GRASPED, GraspedCause, bare_config
-from scenarios.acquire.datasets.own import beside, called, check, fingerprints
-from scenarios.acquire.datasets.pressed import FixedCause
+from scenarios.acquire.datasets import drawn_objects
+from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, bare_config
+from scenarios.acquire.datasets.disturbances import Disturbances
+from scenarios.acquire.datasets.named_settings import (
+    called,
+    fingerprints,
+    layout_file,
+    with_values,
+)
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.trial.result import versions
 from scenarios.world.objects import Name
@@ -41,6 +44,8 @@ MOST_DRAWS = 1000
 LEAST_RECORDINGS = 3  # of a cause: one a split
 PRESSED = ("surface.", "press.", "control.", "sampling.")  # what a grasp knows nothing of
 Range = tuple[float, float]
+Share = Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, in proportion to the others
+Number = Annotated[int, Meta(ge=0, le=10_000_000)]
 
 
 class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -65,7 +70,7 @@ class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """Some of the recordings, with ranges of their own over those that all share."""
 
     name: Name
-    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings
+    share: Share
     randomise: dict[str, Range] = {}
     on: dict[str, dict[str, Range]] = {}  # of one surface
 
@@ -77,17 +82,15 @@ class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Recordings in which something shakes or moves what is touched: ``pressed``, ``grasped``."""
+    """Recordings in which something shakes or moves what is touched: see ``causes``."""
 
     cause: FixedCause | GraspedCause
     on: Annotated[list[str], Meta(min_length=1)]  # surfaces, or bodies (config/bodies) of a grasp
-    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, in proportion to the others
+    share: Share
     seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
     strokes: bool = False
-    load: Range | None = (
-        None  # weight, of what the first grip's friction carries; none: held firmly
-    )
-    acts: Acts | None = None
+    load: Range | None = None  # weight over the first grip's friction; none: held firmly
+    acts: Disturbances | None = None
     randomise: dict[str, Range] = {}
 
     def __post_init__(self) -> None:
@@ -95,28 +98,32 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         if self.load is not None and not 0.0 < self.load[0] <= self.load[1]:
             raise ValueError(f"load: {self.load[0]:g} to {self.load[1]:g} is no range above 0")
         firm = self.acts is not None and self.acts.firm
-        if self.cause not in GRASPED and (self.load is not None or self.acts is not None):
+        if not self.grasped and (self.load is not None or self.acts is not None):
             raise ValueError(f"{self.cause}: nothing is held, so it has neither load nor acts")
-        if self.cause in GRASPED and firm == (self.load is not None):
+        if self.grasped and firm == (self.load is not None):
             raise ValueError(f"{self.cause}: either a load for its first grip, or firm acts")
+
+    @property
+    def grasped(self) -> bool:
+        return self.cause in GRASPED
 
 
 class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A data set's TOML file: rows of Table I, or causes, or both. Surfaces, layout and bodies are
-    named, or are files of one's own by their paths."""
+    named, or are files by their paths."""
 
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
     layout: str = ""  # of taxels; empty: the kit's
-    static_samples: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
-    slip_samples: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
+    static_samples: Number = 0
+    slip_samples: Number = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
     held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
     rows: list[DatasetRow] = []
     parts: list[Part] = []  # their shares are taken in proportion
     causes: list[CauseRow] = []
-    recordings: Annotated[int, Meta(ge=0, le=100_000)] = 0  # of the causes, each at least three
+    recordings: Number = 0  # of the causes, each at least three
     randomise: dict[str, Range] = {}
     on: dict[str, dict[str, Range]] = {}  # of one surface
 
@@ -133,7 +140,7 @@ class Job(msgspec.Struct, frozen=True):
     static: int
     slip: int  # of a cause, static and slip are not told apart
     metadata: Metadata
-    acts: Acts | None = None
+    acts: Disturbances | None = None
 
     @property
     def samples(self) -> int:
@@ -144,35 +151,34 @@ WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 
 
 def load_dataset_config(path: Path) -> DatasetConfig:
-    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown; of
-    its own files too, and where two of them give one name."""
-    config: DatasetConfig = beside(load(DatasetConfig, [read_toml(path)]), path.parent)
-    pressed = [word for row in config.rows for word in row.percent]
-    pressed += [*config.on, *(word for part in config.parts for word in part.on)]
+    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
+    config = load(DatasetConfig, [read_toml(path)])
+    surfaces = [*config.on, *(word for part in config.parts for word in part.on)]
+    surfaces += [word for row in config.rows for word in row.percent]
     for cause in config.causes:
-        if cause.cause not in GRASPED:
-            pressed += cause.on
-    held = [word for cause in config.causes if cause.cause in GRASPED for word in cause.on]
-    check(pressed, held)
+        for word in cause.on if cause.grasped else ():
+            called("bodies", word)
+        surfaces += [] if cause.grasped else cause.on
+    for word in surfaces:
+        called("surfaces", word)
     pressing("planar", config.layout)
-    if held:
+    if any(cause.grasped for cause in config.causes):
         bare_config(config.layout)
     if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
         raise ConfigError(str(path), "rows", "there is nothing to record", "percent above 0")
     return config
 
 
-def _some(samples: int, share: float) -> int:
-    """Of none none, of any at least one."""
-    return min(samples, max(1, round(samples * share)))
-
-
 def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
-    """The same distribution with fewer samples and recordings."""
+    """The same distribution with fewer samples and recordings; of any samples at least one."""
+
+    def some(samples: int) -> int:
+        return min(samples, max(1, round(samples * share)))
+
     return msgspec.structs.replace(
         config,
-        static_samples=_some(config.static_samples, share),
-        slip_samples=_some(config.slip_samples, share),
+        static_samples=some(config.static_samples),
+        slip_samples=some(config.slip_samples),
         least_recordings=max(3, round(config.least_recordings * share)),
         recordings=round(config.recordings * share),
     )
@@ -180,101 +186,90 @@ def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
 
 def plan(config: DatasetConfig) -> list[Job]:
     """All recordings; split by recording within each cause or group of Table I."""
-    jobs = _slide_jobs(config) if config.rows else []
-    return jobs + _cause_jobs(config, len(jobs))
+    jobs = list(_slide_jobs(config)) if config.rows else []
+    return jobs + list(_cause_jobs(config, len(jobs)))
 
 
-def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
-    jobs: list[Job] = []
-    commit = versions()["commit"]
+def _cause_jobs(config: DatasetConfig, index: int) -> Iterator[Job]:
     counts = apportion(config.recordings, np.array([row.share for row in config.causes]))
     for row, count in zip(config.causes, counts, strict=True):
-        index = first + len(jobs)
         rng = np.random.default_rng([config.seed, index])
         splits = _splits(max(LEAST_RECORDINGS, count), config.held_out, rng)
         for k, split in enumerate(splits):
-            seed = _seed(config, split, first + len(jobs))
             course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
             word = row.on[k % len(row.on)]
-            name = called("bodies" if row.cause in GRASPED else "surfaces", word)
-            part = part_of_job(config.parts, first + len(jobs))
-            metadata = Metadata(
-                set="confusers", split=split, surface=name, cause=row.cause,
-                motion=course.kind if course else "none",
-                speed_mps=course.speed_mps if course else 0.0, spin_radps=0.0,
-                direction=course.direction if course else "", seed=seed, commit=commit,
-                layout=config.layout,
-                part=part.name if config.parts else "",
-                parameters=_parameters(config, row, part, word, seed),
-                object=_object(row, word, seed) if row.cause in GRASPED else {},
-                files=fingerprints(word, config.layout),
-            )  # fmt: skip
-            path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
+            name = called("bodies" if row.grasped else "surfaces", word)
+            metadata = _metadata(config, split, index, name, word, course, row)
             samples = round(row.seconds / PERIOD_S)
-            jobs.append(Job(path, word, course, samples, 0, metadata, row.acts))
-    return jobs
+            path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
+            yield Job(path, word, course, samples, 0, metadata, row.acts)
+            index += 1
 
 
-def _seed(config: DatasetConfig, split: Split, index: int) -> int:
-    return config.seed * SEEDS + BLOCKS[split] + index
+def _slide_jobs(config: DatasetConfig) -> Iterator[Job]:
+    groups = [(row, word, share) for row in config.rows for word, share in row.percent.items()]
+    shares = np.array([share for _, _, share in groups])
+    slips = apportion(config.slip_samples, shares)
+    statics = apportion(config.static_samples, shares)
+    index = 0
+    for (row, word, share), slip, static in zip(groups, slips, statics, strict=True):
+        if share == 0.0:
+            continue
+        surface = called("surfaces", word)
+        count = max(config.least_recordings, round((slip + static) / config.recording_samples))
+        rng = np.random.default_rng([config.seed, index])
+        parts = zip(
+            apportion(slip, np.ones(count)), apportion(static, np.ones(count)),
+            _splits(count, config.held_out, rng), strict=True,
+        )  # fmt: skip
+        for k, (slip_part, static_part, split) in enumerate(parts):
+            directions = DIRECTIONS[row.motion]
+            course = motion(directions[k % len(directions)], row.speed, row.speed)
+            metadata = _metadata(config, split, index, surface, word, course, None)
+            path = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
+            yield Job(path, word, course, static_part, slip_part, metadata)
+            index += 1
 
 
-def _parameters(
-    config: DatasetConfig, row: CauseRow, part: Part, word: str, seed: int
-) -> dict[str, float]:
-    ranges = config.randomise | config.on.get(word, {}) | part.ranges(word) | row.randomise
-    if row.cause in GRASPED:
-        held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
-        return drawn(held, seed)
-    return drawn_on(pressing(word, config.layout), ranges, seed)
+def _metadata(
+    config: DatasetConfig, split: Split, index: int, name: str, word: str,
+    course: StrokeMotion | None, row: CauseRow | None,
+) -> Metadata:  # fmt: skip
+    """Of the index-th recording, on what is called so, of a cause or (none) of Table I."""
+    seed = config.seed * SEEDS + BLOCKS[split] + index
+    part = part_of_job(config.parts, index)
+    ranges = config.randomise | part.ranges(word)
+    if row is not None:
+        ranges = config.randomise | config.on.get(word, {}) | part.ranges(word) | row.randomise
+    grasped = row is not None and row.grasped
+    return Metadata(
+        set="confusers" if row is not None else "slide", split=split, surface=name,
+        cause=row.cause if row is not None else "",
+        motion=course.kind if course else "none",
+        speed_mps=course.speed_mps if course else 0.0,
+        spin_radps=course.spin_radps if course else 0.0,
+        direction=course.direction if course else "",
+        seed=seed, commit=_commit(), layout=config.layout, part=part.name if config.parts else "",
+        parameters=drawn(ranges, seed) if grasped
+        else drawn_on(pressing(word, config.layout), ranges, seed),
+        object=_object(row, word, seed) if row is not None and grasped else {},
+        files=fingerprints(word, config.layout),
+    )  # fmt: skip
+
+
+@cache
+def _commit() -> str:
+    return versions()["commit"]
 
 
 def _object(row: CauseRow, word: str, seed: int) -> dict[str, Any]:
     """What is held, drawn far from the objects of the experiments; its settings by their names."""
     config = bare_config("")
-    body = bodies.draw_object(
-        bodies.body_ranges(word), row.load, config.contact, config.hand.m_per_count,
+    body = drawn_objects.draw_object(
+        drawn_objects.body_ranges(word), row.load, config.contact, config.hand.m_per_count,
         sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
     )  # fmt: skip
     return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
-
-
-def _slide_jobs(config: DatasetConfig) -> list[Job]:
-    groups = [(row, name, share) for row in config.rows for name, share in row.percent.items()]
-    shares = np.array([share for _, _, share in groups])
-    slips = apportion(config.slip_samples, shares)
-    statics = apportion(config.static_samples, shares)
-    jobs: list[Job] = []
-    commit = versions()["commit"]
-    for (row, word, share), slip, static in zip(groups, slips, statics, strict=True):
-        if share == 0.0:
-            continue
-        surface = called("surfaces", word)
-        wanted = round((slip + static) / config.recording_samples)
-        count = max(config.least_recordings, wanted)
-        parts = zip(
-            apportion(slip, np.ones(count)), apportion(static, np.ones(count)),
-            _splits(count, config.held_out, np.random.default_rng([config.seed, len(jobs)])),
-            strict=True,
-        )  # fmt: skip
-        for k, (slip_part, static_part, split) in enumerate(parts):
-            directions = DIRECTIONS[row.motion]
-            course = motion(directions[k % len(directions)], row.speed, row.speed)
-            seed = _seed(config, split, len(jobs))
-            part = part_of_job(config.parts, len(jobs))
-            metadata = Metadata(
-                set="slide", split=split, surface=surface, motion=row.motion,
-                part=part.name if config.parts else "",
-                speed_mps=course.speed_mps, spin_radps=course.spin_radps,
-                direction=course.direction, seed=seed, commit=commit, layout=config.layout,
-                parameters=drawn_on(
-                    pressing(word, config.layout), config.randomise | part.ranges(word), seed
-                ),
-                files=fingerprints(word, config.layout),
-            )  # fmt: skip
-            name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
-            jobs.append(Job(name, word, course, static_part, slip_part, metadata))
-    return jobs
 
 
 def part_of_job(parts: Sequence[Part], index: int) -> Part:
@@ -305,8 +300,9 @@ def _splits(count: int, held_out: float, rng: np.random.Generator) -> list[Split
 
 
 def drawn(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
-    """One value a setting, evenly between its bounds."""
-    return _draw(ranges, np.random.default_rng([seed, 2]))
+    """Of a grasp, one value a setting, evenly between its bounds."""
+    held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
+    return _draw(held, np.random.default_rng([seed, 2]))
 
 
 def drawn_on(config: AcquireConfig, ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
@@ -315,7 +311,7 @@ def drawn_on(config: AcquireConfig, ranges: Mapping[str, Range], seed: int) -> d
     rng = np.random.default_rng([seed, 2])
     for _ in range(MOST_DRAWS):
         values = _draw(ranges, rng)
-        if bodies.far(bodies.of_surface(with_values(config, values).surface)):
+        if drawn_objects.far(drawn_objects.of_surface(with_values(config, values).surface)):
             return values
     raise ConfigError(
         "randomise", "surface", "no surface far from the objects of the experiments was drawn",

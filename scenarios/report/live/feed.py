@@ -14,7 +14,7 @@ import numpy as np
 
 from detector.decision import fused
 from detector.interface import motion_told_by
-from drivers.interfaces import FINGER_NAMES, FINGERS
+from drivers.interfaces import FINGER_NAMES, FINGERS, PERIOD_S
 from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
@@ -70,7 +70,7 @@ class LiveTrials:
         if controller is not self._controller:
             self._controller = controller
             self.feed.begin(self._data(tick), self._number)
-        phase = tick.decision.phase.value
+        phase = tick.decision.state.value
         news = phase != self._phase or tick.decision.slip.event
         self._phase = phase
         if self.feed.due(news):
@@ -145,7 +145,7 @@ class LiveAcquisition:
         self.feed = Feed(title, NAMES, Seen(False, False, True, None, None), of=1)
         self._finger = config.finger
         self._left_s = seconds
-        self._period_s = config.sampling.period_s
+        self._period_s = PERIOD_S
         self._phase: PressPhase | None = None
 
     def watch(self, sample: Sample) -> None:

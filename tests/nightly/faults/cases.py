@@ -11,7 +11,7 @@ from itertools import cycle, product
 
 import msgspec
 
-from grasp.phases import Phase
+from grasp.states import State
 from tests.nightly.faults.registers import COMMAND_FIELDS, IMAGES
 from tests.nightly.faults.registers import FIELDS as HAND_FIELDS
 
@@ -40,8 +40,8 @@ COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 3 s": 3.0}
 DETECTOR = ("raises", "not a number", "late", "detects nothing", "detects slip")
 NOT_STRUCK = frozenset({
-    Phase.IDLE, Phase.HOME, Phase.SQUEEZE, Phase.DONE, Phase.KEPT, Phase.LOST, Phase.STOPPED,
-    Phase.FAULT,
+    State.START, State.HOME, State.SET_DOWN, State.KEPT, State.LOST, State.STOPPED,
+    State.FAULT,
 })  # fmt: skip
 SHARES = (0.0, 1 / 3, 2 / 3)  # of a stretch: the moment of the fault
 RECOVERS_NS = 300_000_000  # duration of a fault that ends
@@ -52,7 +52,7 @@ SCENES = (  # object and seed; the last two come to a touch and a probe on the w
 )  # fmt: skip
 # a safe state commands the hand only where it does not hold, or is not closed to the limit, already
 HOLDS_ANEW = frozenset({
-    Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.OPPOSE, Phase.RELEASE, Phase.RETREAT,
+    State.SHAPE, State.TARE, State.BRACE, State.CLOSE, State.OPEN, State.RETREAT,
 })  # fmt: skip
 
 
@@ -71,7 +71,7 @@ class Fault(msgspec.Struct, frozen=True):
 class Stretch(msgspec.Struct, frozen=True):
     """A phase of the plain lift, from its begin to the next."""
 
-    phase: Phase
+    phase: State
     visit: int  # how often the lift has come to this phase, this time included
     ticks: int
     commands: tuple[tuple[str, int], ...]  # sent, and after which tick of the stretch
@@ -84,7 +84,7 @@ class Case(msgspec.Struct, frozen=True):
     object: str
     seed: int
     fault: Fault | None  # None: a plain lift
-    phase: Phase | None = None
+    phase: State | None = None
     visit: int = 1
     ticks: int = 0  # into it
     recovers: bool = False
@@ -186,10 +186,10 @@ def _in_safe_state(stretches: Sequence[Stretch], chance: random.Random) -> Case:
     """A safe state's own command is struck; the fault that causes it concerns neither arm nor
     hand, or where fingertips are not needed, the arm's position."""
     s = chance.choice(stretches)
-    closes = (s.phase, s.visit) == (Phase.LIFT, 1)
+    closes = (s.phase, s.visit) == (State.LIFT, 1)
     told = {"stop", *(["close"] if closes else ["hold"] if s.phase in HOLDS_ANEW else [])}
     cause = Fault("fingertips", "link", "link", "cut")
-    if s.phase in {Phase.APPROACH, Phase.RELEASE, Phase.RETREAT}:
+    if s.phase in {State.SHAPE, State.OPEN, State.RETREAT}:
         cause = Fault("arm", "state", "position_m x", "not a number")
     then = chance.choice([f for f in commands() if f.what in told])
     return Case(0, "", 0, cause, s.phase, s.visit, int(SHARES[1] * s.ticks), False, then, 0,

@@ -8,13 +8,13 @@ from collections.abc import Collection
 
 import msgspec
 
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.states import AIRBORNE_STATES, State
 from tests.nightly.faults.cases import Fault
 from tests.nightly.last_line import CANNOT_COMMAND
 
 # with the first grasp's force alone, before the hand is closed to the limit, the object may rise
-AIR = frozenset(phase.value for phase in AIRBORNE_PHASES) | {"listen", "lift", "compensate"}
-ANY = frozenset(phase.value for phase in Phase)
+AIR = frozenset(phase.value for phase in AIRBORNE_STATES) | {"grasp.baseline"}
+ANY = frozenset(phase.value for phase in State)
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -65,7 +65,7 @@ DECLARED = (
     ),
     Declared(
         "nothing else stops an arm that takes no stop: the last line asks for the emergency stop",
-        r"arm stop lost", AIR | {"retreat", "release"},
+        r"arm stop lost", AIR | {"release.open", "release.retreat"},
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
     ),

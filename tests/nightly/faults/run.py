@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.interfaces import FINGERS, Vector3
 from grasp.loop import Tick
-from grasp.phases import END_PHASES, SAFE_PHASES, Phase
+from grasp.states import END_STATES, SAFE_STATES, State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig
@@ -200,11 +200,11 @@ class Moment:
 
     def __init__(self, case: Case) -> None:
         self.case = case
-        self._phase: Phase | None = None
-        self._visits: Counter[Phase] = Counter()
+        self._phase: State | None = None
+        self._visits: Counter[State] = Counter()
         self._ticks = 0  # since the phase began
 
-    def comes(self, phase: Phase) -> bool:
+    def comes(self, phase: State) -> bool:
         """After every step; true once, in the case's own phase and at its own visit."""
         if phase is self._phase:
             self._ticks += 1
@@ -221,9 +221,9 @@ class Plain(Moment):
     def __init__(self, scene: tuple[str, int]) -> None:
         super().__init__(Case(0, *scene, None))
         self.told: Callable[[], list[str]] = list  # commands since the last call
-        self._found: list[tuple[Phase, int, list[tuple[str, int]]]] = []
+        self._found: list[tuple[State, int, list[tuple[str, int]]]] = []
 
-    def comes(self, phase: Phase) -> bool:
+    def comes(self, phase: State) -> bool:
         sent = self.told()
         if self._found:  # what was sent since the tick before belongs to that
             was, ticks, commands = self._found[-1]
@@ -236,7 +236,7 @@ class Plain(Moment):
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:
-        visits: Counter[Phase] = Counter()
+        visits: Counter[State] = Counter()
         found = []
         for phase, ticks, commands in self._found:
             visits[phase] += 1
@@ -272,18 +272,18 @@ def _run(moment: Moment) -> Ended:
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
         nonlocal struck_in
-        if moment.comes(tick.decision.phase):
-            struck_in = tick.decision.phase.value
+        if moment.comes(tick.decision.state):
+            struck_in = tick.decision.state.value
             attack.begin(case, rig.clock.now_ns)
         attack.tick(rig.clock.now_ns)
         if truth is not None:
-            seen.take(truth, bool(attack.struck_ns), tick.decision.phase in SAFE_PHASES)
+            seen.take(truth, bool(attack.struck_ns), tick.decision.state in SAFE_STATES)
 
     trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
     at_end, arm_mps = cell.truth(), speed(cell, rig.clock.now_ns)
     fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
     trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
-    safe = trial.controller.phase in SAFE_PHASES
+    safe = trial.controller.state in SAFE_STATES
     _wait(rig, attack.arm.watch, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, case.seed, trial, None).outcome
@@ -311,7 +311,7 @@ def _run(moment: Moment) -> Ended:
 
 def _delays(trial: FinishedTrial, seen: Observer) -> tuple[float | None, float | None]:
     """From the safe state until the arm and until the fingers moved no more, s; None without."""
-    entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_PHASES]
+    entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_STATES]
     if not entered:
         return None, None
     moved_ns = seen.arm_moved_ns, seen.hand_moved_ns
@@ -328,10 +328,10 @@ def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], N
 
 def _phase(trial: FinishedTrial) -> str:
     """The end it came to, or the phase that its safe state followed."""
-    if trial.controller.phase in END_PHASES:
-        return trial.controller.phase.value
-    going = [e.phase for e in trial.controller.machine.log if e.phase not in SAFE_PHASES]
-    return going[-1] if going else Phase.IDLE.value
+    if trial.controller.state in END_STATES:
+        return trial.controller.state.value
+    going = [e.phase for e in trial.controller.machine.log if e.phase not in SAFE_STATES]
+    return going[-1] if going else State.START.value
 
 
 def _in_time(trial: FinishedTrial) -> bool:

@@ -9,7 +9,7 @@ import re
 import msgspec
 import pytest
 
-from grasp.phases import Phase
+from grasp.states import State
 from tests.nightly.faults.cases import SCENES, Case, Fault, commands, faults, sample
 from tests.nightly.faults.run import Ended, run, schedule
 from tests.nightly.faults.verdict import fell, problems
@@ -39,7 +39,7 @@ def test_a_sample_of_faults_ends_well(scene: tuple[str, int]) -> None:
 
 def test_a_sample_is_always_the_same_and_has_every_fault() -> None:
     stretches = schedule("can", 0)
-    assert {s.phase for s in stretches} >= {Phase.GRASP, Phase.LIFT, Phase.LOWER, Phase.RELEASE}
+    assert {s.phase for s in stretches} >= {State.BRACE, State.LIFT, State.DESCEND, State.OPEN}
     cases = sample(("can", 0), stretches, 2_000, 1)
     assert cases == sample(("can", 0), stretches, 2_000, 1)
     kinds = {(f.device, f.part, f.kind) for case in cases for f in case.faults}
@@ -51,7 +51,7 @@ def changed(end: Ended, **changes: object) -> Ended:
 
 
 def test_a_stop_that_is_lost_in_a_safe_state_is_declared_if_the_user_is_told() -> None:
-    case = Case(0, "can", 0, UNPLUGGED, Phase.LIFT, 2, 73, False, STOP_LOST, 0, False, safe=True)
+    case = Case(0, "can", 0, UNPLUGGED, State.LIFT, 2, 73, False, STOP_LOST, 0, False, safe=True)
     found = run(case)
     assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
     assert "unstopped" in problems(found) and fell(found) == {}
@@ -83,7 +83,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
 
 
 def test_what_must_not_be_is_found_and_only_what_is_declared_and_told_is_excused() -> None:
-    cut = run(Case(1, "can", 0, CUT, Phase.LIFT, 1, 4))
+    cut = run(Case(1, "can", 0, CUT, State.LIFT, 1, 4))
     assert problems(cut) == {}
     for changes, check in WRONG:
         assert check in problems(changed(cut, **changes)), changes
@@ -99,7 +99,7 @@ def test_what_another_client_writes_once_is_written_over_and_told(
     fault: Fault, most_n: float
 ) -> None:
     for ticks in range(0, 55, 6):
-        found = run(Case(0, "can", 0, fault, Phase.COMPENSATE, 1, ticks, True))
+        found = run(Case(0, "can", 0, fault, State.COMPENSATE, 1, ticks, True))
         assert found.peak_n < most_n and fell(found) == {}
         assert found.outcome == ("over_force" if found.peak_n > MOST_N else "fault")
         assert re.search(r"another client changed .*targets \(.*\), expected", found.message)
@@ -107,15 +107,15 @@ def test_what_another_client_writes_once_is_written_over_and_told(
 
 def test_what_failed_once_ends_well() -> None:
     for case in (
-        Case(0, "can", 0, OPENED, Phase.HOLD, 1, 33, recovers=True),
-        Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.GRASP),
-        Case(0, "ball", 1, FROZEN, Phase.RETREAT),
+        Case(0, "can", 0, OPENED, State.HOLD, 1, 33, recovers=True),
+        Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), State.BRACE),
+        Case(0, "ball", 1, FROZEN, State.RETREAT),
         Case(
-            0, "cardboard", 2, Fault("gripper", "state", "gDTA", "missing"), Phase.RELAX,
+            0, "cardboard", 2, Fault("gripper", "state", "gDTA", "missing"), State.SETTLE,
             then=Fault("loop", "whole", "", "stands still 0.3 s"),
         ),
-        Case(0, "can", 0, Fault("detector", "whole", "", "late"), Phase.APPROACH, 1, 11),
-        Case(0, "box", 1, Fault("fingertips", "state", "finger B", "missing"), Phase.RELEASE),
+        Case(0, "can", 0, Fault("detector", "whole", "", "late"), State.SHAPE, 1, 11),
+        Case(0, "box", 1, Fault("fingertips", "state", "finger B", "missing"), State.OPEN),
     ):  # fmt: skip
         found = run(case)
         assert found.outcome == "fault" and fell(found) == {}, case

@@ -5,7 +5,8 @@ import re
 from collections.abc import Callable
 
 from grasp.controller_settings import ControllerSettings
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.safe_state import SAFE_STATE_NS
+from grasp.states import AIRBORNE_STATES, State
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.trial.ending import LOOK
 from tests.nightly.faults.cases import Fault
@@ -26,13 +27,13 @@ from tests.nightly.last_line import (
 )
 
 BRAKES_MPS2 = ControllerSettings().stop_deceleration_mps2
-SAFE_S = ControllerSettings().safe_state_s
+SAFE_S = SAFE_STATE_NS * 1e-9
 LOOK_S = 0.06  # between two looks of the simulation, and a step
 LEAST_WAY_M = 0.001  # a way that is not worth a finding
 LOOSENED = 0.5  # share of the force at the begin of the safe state; less is letting go
 RAISED_M = 0.03  # an object that was lifted
-OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})
-CLOSES = frozenset({Phase.GRASP.value, Phase.OPPOSE.value})  # begins to touch, holds nothing
+OPENS = frozenset({State.OPEN.value, State.RETREAT.value})
+CLOSES = frozenset({State.BRACE.value, State.CLOSE.value})  # begins to touch, holds nothing
 BUGS = frozenset({"", LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})
 
 
@@ -84,7 +85,7 @@ def loosened(end: Ended) -> str:
     if end.phase not in OPENS | CLOSES and end.least_n < LOOSENED * end.entered_n:
         return f"from {end.entered_n:.1f} N to {end.least_n:.1f} N"
     struck = any(fault.device == "gripper" for fault in end.case.faults)
-    weak = end.phase in AIRBORNE_PHASES and not struck and end.pressed_n < GRIPPED_N
+    weak = end.phase in AIRBORNE_STATES and not struck and end.pressed_n < GRIPPED_N
     return f"not closed: {end.pressed_n:.1f} N" if weak else ""
 
 

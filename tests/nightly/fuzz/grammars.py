@@ -9,11 +9,11 @@ import struct
 
 import msgspec
 
-from drivers.ur.emulator.rtde_wire import E_SERIES_OUTPUT_TYPES, INPUT_TYPES, STRUCT_CODES
-from drivers.ur.emulator.urscript.builtins import BUILTINS
+from drivers.ur.emulator import rtde as ur_rtde
+from drivers.ur.emulator.urscript_functions import BUILTINS
 
 NUMBERS = (0, 1, -1, 6, 0.1, 5e-324, 1e-9, 1e200, 1e308, 2**31 - 1, 2**31, -(2**31))
-OUTPUTS, INPUTS, CALLS = sorted(E_SERIES_OUTPUT_TYPES), sorted(INPUT_TYPES), sorted(BUILTINS)
+OUTPUTS, INPUTS, CALLS = sorted(ur_rtde.OUTPUTS), sorted(ur_rtde.INPUTS), sorted(BUILTINS)
 MOST_BYTES = 200_000  # of one connection
 
 
@@ -53,9 +53,9 @@ def statement(r: random.Random, deep: int = 0) -> str:
         case 0 | 1:
             return call(r)
         case 2:
-            return f"{r.choice(('', 'global ', 'local '))}{r.choice('ab')} = {expression(r)}"
+            return f"{r.choice(('', 'global '))}{r.choice('ab')} = {expression(r)}"
         case 3:
-            return r.choice(("sync()", "break", "return", "halt", "sleep(0.01)", "enter_critical"))
+            return r.choice(("sync()", "break", "return", "sleep(0.01)", "enter_critical"))
         case 4 | 5:
             return f"while {r.choice(('True', expression(r)))}:\n{inner()}\nsync()\nend"
         case 6:
@@ -95,7 +95,7 @@ def rtde_packet(r: random.Random, recipes: list[list[str]]) -> bytes:
         body = ",".join(recipes[-1]).encode()
     elif kind == "U" and recipes and r.random() < 0.8:
         i = r.randrange(len(recipes))
-        codes = ">B" + "".join(STRUCT_CODES[INPUT_TYPES[name]] for name in recipes[i])
+        codes = ">B" + "".join(ur_rtde.STRUCT_CODES[ur_rtde.INPUTS[name]] for name in recipes[i])
         body = bytes([(i + 1) % 256]) + r.randbytes(struct.calcsize(codes) - 1)
     elif r.random() < 0.5:
         body = r.randbytes(r.choice((0, 1, 9, 200, 5000)))
@@ -133,8 +133,8 @@ def hop_message(r: random.Random) -> bytes:
 
 
 COMMANDS = (
-    "robotmode", "is in remote control", "programState", "load x.urp", "play", "pause", "stop",
-    "power on", "power off", "brake release", "quit", "unlock protective stop", "addToLog a",
+    "robotmode", "is in remote control", "programState", "play", "stop", "power on", "power off",
+    "brake release", "quit", "unlock protective stop",
 )  # fmt: skip
 
 

@@ -20,9 +20,9 @@ from typing import Any
 
 import pytest
 
-from drivers.takktile.emulator import hop
-from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
-from drivers.ur.emulator.rtde_wire import PacketType, packet
+from drivers.takktile.emulator import bus
+from drivers.takktile.emulator.bus import BusReply, BusRequest, Op
+from drivers.ur.emulator.rtde import PacketType, packet
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.cell_process import cell_process
 from tests.nightly.fuzz.grammars import GRAMMARS, pieces
@@ -130,8 +130,8 @@ def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]
             files["rtde"].read(size - 3)
 
     def list_boards() -> None:
-        hop.send(socks["hop"], HopRequest(Op.LIST))
-        hop.receive(socks["hop"], HopReply)
+        bus.send(socks["hop"], BusRequest(Op.LIST))
+        bus.receive(socks["hop"], BusReply)
 
     files["dashboard"].readline()
     outputs = struct.pack(">d", 125.0) + b"timestamp,actual_q,actual_TCP_pose,robot_mode"

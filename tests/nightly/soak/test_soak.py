@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import emulated
@@ -33,7 +33,7 @@ SETTLED_S = 600.0  # caches are filled by then
 MOST_GROWTH_MB_H, MOST_SPREAD_MB = 4.0, 12.0
 LEAST_LIFTS_A_MINUTE, LEAST_STRUCK = 2.0, 0.1
 OBJECTS = ("can", "ball", "foam")
-PHASES = (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER, Phase.RELEASE)
+PHASES = (State.SHAPE, State.BRACE, State.LIFT, State.HOLD, State.DESCEND, State.OPEN)
 FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (  # device and request to the cell
     ("gripper", {"name": "gripper_garble", "times": 3}),
     ("gripper", {"name": "gripper_freeze", "seconds": 1.0}),
@@ -92,7 +92,7 @@ class Watcher:
         self._periods += 1
         if self._periods == COUNTED_TICKS:
             self.counts.append(count(time.monotonic() - self._start_s))
-        if self._due is not None and tick.decision.phase is self._due[1]:
+        if self._due is not None and tick.decision.state is self._due[1]:
             (self._device, request), self._due = self._due[0], None
             self.struck = request["name"]
             self._cell.control.ask("fault", **request)

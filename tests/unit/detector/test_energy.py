@@ -62,9 +62,8 @@ def test_a_long_stream_does_not_drift() -> None:
 
 
 def test_the_probability_is_a_half_exactly_at_the_threshold_and_rises_with_energy() -> None:
-    settings = EnergySettings(threshold_counts=6.0)
-    assert probability_of(6.0, settings) == 0.5
-    rising = [probability_of(e, settings) for e in (0.0, 0.1, 3.0, 5.9, 6.1, 20.0, 1000.0)]
+    assert probability_of(6.0, 6.0) == 0.5
+    rising = [probability_of(e, 6.0) for e in (0.0, 0.1, 3.0, 5.9, 6.1, 20.0, 1000.0)]
     assert rising == sorted(set(rising))
     assert rising[0] == 0.0
     assert rising[3] < 0.5 < rising[4] < rising[-1] <= 1.0

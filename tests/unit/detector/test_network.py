@@ -9,7 +9,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from detector.interface import load_detector
-from detector.network import StreamingNetwork, WindowedNetwork, run_network
+from detector.network import run_network
 from detector.network_file import (
     read_network,
 )
@@ -19,53 +19,29 @@ from grasp.cli.main import main
 from tests.unit.detector.networks import walk, write_network
 
 
-def test_stream_and_window_of_the_tcn_agree_once_the_window_is_full(tmp_path: Path) -> None:
-    for lost in [None, 150, 151]:
-        counts = walk(260)
-        if lost:
-            counts[lost] = counts[lost - 1]  # a missed sample is repeated
-        streamed = run_network(read_network(write_network(tmp_path, "tcn", "stream")), 3)
-        windowed = run_network(read_network(write_network(tmp_path, "tcn", "window")), 3)
-        assert isinstance(streamed, StreamingNetwork), lost
-        assert isinstance(windowed, WindowedNetwork), lost
-        difference = stream(streamed, counts)[0] - stream(windowed, counts)[0]
-        assert np.abs(difference[100:]).max() < 1e-5, lost
-        assert np.ptp(stream(streamed, counts)[0]) > 0.1, lost
-
-
 def test_a_reset_forgets_everything(tmp_path: Path) -> None:
     for name in ["tcn", "gru"]:
-        detector = run_network(read_network(write_network(tmp_path, name, "stream")), 3)
+        detector = run_network(read_network(write_network(tmp_path, name)), 3)
         first = stream(detector, walk(151))[0]
         assert not np.allclose(stream(detector, walk(60, seed=2))[0], first[:60]), name
         assert np.array_equal(stream(detector, walk(151))[0], first), name
 
 
 def test_fingers_do_not_know_one_another(tmp_path: Path) -> None:
-    for name, mode in [("tcn", "stream"), ("gru", "stream"), ("tcn", "window")]:
-        loaded = read_network(write_network(tmp_path, name, mode))  # type: ignore[arg-type]
+    for name in ["tcn", "gru", "tcn-paper"]:
+        loaded = read_network(write_network(tmp_path, name))
         counts = walk(150)
         together = stream(run_network(loaded, 3), counts)[0]
         for finger in range(3):
             alone = stream(run_network(loaded, 1), counts[:, finger : finger + 1])[0]
-            assert np.abs(alone[:, 0] - together[:, finger]).max() < 1e-6, (name, mode)
-
-
-def test_temperature_and_shift_are_part_of_the_graph(tmp_path: Path) -> None:
-    counts = walk(120)
-    odds = []
-    for changes in ({"temperature": 1.0, "shift": 0.0}, {"temperature": 2.0, "shift": 0.5}):
-        path = write_network(tmp_path, "gru", "stream", **changes)
-        p = stream(run_network(read_network(path), 3), counts)[0]
-        odds.append(np.log(p / (1 - p)))
-    assert np.allclose(odds[1], (odds[0] + 0.5) / 2.0, atol=1e-4)
+            assert np.abs(alone[:, 0] - together[:, finger]).max() < 1e-6, name
 
 
 def test_weights_of_another_network_do_not_run_under_a_packaged_one_s_name_and_rule(
     tmp_path: Path,
 ) -> None:
     for name, of in [("tcn", "tcn-paper"), ("gru", "tcn")]:
-        path = write_network(tmp_path, of, "window")
+        path = write_network(tmp_path, of)
         for weights in (str(path), of):
             with pytest.raises(
                 UsageError, match=f"holds a network '{of}', not '{name}'"
@@ -77,7 +53,7 @@ def test_weights_of_another_network_do_not_run_under_a_packaged_one_s_name_and_r
 
 
 def test_a_file_of_ours_that_lost_its_card_is_told_by_its_tensors(tmp_path: Path) -> None:
-    path = write_network(tmp_path, "tcn", "stream")
+    path = write_network(tmp_path, "tcn")
     whole = stream(run_network(read_network(path), 3), walk(50))[0]
     model = onnx.load(path)
     del model.metadata_props[:]
@@ -131,7 +107,7 @@ def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path) -> N
         "lost state",
         "taxels",
     ]:
-        path = damaged(write_network(tmp_path, "tcn", "stream"), how)
+        path = damaged(write_network(tmp_path, "tcn"), how)
         with pytest.raises(BadFile) as caught:
             read_network(path)
         assert str(path) in caught.value.message, how
@@ -140,7 +116,7 @@ def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path) -> N
 
 def test_one_flipped_byte_is_noticed(tmp_path: Path) -> None:
     for harm in ["anywhere", "the checksum", "its name"]:
-        path = write_network(tmp_path, "tcn", "stream")
+        path = write_network(tmp_path, "tcn")
         whole, rng = path.read_bytes(), random.Random(7)
         places = [rng.randrange(len(whole)) for _ in range(12)]
         if harm != "anywhere":
@@ -188,10 +164,11 @@ def outside(model: onnx.ModelProto, where: str, location: str) -> None:
 def test_a_graph_that_points_to_other_files_is_refused_before_it_is_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    path = write_network(tmp_path, "tcn")
+    whole = path.read_bytes()
     for where in ["initializer", "attribute", "subgraph", "sparse"]:
         for location in ["w.bin", "./w.bin", "a/w.bin", "/tmp/w.bin", "../w.bin"]:
-            path = write_network(tmp_path, "tcn", "stream")
-            model = onnx.load(path)
+            model = onnx.load_from_string(whole)
             outside(model, where, location)
             path.write_bytes(model.SerializeToString())
             (tmp_path / "a").mkdir(exist_ok=True)

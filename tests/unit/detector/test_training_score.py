@@ -2,7 +2,7 @@
 
 import msgspec
 
-from detector.training.score import Score
+from detector.training.validation import Score
 
 KEPT = Score(delay_ms=180.0, loss=0.07, accuracy=0.97)
 

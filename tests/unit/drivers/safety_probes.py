@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from drivers.errors import Refused, Stale
@@ -76,27 +75,10 @@ def moves_along_any(x: float, **settings: Any) -> bool:
     return verdicts.pop()
 
 
-def turns(spin_radps: float, **settings: Any) -> bool:
-    return taken(lambda: arm_driver(**settings)[0].drive(ZERO, spin_radps, 1.0))
-
-
-def turns_as_far_as(x: float, v: float) -> bool:
-    """A spin whose worst end, timed out and braked at 1 rad/s2, is x."""
-    return turns(math.sqrt(0.01 + 2 * x) - 0.1, max_turn_rad=v, max_spin_radps=3.0)
-
-
 def hardest_stop_mps2(v: float) -> float:
     driver, link = arm_driver(max_stop_mps2=v)
     driver.stop(9.0)
     return link.braked_mps2
-
-
-def drives_on(v: float, after_s: float) -> bool:
-    driver, link = arm_driver(drive_timeout_s=v)
-    driver.drive((0.1, 0.0, 0.0), 0.0, 1.0)
-    link.sample = msgspec.structs.replace(link.sample, t_ns=1)
-    driver.pump(round(after_s * 1e9))
-    return not link.stopped
 
 
 def trusted(v: float, age_s: float) -> bool:
@@ -106,24 +88,6 @@ def trusted(v: float, age_s: float) -> bool:
     except Stale:
         return False
     return True
-
-
-def arrived(v: float, away_m: float) -> bool:
-    driver, link = arm_driver(arrived_within_m=v)
-    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
-    link.sample = msgspec.structs.replace(link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1 - away_m))
-    driver.pump(MS)
-    return not driver.state.moving
-
-
-def arrived_at_speed(v: float, speed_mps: float) -> bool:
-    driver, link = arm_driver(arrived_below_mps=v)
-    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
-    link.sample = msgspec.structs.replace(
-        link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1), velocity_mps=(0.0, 0.0, speed_mps)
-    )
-    driver.pump(MS)
-    return not driver.state.moving
 
 
 # Fingertips
@@ -158,17 +122,6 @@ def still_new(v: float, age_ms: float) -> bool:
     return late.frame.missed == 0
 
 
-def samples_of_rest(v: int) -> int:
-    bench = Bench(TakkTileSettings(rest_samples=v))
-    bench.driver.start()
-    bench.driver.begin_rest()
-    pumps = 0
-    while bench.driver.frame is None:
-        bench.pump()
-        pumps += 1
-    return pumps
-
-
 # Gripper: a hand whose positions are believed is held by targets, any other by stopping it
 
 
@@ -177,34 +130,6 @@ def hand(at_counts: int, **settings: Any) -> Rig:
     made = Rig(HandSettings(), PAPER, settings=DriverSettings(**settings))
     made.driver.move_to((at_counts,) * 3, 0.11, 10.0)
     return made
-
-
-def held_by_targets(made: Rig) -> bool:
-    made.driver.hold()
-    made.step(3)
-    return made.written[-1].go_to
-
-
-def leap_believed(counts: int, paused_s: float, **settings: Any) -> bool:
-    """Of finger B at rest, from one reading to the next, so long after it."""
-    made = hand(50, **settings)
-    made.settle()
-    made.model.misreport(lambda w: (*w[:2], (w[2] + (counts << 8)) & 0xFFFF, *w[3:]))
-    made.advance(round(paused_s * 1e3) - 10)
-    made.step()
-    return held_by_targets(made)
-
-
-def frozen_believed(value: float, for_s: float) -> bool:
-    """Positions in motion that have not changed for so long."""
-    made = hand(250, status_old_s=value)
-    made.step(50)
-    kept = made.model.read(made.now_ns)
-    made.model.misreport(lambda words: kept)
-    made.advance(round(for_s * 1e3))
-    made.driver.pump(made.now_ns)
-    assert made.state is not None
-    return made.driver.hold().targets_counts == made.state.positions
 
 
 def between_writes_s(value: float) -> float:

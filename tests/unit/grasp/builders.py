@@ -11,7 +11,7 @@ from drivers.interfaces import (
     GripperState,
     TactileFrame,
 )
-from grasp.observation import Observation
+from grasp.observation import Observation, StepInput
 
 REST = Detection.AT_TARGET
 MOVING = (Detection.MOVING, REST, REST)  # finger A
@@ -66,4 +66,5 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         **changes,
     }
     values.setdefault("felt_n", values["measured_n"])
-    return Observation(**values)  # type: ignore[arg-type]
+    given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
+    return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]

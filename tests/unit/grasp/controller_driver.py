@@ -2,7 +2,7 @@
 
 import msgspec
 
-from detector.decision import ConsecutiveRule, RuleSettings
+from detector.decision import DecisionRule, RuleSettings
 from drivers.interfaces import Counts3, Detection, GripperState, Vector3
 from grasp.commands import (
     CloseFast,
@@ -11,11 +11,11 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.phases import Phase
-from grasp.slip import SlipMonitor, SlipSettings
-from grasp.stiffness import Stiffness
+from grasp.slip_monitor import SlipMonitor, SlipSettings
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper, seen
 
 TICK = 10_000_000
@@ -33,15 +33,15 @@ class Driver:
     position is there, a thumb told to close stops on the object."""
 
     grip = 55  # counts of every finger in the first grasp
+    climbs_m = 0.05  # where the arm is while it climbs
 
     def __init__(
         self, home: Vector3 | None = None, stiffness: Stiffness = STIFF, **settings: object
     ) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
-        monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
+        monitor = SlipMonitor(DecisionRule(RuleSettings(), 3), SlipSettings())
         plan = GripPlan((25, 40, 40), (self.grip,) * 3, 10.0, stiffness, home)
         self.controller = GraspController(merged, plan, monitor)
-        self.margin_m = merged.landing_margin_m  # of the slow way down
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False
@@ -93,27 +93,34 @@ class Driver:
             self.obey(command)
         return decision
 
-    def until(self, phase: Phase, p: float = 0.0, **changes: object) -> Decision:
+    def until(self, phase: State, p: float = 0.0, **changes: object) -> Decision:
         for _ in range(400):
             decision = self.step(p, **changes)
-            if decision.phase is phase:
+            if decision.state is phase:
                 return decision
-        raise AssertionError(f"never reached {phase}, stuck in {self.controller.phase}")
+        raise AssertionError(f"never reached {phase}, stuck in {self.controller.state}")
+
+    def until_next(self, **changes: object) -> None:
+        """To the next transition, be it to the same state."""
+        log = self.controller.machine.log
+        entered = len(log)
+        while len(log) == entered:
+            self.step(**changes)  # type: ignore[arg-type]
 
     def lift(self) -> "Driver":
-        self.until(Phase.LIFT)
+        self.until(State.LIFT)
         self.commands.clear()
         return self
 
     def climb(self, p: float = 0.0, **changes: object) -> Decision:
         """One step with the arm on its way up, or where it was stopped there to answer slip."""
-        stands = self.stopped and self.controller.phase is Phase.COMPENSATE
-        there = arm(self.t_ns + TICK, 0.05, moving=not stands)
+        stands = self.stopped and self.controller.state is State.COMPENSATE
+        there = arm(self.t_ns + TICK, self.climbs_m, moving=not stands)
         return self.step(p, arm=there, **changes)
 
     def slip(self) -> "Driver":
         self.lift()
         for _ in range(2):
             self.climb(0.9)
-        assert self.controller.phase is Phase.COMPENSATE
+        assert self.controller.state is State.COMPENSATE
         return self

@@ -7,8 +7,8 @@ from grasp.clock import VirtualClock
 from grasp.commands import Command, HoldFingers, StopArm
 from grasp.loop import ControlLoop, Devices, Tick
 from grasp.loop_settings import LoopSettings
-from grasp.phases import Phase
 from grasp.safe_state import Missing
+from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, seen
 
 MS = 1_000_000
@@ -32,7 +32,7 @@ class Bench:
         self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, excused_ns=0.0, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
+            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, fault_cause="",
             aborted=lambda: (StopArm(2.0), HoldFingers()),
             missing=lambda seen: Missing((), self.missing_of_hand),
         )  # fmt: skip

@@ -4,9 +4,10 @@ import math
 from typing import Any
 
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
-from grasp.phases import Phase
-from grasp.stiffness import Stiffness
+from grasp.set_down import MARGIN_M
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
@@ -43,11 +44,11 @@ def reach_counts(first_n: float = 0.0, **settings: Any) -> int:
     return reach[0]
 
 
-def worst_first_n(v: float) -> float:
+def worst_first_n() -> float:
     """By how much less than would reach limit and overshoot a first grasp has a count less."""
     settings: dict[str, Any] = {"force_limit_n": 40.0, "overshoot_n": 1.0}
     steps = (n / 100 for n in range(200))
-    first_n = next(n for n in steps if reach_counts(n, first_force_margin_n=v, **settings) < 12)
+    first_n = next(n for n in steps if reach_counts(n, **settings) < 12)
     return 41.0 - 12 * 1.3 * 2.5 - first_n
 
 
@@ -57,11 +58,11 @@ def worst_first_n(v: float) -> float:
 def lifted(**settings: Any) -> Driver:
     """A lift without slip: set down, fingers opened, arm retreating."""
     d = Driver(**settings)
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     d.height_m = settings.get("lift_height_m", 0.2)
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     d.height_m = 0.0
-    d.until(Phase.RETREAT)
+    d.until(State.RETREAT)
     return d
 
 
@@ -73,12 +74,12 @@ def bears(force_n: float) -> tuple[float, float, float]:
 def near(**settings: Any) -> Driver:
     """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
     d = Driver(hold_s=0.1, **settings).slip()
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     d.height_m = 0.2
-    d.until(Phase.LOWER)
-    d.height_m = 0.05 + d.margin_m
-    d.until(Phase.LAND)
+    d.until(State.DESCEND)
+    d.height_m = 0.05 + MARGIN_M
+    d.until(State.FEEL)
     return d
 
 
@@ -88,8 +89,9 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
     d = near(**settings)
     d.height_m = 0.02
     d.commands.clear()
+    entered = len(d.controller.machine.log)
     for _ in range(80):
-        if d.controller.phase is not Phase.LAND:
+        if len(d.controller.machine.log) > entered:
             break
         d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
@@ -98,17 +100,16 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
 def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     """The arm has stopped; the thumb feels so much, and after a step down so much."""
     d = tightened(first_n, **settings)
-    assert d.controller.phase is Phase.TOUCH
-    d.until(Phase.PROBE, measured_n=bears(first_n))
-    while d.controller.phase is Phase.PROBE:
-        d.step(measured_n=bears(then_n))
+    assert "tighter" in d.controller.machine.log[-1].cause
+    d.until_next(measured_n=bears(first_n))
+    d.until_next(measured_n=bears(then_n))
     return d
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
     """The first move shapes the hand, the second grasps."""
     d = Driver(**settings)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     return [c for c in d.commands if isinstance(c, MoveFingers)][number]
 
 
@@ -135,12 +136,12 @@ def stopped_at_mps2(v: float) -> float:
 def listened_s(**settings: Any) -> tuple[float, float]:
     """From the fingers' rest to listening, and on to the lift."""
     d = Driver(**settings)
-    d.until(Phase.RELAX)
+    d.until(State.SETTLE)
     began_ns = d.t_ns
-    d.until(Phase.LISTEN)
+    d.until(State.BASELINE)
     assert d.controller.monitor.status.armed
     armed_ns = d.t_ns
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9
 
 
@@ -148,7 +149,7 @@ def patience_s(v: float) -> float:
     """How long slip goes on at a hand that rests before the object is set down."""
     d = Driver(cap_patience_s=v).slip()
     began_ns = d.t_ns
-    while d.controller.phase is Phase.COMPENSATE:
+    while d.controller.state is State.COMPENSATE:
         d.climb(0.9)
     assert d.controller.cap_reached
     return (d.t_ns - began_ns) * 1e-9
@@ -156,10 +157,10 @@ def patience_s(v: float) -> float:
 
 def state_trusted(v: float, age_s: float, of: str) -> bool:
     d = Driver(stale_after_s=v)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     then_ns = d.t_ns + TICK - round(age_s * 1e9)
     d.step(**{of: gripper(then_ns) if of == "gripper" else arm(then_ns)})
-    return d.controller.phase is not Phase.FAULT
+    return d.controller.state is not State.FAULT
 
 
 def both_trusted(v: float, age_s: float) -> bool:
@@ -171,66 +172,66 @@ def both_trusted(v: float, age_s: float) -> bool:
 def touches(v: float, felt_n: float) -> bool:
     """Whether the arm lifts when the thumb feels so much."""
     d = Driver(contact_n=v)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     for _ in range(80):
         d.step(measured_n=(felt_n, 0.0, 0.0))
-    return d.controller.phase is Phase.LIFT
+    return d.controller.state is State.LIFT
 
 
-def seconds_of_overload(v: float) -> float:
-    d = Driver(overload_s=v).lift()
+def seconds_of_overload() -> float:
+    d = Driver().lift()
     began_ns = d.t_ns
-    while d.controller.phase is Phase.LIFT:
+    while d.controller.state is State.LIFT:
         d.climb(overloaded=True)
     return (d.t_ns - began_ns) * 1e-9
 
 
-def held_under_alarms_s(v: float) -> float:
+def held_under_alarms_s() -> float:
     """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
-    d = Driver(alarm_hold_s=v, hold_s=0.5).slip()
+    d = Driver(hold_s=0.5).slip()
     d.height_m = 0.2
-    d.until(Phase.HOLD)
+    d.until(State.HOLD)
     began_ns = d.t_ns
-    while d.controller.phase is not Phase.LOWER:
+    while d.controller.state is not State.DESCEND:
         d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
     return (d.t_ns - began_ns) * 1e-9 - 0.5
 
 
-def lowered_after_gap(v: float, gap_s: float) -> bool:
+def lowered_after_gap(gap_s: float) -> bool:
     """Whether what was not felt for so long in the air, and then was again, is set down."""
-    d = Driver(contact_gap_s=v, contact_lost_s=1.0, hold_s=0.1).lift()
+    d = Driver(hold_s=0.1).lift()
     for _ in range(round(gap_s * 1e9 / TICK)):
         d.climb(measured_n=(0.0, 0.0, 0.0))
     d.height_m = 0.2
-    while d.controller.phase not in (Phase.LOWER, Phase.LOST):
+    while d.controller.state not in (State.DESCEND, State.LOST):
         d.step()
-    return d.controller.phase is Phase.LOWER
+    return d.controller.state is State.DESCEND
 
 
-def at_the_top(v: float, away_m: float) -> bool:
-    d = Driver(at_height_m=v)
-    d.until(Phase.LIFT)
+def at_the_top(away_m: float) -> bool:
+    d = Driver()
+    d.until(State.LIFT)
     d.height_m = 0.2 - away_m
-    return d.step().phase is Phase.HOLD
+    return d.step().state is State.HOLD
 
 
 def kept(keep: bool) -> bool:
     d = Driver(keep=keep, hold_s=0.0)
-    d.until(Phase.LIFT)
+    d.until(State.LIFT)
     d.height_m = 0.2
     for _ in range(5):
         d.step()
-    return d.controller.phase is Phase.KEPT
+    return d.controller.state is State.KEPT
 
 
-def paused_for_nothing_s(v: float) -> float:
+def paused_for_nothing_s() -> float:
     """In all, while slip comes and goes at the cap."""
-    d = Driver(useless_pause_s=v).slip()
-    while d.controller.phase is Phase.COMPENSATE:
+    d = Driver().slip()
+    while d.controller.state is State.COMPENSATE:
         d.climb()
     paused = 0
-    while d.controller.phase in (Phase.LIFT, Phase.COMPENSATE):
-        paused += d.controller.phase is Phase.COMPENSATE
+    while d.controller.state in (State.LIFT, State.COMPENSATE):
+        paused += d.controller.state is State.COMPENSATE
         d.climb(0.9 if d.t_ns // TICK % 30 < 5 else 0.0)
     assert d.controller.cap_reached
     return paused * TICK * 1e-9

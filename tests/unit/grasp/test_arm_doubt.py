@@ -12,7 +12,7 @@ from grasp.arm_doubt import ArmDoubt
 from grasp.commands import Command, HoldFingers, MoveArm, StopArm
 from grasp.doubt import Doubts
 from grasp.doubt_settings import DoubtSettings
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.builders import arm, gripper
 
 MS = 1_000_000
@@ -473,9 +473,9 @@ def test_what_a_step_tells_the_arm_is_what_it_is_doubted_by(
 ) -> None:
     doubts = Doubts(DoubtSettings())
     later = round((DoubtSettings().arm_start_s + SPARE_S + 0.01) * 1e9)
-    assert doubts.of(Phase.IDLE, None, gripper(0), arm(0)) == ""
+    assert doubts.of(State.START, None, gripper(0), arm(0)) == ""
     doubts.sent(commands, arm(0))
-    said = doubts.of(Phase.IDLE, None, gripper(later), arm(later))
+    said = doubts.of(State.START, None, gripper(later), arm(later))
     assert said.partition(":")[0] == says
 
 

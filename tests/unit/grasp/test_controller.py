@@ -13,89 +13,89 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller_settings import ControllerSettings
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 
 
 def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
     d = Driver()
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     assert [type(c) for c in d.commands] == [MoveFingers, BeginRest, MoveFingers]
     first, _, second = d.commands
     assert isinstance(first, MoveFingers)
     assert isinstance(second, MoveFingers)
     assert first.targets_counts == (25, 40, 40)
     assert second.targets_counts == (25, 55, 55)
-    assert d.until(Phase.OPPOSE).commands[0].targets_counts == (55, 55, 55)  # the thumb comes last
+    assert d.until(State.CLOSE).commands[0].targets_counts == (55, 55, 55)  # the thumb comes last
 
 
 def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() -> None:
     d = Driver()
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     for fresh, detections, pending in ((True, RESTING, True), (False, RESTING, False),
                                        (True, MOVING, False)):  # fmt: skip
         for _ in range(80):
             now = d.hand(detections=detections, fresh=fresh)
-            assert d.step(gripper=now, pending=pending).phase is Phase.GRASP
+            assert d.step(gripper=now, pending=pending).state is State.BRACE
     assert not d.controller.monitor.status.armed
 
 
 def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
-    d.until(Phase.APPROACH)
+    d.until(State.SHAPE)
     waits: tuple[dict[str, object], ...] = (
         {"gripper": d.hand(detections=MOVING)},
         {"pending": True},
         {"arm": arm(TICK, 0.02)},
         {"arm": arm(TICK, 0.0, moving=True)},
     )
-    assert {d.step(**wait).phase for wait in waits} == {Phase.APPROACH}
-    assert d.step().phase is Phase.REST
+    assert {d.step(**wait).state for wait in waits} == {State.SHAPE}
+    assert d.step().state is State.TARE
 
 
 def test_fingers_whose_first_command_was_lost_are_told_again() -> None:
     d = Driver()
-    d.until(Phase.APPROACH)
+    d.until(State.SHAPE)
     told = d.commands.pop()
     for _ in range(3):
-        assert d.step(gripper=d.hand(positions=(0, 0, 0))).phase is Phase.APPROACH
+        assert d.step(gripper=d.hand(positions=(0, 0, 0))).state is State.SHAPE
         assert d.commands.pop() == told
-    assert d.step().phase is Phase.REST
+    assert d.step().state is State.TARE
 
 
 def test_rest_is_over_only_once_the_hand_rests_too() -> None:
     d = Driver()
-    d.until(Phase.REST)
-    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.REST
-    assert d.step(pending=True).phase is Phase.REST
-    assert d.step(rest_taken=False).phase is Phase.REST
-    assert d.step().phase is Phase.GRASP
+    d.until(State.TARE)
+    assert d.step(gripper=d.hand(detections=MOVING)).state is State.TARE
+    assert d.step(pending=True).state is State.TARE
+    assert d.step(rest_taken=False).state is State.TARE
+    assert d.step().state is State.BRACE
 
 
 def test_arm_is_home_only_once_the_hand_rests_and_no_command_is_on_its_way() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
     d.height_m = 0.05
-    assert d.step().phase is Phase.HOME
+    assert d.step().state is State.HOME
     d.height_m = 0.0
-    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.HOME
-    assert d.step(pending=True).phase is Phase.HOME
-    assert d.step().phase is Phase.APPROACH
+    assert d.step(gripper=d.hand(detections=MOVING)).state is State.HOME
+    assert d.step(pending=True).state is State.HOME
+    assert d.step().state is State.SHAPE
 
 
 def test_finger_latched_by_contact_in_the_grasp_is_a_fault_and_nothing_is_lifted() -> None:
     d = Driver()
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     d.commands.clear()
     d.step(gripper=d.hand(detections=LATCHED))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "finger A" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
 def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     d = Driver()
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     resets = [d.step().reset_detector for _ in range(40)]
     assert resets.count(True) == 2  # at rest, and again when listening begins
     assert d.controller.monitor.status.armed
@@ -103,22 +103,27 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
 
 def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the_object() -> None:
     d = Driver(firm=True)
-    d.until(Phase.SQUEEZE)
+    d.until(State.CLOSE)
+    d.until_next()
     assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
     d.step(gripper=d.hand(detections=MOVING))
-    assert d.controller.phase is Phase.SQUEEZE
+    assert d.controller.state is State.CLOSE
     for _ in range(70):
         d.step(gripper=d.hand(detections=LATCHED))
     phases = [c.phase for c in d.controller.machine.log]
-    assert phases == ["approach", "rest", "grasp", "oppose", "squeeze", "relax", "listen", "lift"]
+    assert phases == [
+        "approach.shape", "grasp.tare", "grasp.brace", *["grasp.close"] * 2, "grasp.settle",
+        "grasp.baseline", "lift",
+    ]  # fmt: skip
 
 
 def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifted() -> None:
     d = Driver(firm=True)
-    d.until(Phase.SQUEEZE)
+    d.until(State.CLOSE)
+    d.until_next()
     d.commands.clear()
     d.step(gripper=d.hand(positions=(255, 55, 55), detections=RESTING))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "met nothing" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
@@ -126,17 +131,17 @@ def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifte
 def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() -> None:
     d = Driver()
     decisions = [d.step() for _ in range(90)]
-    assert [x.phase for x in decisions if x.anchor] == [Phase.LIFT]
+    assert [x.state for x in decisions if x.anchor] == [State.LIFT]
 
 
 def test_finished_lift_sets_down_opens_and_retreats() -> None:
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     d.height_m = 0.0
-    d.until(Phase.RELEASE)
+    d.until(State.OPEN)
     d.height_m = 0.05
-    d.until(Phase.DONE)
+    d.until(State.SET_DOWN)
     assert d.controller.finished
     assert [type(c) for c in d.commands] == [MoveArm, OpenFingers, MoveArm]
 
@@ -145,7 +150,7 @@ def test_closed_hand_does_not_go_down_onto_the_next_object() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
     d.height_m = 0.05
     d.step(gripper=gripper(TICK, positions=(255, 55, 55)))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
@@ -154,34 +159,34 @@ def test_arm_that_never_comes_to_the_top_is_a_fault_and_no_hold_without_end() ->
     d.height_m = HEIGHT - 0.0015
     for _ in range(200):
         d.step()
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
 
 
 def test_force_that_stays_above_the_limit_while_the_arm_moves_is_a_fault() -> None:
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     for _ in range(5):
         d.step(overloaded=True, arm=arm(d.t_ns + TICK, 0.1, moving=True))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "force" in d.controller.fault_cause
 
 
 def test_force_above_the_limit_is_no_fault_while_the_arm_stands() -> None:
     d = Driver(hold_s=1.0).lift()
     d.height_m = HEIGHT
-    d.until(Phase.HOLD)
+    d.until(State.HOLD)
     for _ in range(50):
         d.step(overloaded=True)
-    assert d.controller.phase is Phase.HOLD
+    assert d.controller.state is State.HOLD
 
 
 def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
     d = Driver()
-    d.until(Phase.GRASP, measured_n=(0.0, 0.0, 0.0))
+    d.until(State.BRACE, measured_n=(0.0, 0.0, 0.0))
     for _ in range(80):
         d.step(measured_n=(0.0, 0.0, 0.0))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "feels nothing" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
@@ -189,21 +194,21 @@ def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
 def test_next_run_begins_from_the_home_of_the_first_with_the_fingers_as_they_are() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
     d.height_m = 0.05
-    assert d.step().phase is Phase.HOME
+    assert d.step().state is State.HOME
     assert [type(c) for c in d.commands] == [MoveArm]
     assert d.commands[0].position_m == pytest.approx((0.3, 0.2, 0.4))  # type: ignore[attr-defined]
     d.step()
     assert len(d.commands) == 1
     d.height_m = 0.0
-    assert d.step().phase is Phase.APPROACH
+    assert d.step().state is State.SHAPE
     assert isinstance(d.commands[1], MoveFingers)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
 
 
 def test_gripper_that_already_holds_something_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, detections=LATCHED))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert d.controller.fault_cause == "the hand is closed, and may hold something"
     assert d.commands == [StopArm(1.0)]
 
@@ -211,7 +216,7 @@ def test_gripper_that_already_holds_something_is_not_opened() -> None:
 def test_hand_that_may_hold_something_by_position_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, positions=(55, 55, 55)))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "not open" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0)]
 
@@ -221,69 +226,69 @@ def test_arm_does_not_rise_with_fingers_that_stopped_on_their_way_open(says: Det
     d = released()
     d.commands.clear()
     d.step(gripper=d.hand(positions=(55, 55, 55), detections=(says,) * 3))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert "not open" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
 def test_phase_that_lasts_too_long_is_a_fault() -> None:
     d = Driver(phase_timeout_s=1.0)
-    d.until(Phase.GRASP)
+    d.until(State.BRACE)
     for _ in range(110):
         d.step(gripper=d.hand(detections=MOVING))
     cause = d.controller.fault_cause
-    assert cause == "phase grasp lasted longer than 1 s: the fingers still move"
+    assert cause == "phase grasp.brace lasted longer than 1 s: the fingers still move"
 
 
 def test_fingertips_that_fall_silent_once_the_hand_opens_are_no_fault() -> None:
     d = released()
     for _ in range(20):
         d.step(frame=frame(stale=True), gripper=d.hand(detections=MOVING))
-    assert d.controller.phase is Phase.RELEASE
+    assert d.controller.state is State.OPEN
     d.height_m = ControllerSettings().retreat_m
-    d.until(Phase.DONE, frame=frame(stale=True))
+    d.until(State.SET_DOWN, frame=frame(stale=True))
 
 
 def test_arm_is_clear_only_once_the_hand_rests_and_the_arm_is_up() -> None:
     d = released()
-    d.until(Phase.RETREAT)
-    assert d.step().phase is Phase.RETREAT
+    d.until(State.RETREAT)
+    assert d.step().state is State.RETREAT
     d.height_m = ControllerSettings().retreat_m
-    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.RETREAT
-    assert d.step().phase is Phase.DONE
+    assert d.step(gripper=d.hand(detections=MOVING)).state is State.RETREAT
+    assert d.step().state is State.SET_DOWN
 
 
 def released() -> Driver:
     """The hand has just been told to open, where the lift began."""
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
-    d.until(Phase.LOWER)
+    d.until(State.DESCEND)
     d.height_m = 0.0
-    d.until(Phase.RELEASE)
+    d.until(State.OPEN)
     return d
 
 
-@pytest.mark.parametrize("phase", [Phase.HOME, Phase.RETREAT])
-def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.HOME, State.RETREAT])
+def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: State) -> None:
     d = Driver(home=(0.3, 0.2, 0.4), phase_timeout_s=1.0, hold_s=0.1)
-    if phase is Phase.HOME:
+    if phase is State.HOME:
         d.height_m = 0.05
     else:
         d.lift()
         d.height_m = HEIGHT
-        d.until(Phase.LOWER)
+        d.until(State.DESCEND)
         d.height_m = 0.0
     d.until(phase)
     for _ in range(110):
         d.step(arm=arm(d.t_ns + TICK, 0.03, moving=True))
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     cause = d.controller.fault_cause
     assert cause == f"phase {phase} lasted longer than 1 s: the arm has not arrived"
 
 
 def test_rest_counts_that_are_never_had_are_the_fingertips_fault() -> None:
     d = Driver(phase_timeout_s=1.0)
-    d.until(Phase.REST)
+    d.until(State.TARE)
     for _ in range(110):
         d.step(rest_taken=False)
     assert d.controller.fault_cause == (

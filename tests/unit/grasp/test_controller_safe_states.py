@@ -7,7 +7,7 @@ from grasp.commands import (
     HoldFingers,
     StopArm,
 )
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import MOVING, TICK, Driver
 
@@ -27,7 +27,7 @@ def test_fault_before_contact_stops_and_does_not_close(change: dict[str, object]
     d.step()
     d.commands.clear()
     d.step(**change)
-    assert d.controller.phase is Phase.FAULT
+    assert d.controller.state is State.FAULT
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
@@ -102,10 +102,12 @@ def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_t
     assert "unknown" in d.controller.unreached[0]
 
 
-@pytest.mark.parametrize("phase", [Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE])
-def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(phase: Phase) -> None:
-    d = Driver(firm=phase is Phase.SQUEEZE)
-    d.until(phase)
+@pytest.mark.parametrize("closes", [State.BRACE, State.CLOSE, "firmly"])
+def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(closes: str) -> None:
+    d = Driver(firm=closes == "firmly")
+    d.until(State.BRACE if closes == State.BRACE else State.CLOSE)
+    if closes == "firmly":
+        d.until_next()
     d.commands.clear()
     d.step(stop="stopped by hand")
     assert d.commands == [StopArm(1.0), HoldFingers()]
@@ -144,15 +146,15 @@ def test_arm_that_is_doubted_only_in_the_safe_state_is_not_said_to_stand() -> No
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20
 
 
-@pytest.mark.parametrize("phase", [Phase.RELAX, Phase.LIFT])
-def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.SETTLE, State.LIFT])
+def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: State) -> None:
     d = Driver()
     d.until(phase)
     d.commands.clear()
     d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
     for _ in range(20):
         d.step(doubt="fingertips_frozen: all codes", arm=arm(d.t_ns + TICK, 0.05, moving=True))
-    assert d.controller.phase is Phase.STOPPED
+    assert d.controller.state is State.STOPPED
     assert d.controller.further == ("fingertips_frozen: all codes",)
     assert {type(c) for c in d.commands} == {StopArm}
 
@@ -179,24 +181,24 @@ def test_gripper_that_comes_back_is_still_told_to_close() -> None:
 
 
 @pytest.mark.parametrize(
-    "phase", [Phase.REST, Phase.GRASP, Phase.SQUEEZE, Phase.RELAX, Phase.LISTEN]
+    "phase", [State.TARE, State.BRACE, State.CLOSE, State.SETTLE, State.BASELINE]
 )
-def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: Phase) -> None:
-    d = Driver(firm=phase is Phase.SQUEEZE)
+def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: State) -> None:
+    d = Driver(firm=phase is State.CLOSE)
     d.until(phase)
     d.commands.clear()
     d.step(trouble="link_lost: cable")
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RELAX, Phase.LISTEN, Phase.LIFT])
-def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.SHAPE, State.SETTLE, State.BASELINE, State.LIFT])
+def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
     d.commands.clear()
     d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
-    assert d.controller.phase is Phase.STOPPED
-    assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is Phase.APPROACH else [])]
+    assert d.controller.state is State.STOPPED
+    assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is State.SHAPE else [])]
     d.rest()
     assert d.controller.finished
     assert d.controller.unreached == ()

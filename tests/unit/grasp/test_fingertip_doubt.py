@@ -7,7 +7,7 @@ import pytest
 
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
-from grasp.phases import CONTACT_PHASES, Phase
+from grasp.states import CONTACT_STATES, State
 from tests.unit.grasp.builders import Codes, codes, frame_of
 
 MS = 1_000_000
@@ -18,9 +18,9 @@ def until_wrong(samples: Any, **settings: Any) -> tuple[int, str]:
     """How many samples it takes, and what is said then."""
     doubt = FingertipDoubt(DoubtSettings(**settings))
     for k in range(5):
-        assert doubt.see(frame_of(codes(k)), Phase.LIFT) == ""
+        assert doubt.see(frame_of(codes(k)), State.LIFT) == ""
     for n, raw in enumerate(samples, 1):
-        if said := doubt.see(frame_of(raw), Phase.LIFT):
+        if said := doubt.see(frame_of(raw), State.LIFT):
             return n, said
     return 0, ""
 
@@ -105,8 +105,8 @@ def test_taxels_that_have_stood_still_for_long_are_no_witnesses(patient: str) ->
     samples = {"frozen_samples": 8, "dead_unloaded_samples": 8, patient: 99}
     doubt = FingertipDoubt(DoubtSettings(**samples, stuck_samples=25, loaded_counts=60))
     for k in range(30):
-        assert doubt.see(frame_of(mostly_stuck(k)), Phase.LIFT) == ""
-    heard = [doubt.see(frame_of(mostly_stuck(29)), Phase.LIFT)[:18] for _ in range(24)]
+        assert doubt.see(frame_of(mostly_stuck(k)), State.LIFT) == ""
+    heard = [doubt.see(frame_of(mostly_stuck(29)), State.LIFT)[:18] for _ in range(24)]
     assert heard == [""] * 23 + ["fingertips_frozen:"]
 
 
@@ -115,14 +115,14 @@ def test_stuck_samples(value: int) -> None:
     doubt = FingertipDoubt(DoubtSettings(stuck_samples=value))
     telling = []
     for k in range(value + 2):
-        doubt.see(frame_of(mostly_stuck(k)), Phase.LIFT)
+        doubt.see(frame_of(mostly_stuck(k)), State.LIFT)
         telling.append(int(doubt.can_tell.sum()))
     assert telling == [18] * value + [18 - STUCK] * 2
-    doubt.see(frame_of(codes(1)), Phase.LIFT)
+    doubt.see(frame_of(codes(1)), State.LIFT)
     assert doubt.can_tell.all()
 
 
-def said_of(dead: int, phase: Phase, code: int = 420, **settings: Any) -> str:
+def said_of(dead: int, phase: State, code: int = 420, **settings: Any) -> str:
     """Of finger B with so many taxels that stand still for longer than ``stuck_samples``."""
     doubt = FingertipDoubt(DoubtSettings(stuck_samples=20, **settings))
     said = ""
@@ -133,24 +133,24 @@ def said_of(dead: int, phase: Phase, code: int = 420, **settings: Any) -> str:
 
 @pytest.mark.parametrize("share, dead", [(0.5, 4), (0.34, 4), (0.33, 5), (1.0, 1), (0.84, 1)])
 def test_living_share(share: float, dead: int) -> None:
-    said = said_of(dead, Phase.LISTEN, living_share=share)
+    said = said_of(dead, State.BASELINE, living_share=share)
     assert said == f"fingertip_deaf: {dead} of finger B's 6 taxels stand still"
-    assert said_of(dead - 1, Phase.LISTEN, living_share=share) == ""
+    assert said_of(dead - 1, State.BASELINE, living_share=share) == ""
 
 
 def test_dead_taxels_are_looked_for_in_the_grip_before_the_arm_lifts() -> None:
-    said = {phase for phase in Phase if said_of(5, phase)}
-    assert said == {Phase.RELAX, Phase.LISTEN}
+    said = {phase for phase in State if said_of(5, phase)}
+    assert said == {State.SETTLE, State.BASELINE}
 
 
 @pytest.mark.parametrize("code", [0, 1023])
 def test_taxels_that_are_pressed_to_the_rail_are_not_dead(code: int) -> None:
-    assert said_of(5, Phase.LISTEN, code=code) == ""
+    assert said_of(5, State.BASELINE, code=code) == ""
 
 
 def test_taxels_at_the_rail_cannot_tell() -> None:
     doubt = FingertipDoubt(DoubtSettings())
-    doubt.see(frame_of(rails(0, 0, taxels=2)), Phase.LIFT)
+    doubt.see(frame_of(rails(0, 0, taxels=2)), State.LIFT)
     assert doubt.can_tell.sum(axis=1).tolist() == [6, 4, 6]
 
 
@@ -160,9 +160,9 @@ def test_some_taxels_of_a_fingertip_at_the_rail_are_a_firm_grip() -> None:
 
 def test_codes_of_a_fingertip_at_the_rail_are_no_force() -> None:
     doubt = FingertipDoubt(DoubtSettings())
-    doubt.see(frame_of(codes(0)), Phase.LIFT)
+    doubt.see(frame_of(codes(0)), State.LIFT)
     assert doubt.believable
-    doubt.see(frame_of(rails(1, 0)), Phase.LIFT)
+    doubt.see(frame_of(rails(1, 0)), State.LIFT)
     assert not doubt.believable
 
 
@@ -185,28 +185,28 @@ def test_a_jump_is_seen_although_one_taxel_is_at_the_rail_and_not_if_most_are() 
         before, after = codes(0), codes(0) + np.int16(100)
         before.flat[:railed] = after.flat[:railed] = 0
         doubt = FingertipDoubt(DoubtSettings(rail_samples=9))
-        doubt.see(frame_of(before), Phase.LIFT)
-        assert doubt.see(frame_of(after), Phase.LIFT)[:16] == said
+        doubt.see(frame_of(before), State.LIFT)
+        assert doubt.see(frame_of(after), State.LIFT)[:16] == said
 
 
 def test_missed_samples_repeat_a_frame_and_prove_nothing() -> None:
     doubt = FingertipDoubt(DoubtSettings())
     for missed in range(100):
-        assert doubt.see(frame_of(codes(0), missed), Phase.LIFT) == ""
+        assert doubt.see(frame_of(codes(0), missed), State.LIFT) == ""
 
 
 def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
     doubt = FingertipDoubt(DoubtSettings())
-    assert {p for p in Phase if doubt.see(None, p)} == CONTACT_PHASES
-    assert not CONTACT_PHASES & {Phase.IDLE, Phase.APPROACH, Phase.REST, Phase.RELEASE}
+    assert {p for p in State if doubt.see(None, p)} == CONTACT_STATES
+    assert not CONTACT_STATES & {State.START, State.SHAPE, State.TARE, State.OPEN}
 
 
 def test_after_a_gap_in_the_frames_codes_are_not_compared_with_those_from_before_it() -> None:
     jumped = frame_of(codes(1) + np.int16(100))
     doubt = FingertipDoubt(DoubtSettings())
-    doubt.see(frame_of(codes(0)), Phase.LIFT)
-    assert doubt.see(jumped, Phase.LIFT)[:16] == "fingertips_jump:"
+    doubt.see(frame_of(codes(0)), State.LIFT)
+    assert doubt.see(jumped, State.LIFT)[:16] == "fingertips_jump:"
     doubt = FingertipDoubt(DoubtSettings())
-    doubt.see(frame_of(codes(0)), Phase.APPROACH)
-    doubt.see(None, Phase.APPROACH)
-    assert doubt.see(jumped, Phase.LIFT) == ""
+    doubt.see(frame_of(codes(0)), State.SHAPE)
+    doubt.see(None, State.SHAPE)
+    assert doubt.see(jumped, State.LIFT) == ""

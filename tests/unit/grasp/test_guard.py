@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
+from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings, limit_in_words
-from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import gripper
 
 M_PER_COUNT = 0.00077
@@ -269,7 +269,7 @@ def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
 def test_defaults_are_those_that_every_result_rests_on() -> None:
     assert msgspec.structs.asdict(GuardSettings()) == {
         "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
-        "contact_stiffness_npm": 2500.0, "stiffness_margin": 1.3, "first_force_margin_n": 1.0,
+        "contact_stiffness_npm": 2500.0,
         "tip_mass_kg": 0.1, "travel_bound": False, "counts_per_newton": 160.0,
         "measured_margin_n": 5.0,
     }  # fmt: skip

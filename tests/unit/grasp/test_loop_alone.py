@@ -18,7 +18,7 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.loop import Issued
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.loop_bench import MS, Bench
 
 MOVE = MoveFingers((1, 2, 3), 0.05, 7.0)
@@ -148,14 +148,14 @@ def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     assert [told.stop for told in excused.inputs][:9] == [""] * 8 + ["the run did not end in time"]
 
 
-@pytest.mark.parametrize(("phase", "kept"), [(Phase.COMPENSATE, ["close_fast"]), (Phase.LIFT, [])])
+@pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])
 def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
-    phase: Phase, kept: list[str]
+    phase: State, kept: list[str]
 ) -> None:
     bench = Bench(decision_delay_s=0.005, stop_s=0.2)
     bench.decides = [(CLOSE, RISE, MOVE)]
     bench.loop.tick()
-    bench.controller.phase = phase
+    bench.controller.state = phase
     bench.controller.fault_cause = "a person"
     assert bench.loop.stop("a person")
     assert [name for name, *_ in bench.verbs()] == kept

@@ -7,7 +7,7 @@ import pytest
 
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.grasp.builders import Codes, codes, frame_of
 
 
@@ -21,9 +21,9 @@ def quiet(k: int, every: int) -> Codes:
 def until_frozen(samples: list[Codes], still: Codes, **settings: Any) -> tuple[int, str]:
     """How many samples that stay as they are it takes after these."""
     doubt = FingertipDoubt(DoubtSettings(**settings))
-    assert not any(doubt.see(frame_of(raw), Phase.GRASP) for raw in samples)
+    assert not any(doubt.see(frame_of(raw), State.BRACE) for raw in samples)
     for n in range(1000):
-        if said := doubt.see(frame_of(still), Phase.GRASP):
+        if said := doubt.see(frame_of(still), State.BRACE):
             return n, said.partition(":")[0]
     return 1000, ""
 
@@ -66,10 +66,10 @@ def test_patience_with_a_loaded_fingertip_that_is_quiet_ends_when_none_of_its_ta
 
     doubt = FingertipDoubt(DoubtSettings())
     samples = 10 * every
-    assert not any(doubt.see(frame_of(firm(k)), Phase.LIFT) for k in range(1, samples))
+    assert not any(doubt.see(frame_of(firm(k)), State.LIFT) for k in range(1, samples))
 
     def frozen(k: int) -> Codes:
         return np.stack([codes(k)[0], firm(samples - 1)[1], codes(k)[2]])
 
-    after = [doubt.see(frame_of(frozen(k)), Phase.LIFT)[:24] for k in range(samples, samples + 150)]
+    after = [doubt.see(frame_of(frozen(k)), State.LIFT)[:24] for k in range(samples, samples + 150)]
     assert least <= after.index("fingertip_dead: finger B") + 1 <= most

@@ -4,12 +4,14 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
-from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers
-from grasp.controller_settings import ControllerSettings
+from grasp.contact_estimator import Stiffness
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
-from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, UNMOVED_PHASES, Phase
 from grasp.safe_state import Pursuit, SafeState
+from grasp.slip_response.close import Close
+from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import arm, gripper, seen
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
@@ -17,10 +19,10 @@ MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
 LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 OLD_NS = 100e6
 ENTERED_NS, LATER_NS = 5, 10_000_005
-LOOSE = [p for p in Phase if p not in AIRBORNE_PHASES | SAFE_PHASES | UNMOVED_PHASES]
+LOOSE = [p for p in State if p not in AIRBORNE_STATES | SAFE_STATES | UNMOVED_STATES]
 
 
-def state(phase: Phase, before: Phase, cause: str = "x") -> SafeState:
+def state(phase: State, before: State, cause: str = "x") -> SafeState:
     return SafeState(phase, before, ENTERED_NS, cause)
 
 
@@ -28,15 +30,15 @@ def later(**changes: object) -> Observation:
     return seen(LATER_NS, **changes)
 
 
-HANDS: list[tuple[Phase, Phase, tuple[Command, ...]]] = [
-    *((Phase.FAULT, p, (CLOSURE,)) for p in sorted(AIRBORNE_PHASES)),
-    *((Phase.FAULT, p, (HoldFingers(),)) for p in LOOSE),
-    *((Phase.STOPPED, p, ()) for p in sorted(AIRBORNE_PHASES)),
-    *((Phase.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_PHASES)),
-    (Phase.STOPPED, Phase.HOME, (HoldFingers(),)),
-    (Phase.STOPPED, Phase.APPROACH, (HoldFingers(),)),
-    *((Phase.LOST, p, ()) for p in sorted(AIRBORNE_PHASES)),
-    *((p, before, ()) for p in sorted(SAFE_PHASES) for before in sorted(UNMOVED_PHASES)),
+HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
+    *((State.FAULT, p, (CLOSURE,)) for p in sorted(AIRBORNE_STATES)),
+    *((State.FAULT, p, (HoldFingers(),)) for p in LOOSE),
+    *((State.STOPPED, p, ()) for p in sorted(AIRBORNE_STATES)),
+    *((State.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_STATES)),
+    (State.STOPPED, State.HOME, (HoldFingers(),)),
+    (State.STOPPED, State.SHAPE, (HoldFingers(),)),
+    *((State.LOST, p, ()) for p in sorted(AIRBORNE_STATES)),
+    *((p, before, ()) for p in sorted(SAFE_STATES) for before in sorted(UNMOVED_STATES)),
 ]
 
 
@@ -57,7 +59,7 @@ def test_hand_closes_only_in_a_fault_in_the_air() -> None:
     ],
 )
 def test_arm_is_doubted_wherever_among_the_causes_that_is_said(cause: str, doubted: bool) -> None:
-    safe = state(Phase.FAULT, Phase.LIFT, cause)
+    safe = state(State.FAULT, State.LIFT, cause)
     assert safe.arm_is_doubted is doubted
     assert bool(safe.missing_of_arm(later(), OLD_NS)) is doubted
 
@@ -76,28 +78,28 @@ def test_arm_is_doubted_wherever_among_the_causes_that_is_said(cause: str, doubt
 def test_arm_that_is_not_seen_to_stand_is_missing(
     changes: dict[str, object], said: tuple[str, ...]
 ) -> None:
-    assert state(Phase.FAULT, Phase.LIFT).missing_of_arm(later(**changes), OLD_NS) == said
+    assert state(State.FAULT, State.LIFT).missing_of_arm(later(**changes), OLD_NS) == said
 
 
 @pytest.mark.parametrize(
     ("before", "changes", "safe"),
     [
-        (Phase.LIFT, {}, False),
-        (Phase.LIFT, {"last_close": CLOSURE}, False),
-        (Phase.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=LATCHED)}, True),
-        (Phase.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=MOVING)}, False),
-        (Phase.LIFT, {"overloaded": True}, True),
-        (Phase.LIFT, {"overloaded": True, "gripper": gripper(detections=MOVING)}, False),
-        (Phase.GRASP, {}, True),
-        (Phase.GRASP, {"pending": True}, False),
-        (Phase.GRASP, {"gripper": gripper(detections=MOVING)}, False),
-        (Phase.IDLE, {"gripper": gripper(detections=MOVING)}, True),
+        (State.LIFT, {}, False),
+        (State.LIFT, {"last_close": CLOSURE}, False),
+        (State.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=LATCHED)}, True),
+        (State.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=MOVING)}, False),
+        (State.LIFT, {"overloaded": True}, True),
+        (State.LIFT, {"overloaded": True, "gripper": gripper(detections=MOVING)}, False),
+        (State.BRACE, {}, True),
+        (State.BRACE, {"pending": True}, False),
+        (State.BRACE, {"gripper": gripper(detections=MOVING)}, False),
+        (State.START, {"gripper": gripper(detections=MOVING)}, True),
     ],
 )
 def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
-    before: Phase, changes: dict[str, object], safe: bool
+    before: State, changes: dict[str, object], safe: bool
 ) -> None:
-    fault = state(Phase.FAULT, before)
+    fault = state(State.FAULT, before)
     assert fault.hand_is_safe(later(**changes)) is safe
     assert fault.missing_of_hand(later(**changes)) == (
         () if safe else ("the hand is not as it should be",)
@@ -106,12 +108,12 @@ def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
 
 def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
     at_rest = seen(ENTERED_NS)
-    assert not state(Phase.FAULT, Phase.GRASP).hand_is_safe(at_rest)
-    assert state(Phase.STOPPED, Phase.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
+    assert not state(State.FAULT, State.BRACE).hand_is_safe(at_rest)
+    assert state(State.STOPPED, State.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
 
 
 def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
-    safe = state(Phase.FAULT, Phase.LIFT)
+    safe = state(State.FAULT, State.LIFT)
     assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
     refusing = msgspec.structs.replace(gripper(fault=13), active=False)
     assert "reports a fault" in safe.missing_of_hand(later(gripper=refusing))[0]
@@ -120,16 +122,17 @@ def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> Non
 
 
 def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
-    half = SafeState(Phase.STOPPED, Phase.LIFT, ENTERED_NS, "x", half_closed=True)
+    half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, "x", half_closed=True)
     assert half.of_hand(CLOSURE) == (CLOSURE,)
 
 
-SETTINGS = ControllerSettings(stale_after_s=0.1, repeat_s=0.1, safe_state_s=3.0)
+SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 
 def pursuit(since_ns: int = 0) -> Pursuit:
-    safe = SafeState(Phase.FAULT, Phase.LIFT, since_ns, "x")
-    return Pursuit(safe, SETTINGS, Closing(SETTINGS, 10.0))
+    safe = SafeState(State.FAULT, State.LIFT, since_ns, "x")
+    plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
+    return Pursuit(safe, SETTINGS, Close(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0))))
 
 
 def unsafe(t_ns: int, **changes: object) -> Observation:

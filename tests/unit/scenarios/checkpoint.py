@@ -14,13 +14,13 @@ import pytest
 from detector.network import StreamingNetwork
 from drivers.takktile.model.link import ModelLink, ModelUsb
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import execution
 
 # rig, loop, controller and trace: they share parts, so they are copied together
 Parts = tuple[Any, ...]
-Kept = dict[Phase, tuple[Parts, list[Tick]]]
+Kept = dict[State, tuple[Parts, list[Tick]]]
 _kept: dict[tuple[str, int], Kept] = {}
 
 for _lock in (threading.Lock, threading.RLock):

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, lift
 from scenarios.lift.scoring import LiftResult
@@ -59,11 +59,11 @@ def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftRe
 class InPhase:
     """True from the given number of ticks into a phase on."""
 
-    def __init__(self, phase: Phase, after_ticks: int = 10) -> None:
+    def __init__(self, phase: State, after_ticks: int = 10) -> None:
         self.phase, self._after, self.seen = phase, after_ticks, 0
 
     def __call__(self, tick: Tick) -> bool:
-        self.seen += tick.decision.phase is self.phase
+        self.seen += tick.decision.state is self.phase
         return self.seen > self._after
 
     @property
@@ -106,7 +106,7 @@ class Staged:
 
             def keep(tick: Tick) -> None:
                 self.loop = parts_now()[1]
-                phase = tick.decision.phase
+                phase = tick.decision.state
                 if self.done_at_ns is None and phase not in self._kept:
                     self._kept[phase] = checkpoint.copied(parts_now()), [*self.ticks]
 
@@ -134,7 +134,7 @@ class Staged:
 
 
 # on the way down, as often as what is felt has it
-LANDING = ("land", "touch", "probe")
+LANDING = ("lower.feel",)
 HAND_ALONE = "controller.answer=jump"  # answers slip, the arm goes on
 ONE_SPEED = "controller.closing=constant"
 
@@ -143,9 +143,9 @@ def phases_but_landing(result: Any) -> list[str]:
     return [p.phase for p in result.phases if p.phase not in LANDING]
 
 
-def well_in(phase: Phase) -> Callable[[Tick], bool]:
+def well_in(phase: State) -> Callable[[Tick], bool]:
     """Some ticks into a phase; of the lift so many that the arm goes on after its pauses."""
-    return in_phase(phase, 40 if phase is Phase.LIFT else 5)
+    return in_phase(phase, 40 if phase is State.LIFT else 5)
 
 
 @pytest.fixture(scope="session")

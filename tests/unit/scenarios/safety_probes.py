@@ -65,10 +65,11 @@ def presser(**settings: Any) -> PressController:
 
 def pressing_mps(felt_n: float, below_m: float = 0.0, **settings: Any) -> float:
     """Speed downwards at a measured force, so far below where it touched (at 100 counts a N)."""
-    p = presser(derivative_m_per_n=0.0, integral_mps_per_n_s=0.0, **settings)
+    p = presser(**settings)
     p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
     counts = np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16)
-    return -p.step(0.01, counts, arm(height_m=-below_m)).velocity_mps[2]
+    p.step(0.01, counts, arm(height_m=-below_m))
+    return -p.step(0.02, counts, arm(height_m=-below_m)).velocity_mps[2]
 
 
 def touched(value: float, felt_n: float) -> bool:

@@ -29,7 +29,7 @@ from tests.wire.lab import (
 )
 
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
-LANDING = {"land", "touch", "probe"}  # how often the arm stops on its way down, noise decides
+LANDING = {"lower.feel"}  # how often the arm stops on its way down, noise decides
 
 
 def on_hardware(folder: Path) -> tuple[str, ...]:

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from detector.blows import blows_of
 from detector.decision import RuleSettings
 from detector.recordings import Recording
-from detector.scores.blows import answers, blow_score
+from detector.scores.blows import answers, blow_score, blows_of
 from detector.scores.evaluation import Streamed
 from detector.scores.sweep import best, sweep
 from tests.unit.detector.blow_toys import struck

@@ -16,6 +16,7 @@ from detector.scores.evaluation import (
     Streamed,
     evaluate_recording,
     evaluate_streams,
+    stroke_intervals,
 )
 from detector.scores.events import (
     EventMetrics,
@@ -25,7 +26,6 @@ from detector.scores.events import (
 )
 from detector.scores.events import judge as judged
 from detector.scores.events import true_events as slips
-from detector.scores.intervals import stroke_intervals
 from detector.scores.metrics import (
     accuracy_by_edge,
     auc,

@@ -10,9 +10,9 @@ import pytest
 from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.link import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
-from drivers.robotiq.model.registers import Command, decode
+from drivers.robotiq.model.hand import Command, decode
 from drivers.robotiq.protocol import to_bytes
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, settled
@@ -164,7 +164,7 @@ def made() -> Iterator[Made]:
     ) -> tuple[Cell, ThreadedGripper]:
         cell: Any = Cell()
         cell.acts = [lambda act=act: act(cell) for act in acts]
-        gripper = ThreadedGripper(cell, period_s, timed=cell, clock=cell.clock, **more)
+        gripper = ThreadedGripper(cell, period_s, clock=cell.clock, **more)
         opened.append(gripper)
         gripper.start(within_s=FOR_EVER_S)
         cell.wait()

@@ -8,7 +8,7 @@ from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegist
 MS = 1_000_000
 
 
-QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
+QUICK = HandSettings(activation_s=0.1)
 
 
 def command(
@@ -35,7 +35,6 @@ class Hand:
         self.now_ns = 0
         self.stiffness = np.zeros(3)
         self.touch = np.zeros(3)
-        self.outside = np.zeros(3)
         self.peak_n = np.zeros(3)
 
     def put(self, stiffness_npm: float, touch_m: float) -> None:
@@ -51,7 +50,7 @@ class Hand:
         for _ in range(ms):
             force = self.stiffness * (self.model.travel_m - self.touch)
             self.now_ns += MS
-            self.model.advance(self.now_ns, FingerLoads(force, self.stiffness, self.outside))
+            self.model.advance(self.now_ns, FingerLoads(force, self.stiffness))
             self.peak_n = np.maximum(self.peak_n, self.force_n())
         return self.status()
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.errors import Refused
-from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.link import ThreadedGripper
 
 MS = 1_000_000
 NEVER_S = 600.0
@@ -18,10 +18,11 @@ class Cell:
 
     least_force_n = 10.0
     m_per_count = 0.00077
+    mode = 0
 
     def __init__(self) -> None:
         self.now_ns = BEGIN_NS
-        self.acknowledged_ns: int | None = None
+        self.acknowledged_ns = 0
         self.state: Any = None
         self.pumped_ns: list[int] = []
         self.verbs: list[tuple[object, ...]] = []
@@ -67,7 +68,7 @@ Made = Callable[..., tuple[Cell, ThreadedGripper]]
 
 def settled(gripper: ThreadedGripper, pumps: int) -> None:
     """After so many exchanges, with what follows from them."""
-    until(lambda: gripper.statistics.pumps >= pumps)
+    until(lambda: gripper.pumps >= pumps)
 
 
 def until(true: Callable[[], bool]) -> None:

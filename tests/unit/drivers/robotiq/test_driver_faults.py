@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
-from drivers.robotiq.model.registers import decode
+from drivers.robotiq.model.hand import decode
 from drivers.robotiq.protocol import (
     CommandRegisters,
 )
@@ -142,10 +141,10 @@ def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
 FIRST = 2  # pumps after which a status has been read
 
 
-def lie_about_a_reset(made) -> None:
+def lie_about_a_reset(made, boot_s: float = 0.0) -> None:
     """The hand loses power, and its status does not tell so for a moment."""
     kept = made.model.read(made.now_ns)
-    made.model.power_cycle()
+    made.model.power_cycle(boot_s)
     made.model.misreport(lambda words: kept)
     made.step()
     made.model.misreport(lambda words: words)
@@ -174,16 +173,15 @@ TO_LOST = {
 
 def test_a_command_to_a_hand_that_has_just_lost_power_moves_nothing(rig) -> None:
     """Whether its status tells so in time or not, and though it waits for the hand to boot."""
-    booting = msgspec.structs.replace(QUICK, boot_s=0.5)
     for name, verb in TO_LOST.items():
-        for lies, hand in ((False, QUICK), (True, QUICK), (True, booting)):
-            made, case = rig(hand=hand), (name, lies, hand.boot_s)
+        for lies, boot_s in ((False, 0.0), (True, 0.0), (True, 0.5)):
+            made, case = rig(hand=QUICK), (name, lies, boot_s)
             made.driver.move_to((60, 60, 60), FAST, 10.0)
             made.settle()
             before, stood = len(made.written), made.model.travel_m.copy()
             verb(made.driver)
             if lies:
-                lie_about_a_reset(made)
+                lie_about_a_reset(made, boot_s)
             else:
                 made.model.power_cycle()
             made.step(300)

@@ -6,7 +6,7 @@ from drivers.errors import Refused
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
-from drivers.robotiq.model.registers import Request
+from drivers.robotiq.model.hand import Request
 from drivers.robotiq.protocol import (
     AxisCommand,
     CommandRegisters,

@@ -7,8 +7,8 @@ import pytest
 from pymodbus.exceptions import ModbusIOException
 
 from drivers.errors import LinkLost
-from drivers.robotiq.link import modbus
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq import modbus
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 
 S = 1_000_000_000
 
@@ -83,8 +83,8 @@ def line(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def tcp(**settings: Any) -> tuple[ModbusTransport, Client]:
-    where = {"host": "gripper", "port": 1502, "unit": 5, "timeout_s": 0.2, "reconnect_s": 0.5}
-    return ModbusTransport(ModbusSettings(**where | settings)), Client.made
+    where = {"host": "gripper", "port": 1502, "timeout_s": 0.2}
+    return ModbusTransport(ModbusSettings(**where | settings), reconnect_s=0.5), Client.made
 
 
 def lost(transport: ModbusTransport, now_ns: int = 0) -> str:
@@ -103,7 +103,7 @@ def test_requests_go_to_the_unit_with_the_functions_that_the_gripper_knows() -> 
     assert client.connects == 0
     transport.write(3, (1, 2), 0)
     assert transport.read(2, 3, 0) == [7, 7, 7]
-    assert client.asked == [("write", 3, (1, 2), 5), ("input", 2, 3, 5)]
+    assert client.asked == [("write", 3, (1, 2), 2), ("input", 2, 3, 2)]
     assert client.connects == transport.connections == 1
 
 

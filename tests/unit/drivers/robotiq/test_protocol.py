@@ -52,14 +52,6 @@ def test_values_that_would_spill_into_other_bits_are_refused() -> None:
             make()
 
 
-def test_individual_fingers_are_not_honoured_in_scissor_mode_alone() -> None:
-    assert CommandRegisters(individual_fingers=True).honours_fingers
-    assert not CommandRegisters(individual_fingers=True, mode=3).honours_fingers
-    assert CommandRegisters(
-        individual_fingers=True, individual_scissor=True, mode=3
-    ).honours_fingers
-
-
 def test_every_fault_has_a_rank_and_a_text() -> None:
     ranks = {code: FAULTS[code].severity for code in range(16)}
     assert [c for c, r in ranks.items() if r is Severity.PRIORITY] == [5, 6, 7]

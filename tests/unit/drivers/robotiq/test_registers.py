@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.robotiq.model import registers as model
+from drivers.robotiq.model import hand as model
 from drivers.robotiq.protocol import (
     AxisCommand,
     AxisStatus,
@@ -47,19 +47,18 @@ STATUS = {
         ((16, 17, 18, 0), (19, 20, 21, 1), (22, 23, 24, 2), (25, 26, 27, 3)),
     ),
 }
-# rACT, rMOD, rGTO, rATR, rICF, rICS; rPR, rSP, rFR of A, B, C and scissor
+# rACT, rMOD, rGTO, rICF, rICS; rPR, rSP, rFR of A, B, C and scissor
 NONE = 4 * ((0, 0, 0),)
 COMMANDS = {
-    "reset": (32 * "0", (0, 0, 0, 0, 0, 0), NONE),
-    "activate": ("01" + 30 * "0", (1, 0, 0, 0, 0, 0), NONE),
-    "close": ("090000FFFFFF" + 20 * "0", (1, 0, 1, 0, 0, 0), ((255, 255, 255), *NONE[1:])),
-    "mode": ("06" + 30 * "0", (0, 3, 0, 0, 0, 0), NONE),
-    "release": ("10" + 30 * "0", (0, 0, 0, 1, 0, 0), NONE),
-    "individual fingers": ("0004" + 28 * "0", (0, 0, 0, 0, 1, 0), NONE),
-    "individual scissor": ("0008" + 28 * "0", (0, 0, 0, 0, 0, 1), NONE),
+    "reset": (32 * "0", (0, 0, 0, 0, 0), NONE),
+    "activate": ("01" + 30 * "0", (1, 0, 0, 0, 0), NONE),
+    "close": ("090000FFFFFF" + 20 * "0", (1, 0, 1, 0, 0), ((255, 255, 255), *NONE[1:])),
+    "mode": ("06" + 30 * "0", (0, 3, 0, 0, 0), NONE),
+    "individual fingers": ("0004" + 28 * "0", (0, 0, 0, 1, 0), NONE),
+    "individual scissor": ("0008" + 28 * "0", (0, 0, 0, 0, 1), NONE),
     "all different": (
         "0D 0C 00 10 11 12 13 14 15 16 17 18 19 1A 1B 00",
-        (1, 2, 1, 0, 1, 1),
+        (1, 2, 1, 1, 1),
         ((16, 17, 18), (19, 20, 21), (22, 23, 24), (25, 26, 27)),
     ),
 }
@@ -90,7 +89,7 @@ def test_the_model_makes_a_status_frame() -> None:
 
 def test_the_driver_makes_a_command_frame() -> None:
     for name, (frame, head, axes) in COMMANDS.items():
-        names = CommandRegisters.__struct_fields__[:6]
+        names = CommandRegisters.__struct_fields__[:5]
         a, b, c, scissor = (AxisCommand(*axis) for axis in axes)
         made = CommandRegisters(
             **dict(zip(names, head, strict=True)), a=a, b=b, c=c, scissor=scissor
@@ -101,7 +100,7 @@ def test_the_driver_makes_a_command_frame() -> None:
 def test_the_model_reads_a_command_frame() -> None:
     for name, (frame, head, axes) in COMMANDS.items():
         read = model.decode(words(frame))
-        assert msgspec.structs.astuple(read)[:6] == head, name
+        assert msgspec.structs.astuple(read)[:5] == head, name
         assert tuple(map(msgspec.structs.astuple, (*read.fingers, read.scissor))) == axes, name
 
 
@@ -125,14 +124,14 @@ axis_commands = st.builds(AxisCommand, byte, byte, byte)
 @given(
     st.builds(
         CommandRegisters,
-        activate=flag, mode=two_bits, go_to=flag, auto_release=flag, individual_fingers=flag,
+        activate=flag, mode=two_bits, go_to=flag, individual_fingers=flag,
         individual_scissor=flag, a=axis_commands, b=axis_commands, c=axis_commands,
         scissor=axis_commands,
     )
 )  # fmt: skip
 def test_any_command_of_the_driver_is_understood_by_the_model(command: CommandRegisters) -> None:
     read = model.decode(command.to_registers())
-    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(command)[:6]
+    assert msgspec.structs.astuple(read)[:5] == msgspec.structs.astuple(command)[:5]
     assert [msgspec.structs.astuple(axis) for axis in (*read.fingers, read.scissor)] == [
         msgspec.structs.astuple(axis) for axis in command.axes
     ]

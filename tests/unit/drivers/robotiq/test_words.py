@@ -2,8 +2,7 @@
 
 import msgspec
 
-from drivers.robotiq.protocol import AxisStatus, StatusRegisters
-from drivers.robotiq.words import doubts
+from drivers.robotiq.protocol import AxisStatus, StatusRegisters, doubts
 
 # open, and done: manual, 2014 p. 74
 OPEN = StatusRegisters.from_bytes(bytes.fromhex("F9FF0000070000060000060000890000"))

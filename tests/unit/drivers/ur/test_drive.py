@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.errors import Refused
-from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.driver import MAX_TURN_RAD, ArmDriver, ArmSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 MS = 1_000_000
@@ -52,8 +52,8 @@ def test_a_drive_outside_a_limit_is_refused_by_key_and_nothing_moves(driver, mod
     for velocity, spin, acceleration, key in [
         ((0.26, 0.0, 0.0), 0.0, 1.0, "max_speed_mps"),
         ((math.nan, 0.0, 0.0), 0.0, 1.0, "max_speed_mps"),
-        ((0.0, 0.0, 0.0), -1.6, 1.0, "max_spin_radps"),
-        ((0.0, 0.0, 0.0), math.nan, 1.0, "max_spin_radps"),
+        ((0.0, 0.0, 0.0), -1.6, 1.0, "limit of spin"),
+        ((0.0, 0.0, 0.0), math.nan, 1.0, "limit of spin"),
         ((0.01, 0.0, 0.0), 0.0, 0.0, "max_acceleration_mps2"),
         ((0.01, 0.0, 0.0), 0.0, 1.3, "max_acceleration_mps2"),
         ((0.0, 0.0, -0.2), 0.0, 1.0, "workspace"),
@@ -83,5 +83,5 @@ def test_a_drive_forgotten_at_the_worst_moment_stays_inside(driver, model, what)
     assert not end.moving
     slack = 0.03  # of a controller cycle and the command's way there
     assert end.position_m[0] - START[0] <= BOX + slack * speed
-    assert abs(end.angle_rad) <= ArmSettings().max_turn_rad + slack * abs(spin)
+    assert abs(end.angle_rad) <= MAX_TURN_RAD + slack * abs(spin)
     assert end.position_m[0] - START[0] > 0.5 * BOX or what == "spin"

@@ -132,7 +132,7 @@ def test_payload_is_limited(wire, driver):
     for mass in taken:
         driver.set_payload(mass)
     for mass in (-0.1, 10.1, math.nan):
-        with pytest.raises(Refused, match="max_payload_kg"):
+        with pytest.raises(Refused, match="limit of payload"):
             driver.set_payload(mass)
     assert wire.sent == [("payload", mass) for mass in taken]
 
@@ -149,19 +149,6 @@ def test_the_controllers_own_clock_decides_what_is_stale(wire, driver):
     wire.frozen = None
     driver.pump(170 * MS)
     assert driver.state.age_ns(170 * MS) == 0
-
-
-@pytest.mark.parametrize(
-    ("silent_s", "said"),
-    [(0.024, "arm controller's clock stands still"), (0.026, "arm's worker process says nothing")],
-)
-def test_a_worker_that_was_not_run_is_not_told_as_a_controller_that_stands_still(
-    wire, driver, silent_s, said
-):
-    wire.frozen = msgspec.structs.replace(wire.model.read(0), silent_s=silent_s)
-    with pytest.raises(Stale, match=said) as caught:
-        driver.pump(51 * MS)
-    assert ("processor" in caught.value.remedy) is (silent_s > 0.025)
 
 
 def test_a_protective_stop_is_a_fault_once_an_onset_and_stays_in_the_state(wire, driver):
@@ -194,7 +181,5 @@ def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
     assert msgspec.structs.asdict(ArmSettings()) == {
         "max_speed_mps": 0.25, "max_acceleration_mps2": 1.2, "max_stop_mps2": 10.0,
         "workspace_low_m": (-0.05, -0.05, -0.01), "workspace_high_m": (0.05, 0.05, 0.5),
-        "max_spin_radps": 1.5, "max_turn_rad": 1.6, "drive_timeout_s": 0.1, "max_jump_m": 0.5,
-        "payload_kg": 2.6, "max_payload_kg": 10.0, "stale_after_s": 0.05,
-        "arrived_within_m": 0.0005, "arrived_below_mps": 0.001,
+        "max_jump_m": 0.5, "payload_kg": 2.6, "stale_after_s": 0.05,
     }  # fmt: skip

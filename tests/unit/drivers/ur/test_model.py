@@ -11,7 +11,6 @@ from drivers.ur.model import ArmModel, ArmModelSettings
 MS = 1_000_000
 CYCLE_NS = 8 * MS
 START = (0.5, 0.1, 0.3)
-PROMPT = ArmModelSettings(command_latency_s=0.0)
 
 coordinates = st.floats(-0.4, 0.4)
 targets = st.tuples(coordinates, coordinates, coordinates)
@@ -20,8 +19,8 @@ accelerations = st.floats(0.05, 5.0)
 instants = st.integers(0, 3_000 * MS)
 
 
-def arm(settings: ArmModelSettings = PROMPT) -> ArmModel:
-    return ArmModel(settings, 0)
+def arm(command_latency_s: float = 0.0) -> ArmModel:
+    return ArmModel(ArmModelSettings(), 0, command_latency_s)
 
 
 def above(height_m: float) -> tuple[float, float, float]:
@@ -119,7 +118,7 @@ def test_position_and_velocity_never_jump_whatever_is_commanded(commands, t_ns, 
 
 
 def test_a_command_takes_effect_at_the_first_cycle_after_its_latency():
-    model = arm(ArmModelSettings(command_latency_s=0.002))
+    model = arm(0.002)
     model.move_l(above(0.1), 0.1, 0.5, 7 * MS)
     assert model.position(16 * MS) == START
     assert model.position(17 * MS)[2] > START[2]

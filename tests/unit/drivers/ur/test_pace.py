@@ -4,22 +4,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import SLIDER_S, ArmModel, ArmModelSettings
 
 MS = 1_000_000
 START = (0.5, 0.1, 0.3)
 ABOVE = (0.5, 0.1, 0.5)
 SPEED, RAMP = 0.1, 0.5
-CHANGE_S = 0.5
-STEP = 0.008 / CHANGE_S  # of the pace, in a cycle
+STEP = 0.008 / SLIDER_S  # of the pace, in a cycle
 
 turns = st.lists(
     st.tuples(st.integers(0, 4_000), st.floats(0.1, 1.0)), max_size=6
 )  # when, ms, and to where
 
 
-def arm(**settings: float) -> ArmModel:
-    return ArmModel(ArmModelSettings(command_latency_s=0.0, slider_s=CHANGE_S, **settings), 0)
+def arm() -> ArmModel:
+    return ArmModel(ArmModelSettings(), 0, command_latency_s=0.0)
 
 
 def rising(model: ArmModel, at_ms: int = 0) -> ArmModel:

@@ -27,8 +27,8 @@ BAD_SETTINGS = [
     "guard.force_limit_n=inf", "guard.force_limit_n=\x1b[2J", "guard.force_limit_n=900",
     f"controller.preshape_margin_counts={'9' * 400}", "rig=emulated", "profile=zzz",
     "object.grip_counts=[300,0,0]", "object.name=../../../out", "object.name=.hidden",
-    'object.name="can\\n"', f"object.name={'a' * 300}", "hand.offset_counts=[0,0,9]",
-    "tactile.cells=[[9]]", "arm.max_payload_kg=1.0", "gripper.calibration=/dev/zero",
+    'object.name="can\\n"', f"object.name={'a' * 300}", "hand.least_force_n=99",
+    "tactile.cells=[[9]]", "arm.payload_kg=11.0", "gripper.calibration=/dev/zero",
     "gripper.calibration=/", "a\nb=1", "=", "",
 ]  # fmt: skip
 # FILE is a path that does not exist, DIR an empty folder

@@ -56,7 +56,7 @@ def test_an_evaluation_says_which_weights_and_rule_it_is_of(
     assert packaged == load_config("can", "simulated", "gru").detector_hash()
     assert hashed("gru", "--set", f"network.weights={weights}") == packaged
     assert hashed("gru", "--set", "guard.force_limit_n=8") == packaged
-    trained = write_network(tmp_path, "gru", "stream")
+    trained = write_network(tmp_path, "gru", seed=7)
     others = {
         packaged,
         hashed("gru", "--set", "rule.release=9"),
@@ -97,7 +97,7 @@ def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
 def test_a_card_says_what_the_weights_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write_network(tmp_path, "gru", "stream", seed=7)
+    path = write_network(tmp_path, "gru", seed=7)
     (found,) = answers(capsys, "detector", "card", str(path), "--json")
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
     assert main(["detector", "card", "tcm"]) == 2

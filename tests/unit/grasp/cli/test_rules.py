@@ -7,7 +7,7 @@ import pytest
 
 from detector.network_file import weights_path
 from grasp.cli.main import main
-from tests.unit.detector.test_own import weights
+from tests.unit.detector.test_plugins import weights
 
 Capture = pytest.CaptureFixture[str]
 PACKAGED = "is heard by the rule of the packaged tcn, tuned for other weights"

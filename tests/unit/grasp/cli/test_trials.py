@@ -83,7 +83,7 @@ def test_log_of_a_lift_tells_its_phases_in_turn_and_ends_with_what_became_of_it(
     assert f"log: {log}" in capsys.readouterr().err
     lines = [line.split(" ", 1)[1] for line in log.read_text().splitlines()]
     phases = [line.partition(" phase ")[2] for line in lines if " phase " in line]
-    assert phases.index("approach") < phases.index("grasp") < phases.index("lift")
+    assert phases.index("approach.shape") < phases.index("grasp.tare") < phases.index("lift")
     assert all(a != b for a, b in pairwise(phases))
     assert lines[0].startswith("lift of can on rig simulated, ")
     assert lines[-1].startswith("seed 0: ")

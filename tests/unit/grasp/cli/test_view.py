@@ -101,9 +101,9 @@ def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registratio
     monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:
-        decision = SimpleNamespace(phase=phase, slip=SimpleNamespace(event=None))
+        decision = SimpleNamespace(state=phase, slip=SimpleNamespace(event=None))
         display.tick(SimpleNamespace(decision=decision))
     assert len(seen.taken) == shown
-    event = SimpleNamespace(phase=phases[-1], slip=SimpleNamespace(event="slip"))
+    event = SimpleNamespace(state=phases[-1], slip=SimpleNamespace(event="slip"))
     display.tick(SimpleNamespace(decision=event))
     assert len(seen.taken) == shown + 1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenarios.acquire.rest import REST_S, moved
+from scenarios.acquire.labels import REST_S, moved
 
 STILL = round(REST_S / 0.01) + 1  # samples after which what stands is at rest
 

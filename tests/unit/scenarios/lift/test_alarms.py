@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from grasp.commands import CloseFast
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.rig import Rig
@@ -24,11 +24,11 @@ EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector wants more than
 # down, all of that at the speed of a landing where slip ended at the top; the hold with its alarms,
 # patience at each end
 LONGEST_S = {
-    Phase.APPROACH: 1.0, Phase.REST: 1.0, Phase.GRASP: 1.5, Phase.OPPOSE: 2.0, Phase.RELAX: 0.5,
-    Phase.LISTEN: 0.5, Phase.DONE: 0.1,
-    Phase.LIFT: 3.0, Phase.COMPENSATE: 2.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 21.0,
-    Phase.TOUCH: 1.0, Phase.PROBE: 1.0, Phase.RELEASE: 2.0,
-    Phase.RETREAT: 3.0, Phase.LOST: 3.1, Phase.FAULT: 3.1,
+    State.SHAPE: 1.0, State.TARE: 1.0, State.BRACE: 1.5, State.CLOSE: 2.0, State.SETTLE: 0.5,
+    State.BASELINE: 0.5, State.SET_DOWN: 0.1,
+    State.LIFT: 3.0, State.COMPENSATE: 2.5, State.HOLD: 3.0, State.DESCEND: 5.0, State.FEEL: 21.0,
+    State.OPEN: 2.0,
+    State.RETREAT: 3.0, State.LOST: 3.1, State.FAULT: 3.1,
 }  # fmt: skip
 SETTINGS = ("hand.activation_s=0.5", "controller.lift_height_m=0.1", "controller.hold_s=0.3")
 
@@ -63,9 +63,9 @@ def run(
         staged.loop._step._detector = Told(script)  # noqa: SLF001
 
     staged = Staged(*SETTINGS, *words, made=made)
-    controller = staged.run(in_phase(Phase.LISTEN, 1), hear).controller
+    controller = staged.run(in_phase(State.BASELINE, 1), hear).controller
     truth = cell(staged.rig).truth()
-    return controller, staged.ticks, truth.touched or controller.phase is Phase.DONE
+    return controller, staged.ticks, truth.touched or controller.state is State.SET_DOWN
 
 
 P = st.sampled_from([0.0, 0.3, 1.0])
@@ -87,15 +87,15 @@ def test_every_phase_ends_in_its_time_whatever_the_detector_says(
     words: tuple[str, ...], detector: str | None, script: list[tuple[int, Said]]
 ) -> None:
     controller, ticks, held = run(script, *words, detector=detector)
-    assert controller.finished, controller.phase
+    assert controller.finished, controller.state
     assert held
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
-    begun = {t.decision.phase: 0 for t in ticks}
+    begun = {t.decision.state: 0 for t in ticks}
     stretch, before = 0, None
     for tick in ticks:
-        stretch = stretch + 1 if tick.decision.phase is before else 1
-        before = tick.decision.phase
+        stretch = stretch + 1 if tick.decision.state is before else 1
+        before = tick.decision.state
         begun[before] = max(begun[before], stretch)
     for phase, steps in begun.items():
         assert steps * 0.01 <= LONGEST_S[phase], phase
@@ -111,7 +111,7 @@ def closes(ticks: list[Tick]) -> int:
 def answered_s(ticks: list[Tick]) -> float:
     """From the first alarm that was registered to the way down, or to the run's end."""
     began_ns = next((t.t_ns for t in ticks if t.decision.slip.event), ticks[-1].t_ns)
-    down_ns = next((t.t_ns for t in ticks if t.decision.phase is Phase.LOWER), ticks[-1].t_ns)
+    down_ns = next((t.t_ns for t in ticks if t.decision.state is State.DESCEND), ticks[-1].t_ns)
     return (down_ns - began_ns) * 1e-9
 
 
@@ -132,7 +132,7 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     assert controller.closings > 0
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
-    steps = 0 if answer == "stop_and_jump" else 5  # controller.step_tries
+    steps = 0 if answer == "stop_and_jump" else 5  # stop_and_step.STEP_TRIES
     assert controller.closings <= 1 + steps  # and to the cap at last
 
 
@@ -143,7 +143,7 @@ def test_alarm_that_never_ends_is_borne_by_the_clock_though_commands_take_their_
     words = (f"controller.answer={answer}", "controller.hold_by_clock=true",
              "loop.decision_delay_s=0.02")  # fmt: skip
     controller, ticks, held = run([(1, ALARM)], *words)
-    assert controller.phase is Phase.DONE and held
+    assert controller.state is State.SET_DOWN and held
     assert closes(ticks) <= 1  # by steps it may be at its cap without
     assert answered_s(ticks) < 10.0
 

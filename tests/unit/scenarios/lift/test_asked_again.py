@@ -7,17 +7,17 @@ import pytest
 
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_doubts import thumb_n
 
-IN_THE_AIR = [Phase.LIFT, Phase.LOWER]
+IN_THE_AIR = [State.LIFT, State.DESCEND]
 
 
 @pytest.mark.parametrize("phase", IN_THE_AIR)
-def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase) -> None:
+def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) -> None:
     for lost in (1, 4):
         staged, received = Staged(), list[list[int]]()
 
@@ -26,7 +26,7 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase) ->
             fault.silence_fingertips(rig)
 
         trial = staged.run(in_phase(phase, 5), act)
-        assert trial.controller.phase is Phase.FAULT
+        assert trial.controller.state is State.FAULT
         further = trial.controller.further
         assert all(doubt.startswith("arm_goes_on") for doubt in further)
         assert not further or lost > 1  # it has gone on for longer than braking takes
@@ -61,14 +61,14 @@ def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fau
 
 
 def closed_again(staged: Staged, trial: Any) -> None:
-    assert trial.controller.phase is Phase.FAULT
+    assert trial.controller.state is State.FAULT
     assert thumb_n(staged) > 8.0  # not left at 2.4 N
     assert max(fault.cell(staged.rig).truth().peak_n) < 11.0
     assert trial.controller.unreached == ()
 
 
 def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back() -> None:
-    for phase, ms in ((Phase.LIFT, 30), (Phase.LIFT, 300), (Phase.COMPENSATE, 80)):
+    for phase, ms in ((State.LIFT, 30), (State.LIFT, 300), (State.COMPENSATE, 80)):
         staged = Staged()
 
         def act(rig: Rig, ms: int = ms) -> None:
@@ -98,7 +98,7 @@ def test_hand_that_loses_the_closing_itself_is_told_again() -> None:
 
             staged.on_tick = hear
 
-        closed_again(staged, staged.run(in_phase(Phase.LIFT, 2), act))
+        closed_again(staged, staged.run(in_phase(State.LIFT, 2), act))
         closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
         assert len(closes) > 1
 
@@ -120,6 +120,6 @@ def test_run_has_not_ended_while_an_opening_whose_reply_was_lost_still_sets_the_
 
         transport.write = write
 
-    trial = staged.run(in_phase(Phase.LOWER, 5), act)  # the next that is written opens the hand
-    assert trial.controller.machine.before is Phase.RELEASE
+    trial = staged.run(in_phase(State.DESCEND, 5), act)  # the next that is written opens the hand
+    assert trial.controller.machine.before is State.OPEN
     assert not fault.cell(staged.rig).gripper.moving

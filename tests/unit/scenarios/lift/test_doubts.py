@@ -5,35 +5,35 @@ import pytest
 
 from grasp.commands import MoveArm, MoveFingers, OpenFingers, StopArm
 from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.states import AIRBORNE_STATES, State
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 
-P = Phase
-HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.LOWER)
-ALL = (P.APPROACH, P.GRASP, *HELD)
+P = State
+HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.DESCEND)
+ALL = (P.SHAPE, P.BRACE, *HELD)
 
 # what is done, in which phases, the name of the fault, and how many steps later it is there at
 # the latest, from when it could be noticed: the first frame, or the first command that is ignored
 CASES = [
-    (fault.freeze_fingertips, (P.GRASP, *HELD), "fingertips_frozen", 13),
-    (fault.freeze_thumb, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertip_dead", 53),
-    (fault.fingertips_read(0), (P.GRASP, *HELD), "fingertips_at_rail", 6),
-    (fault.fingertips_read(1023), (P.GRASP, P.HOLD), "fingertips_at_rail", 6),
-    (fault.fingertips_read(0, fault.FINGER), (P.GRASP, P.LIFT), "fingertips_at_rail", 6),
-    (fault.shift_fingertips, (P.GRASP, *HELD), "fingertips_jump", 4),
-    (fault.replug_fingertips, (P.GRASP, *HELD), "fingertips_absent", 4),
-    (fault.freeze_gripper_status, (P.APPROACH, P.GRASP), "gripper_stands", 32),
-    (fault.jam_gripper, (P.APPROACH, P.GRASP), "gripper_stands", 32),
+    (fault.freeze_fingertips, (P.BRACE, *HELD), "fingertips_frozen", 13),
+    (fault.freeze_thumb, (P.BRACE, P.LIFT, P.HOLD, P.DESCEND), "fingertip_dead", 53),
+    (fault.fingertips_read(0), (P.BRACE, *HELD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(1023), (P.BRACE, P.HOLD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(0, fault.FINGER), (P.BRACE, P.LIFT), "fingertips_at_rail", 6),
+    (fault.shift_fingertips, (P.BRACE, *HELD), "fingertips_jump", 4),
+    (fault.replug_fingertips, (P.BRACE, *HELD), "fingertips_absent", 4),
+    (fault.freeze_gripper_status, (P.SHAPE, P.BRACE), "gripper_stands", 32),
+    (fault.jam_gripper, (P.SHAPE, P.BRACE), "gripper_stands", 32),
     (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
-    (fault.let_finger_b_leap, (P.GRASP, P.HOLD), "gripper_impossible", 3),
+    (fault.let_finger_b_leap, (P.BRACE, P.HOLD), "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
-    (fault.freeze_arm_values, (P.LIFT, P.LOWER), "arm_frozen", 14),
+    (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 14),
     (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 120),  # it stands until it goes on
-    (fault.push_arm, (P.APPROACH, P.GRASP), "arm_wrong_way", 16),
+    (fault.push_arm, (P.SHAPE, P.BRACE), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
     (fault.let_arm_leap, ALL, "arm_jump", 2),
     (fault.stand_still(0.3), ALL, "loop_stood_still", 1),
@@ -48,12 +48,12 @@ def issued_since(staged: Staged, t_ns: int | None) -> list[object]:
 
 def fault_at(staged: Staged) -> int:
     """Index of the step that began the safe state."""
-    return next(i for i, t in enumerate(staged.ticks) if t.decision.phase is P.FAULT)
+    return next(i for i, t in enumerate(staged.ticks) if t.decision.state is P.FAULT)
 
 
 def in_safe_state(staged: Staged, trial: FinishedTrial, name: str, case: object = "") -> None:
     """The name stands first in the cause; the arm stands, nothing is squeezed, nothing falls."""
-    assert trial.controller.phase is P.FAULT, case
+    assert trial.controller.state is P.FAULT, case
     cause = trial.controller.fault_cause
     assert cause.startswith(f"{name}: "), (case, cause)
     assert any(isinstance(c, StopArm) for c in issued_since(staged, staged.done_at_ns)), case
@@ -69,7 +69,7 @@ def thumb_n(staged: Staged) -> float:
 
 
 @pytest.mark.parametrize("phase", ALL)
-def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: Phase) -> None:
+def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: State) -> None:
     for act, phases, name, steps in CASES:
         if phase not in phases:
             continue
@@ -78,11 +78,11 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: 
         in_safe_state(staged, trial, name, case)
         done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
         assert fault_at(staged) - done <= steps, case
-        before = staged.ticks[fault_at(staged) - 1].decision.phase
+        before = staged.ticks[fault_at(staged) - 1].decision.state
         lost = act.__name__ == "stand_still_3_s" and phase is P.LIFT  # during the pause
-        if before in AIRBORNE_PHASES and not name.startswith("gripper") and not lost:
+        if before in AIRBORNE_STATES and not name.startswith("gripper") and not lost:
             assert thumb_n(staged) > 8.0, case  # closed to the limit, not left at 2.4 N
-        if before in (P.GRASP, P.APPROACH):
+        if before in (P.BRACE, P.SHAPE):
             assert max(fault.cell(staged.rig).truth().normal_n) < 4.0, case  # stays as it is
 
 
@@ -93,9 +93,9 @@ def test_hand_that_says_contact_while_it_closes_is_a_named_fault() -> None:
     in_safe_state(staged, trial, "gripper_impossible")
 
 
-@pytest.mark.parametrize("phase", [P.OPPOSE, P.COMPENSATE, P.RELEASE])
+@pytest.mark.parametrize("phase", [P.CLOSE, P.COMPENSATE, P.OPEN])
 def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
-    phase: Phase,
+    phase: State,
 ) -> None:
     staged, stood = Staged(), list[float]()
 
@@ -127,13 +127,13 @@ DETECTORS = {
 def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    everywhere = [("nan", phase) for phase in (P.GRASP, P.COMPENSATE, P.HOLD)]
+    everywhere = [("nan", phase) for phase in (P.BRACE, P.COMPENSATE, P.HOLD)]
     for answer, phase in [*((answer, P.LIFT) for answer in DETECTORS), *everywhere]:
         with monkeypatch.context() as patch:
             staged = Staged()
             trial = staged.run(in_phase(phase, 5), fault.answering(patch, DETECTORS[answer]))
         in_safe_state(staged, trial, "detector_failed", (answer, phase))
-        assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_PHASES), (answer, phase)
+        assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
 
 
 def test_a_detector_that_raises_or_takes_too_long_or_cannot_forget_is_a_fault(
@@ -158,7 +158,7 @@ def test_a_detector_that_raises_or_takes_too_long_or_cannot_forget_is_a_fault(
 
 def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline() -> None:
     for phase, act in (
-        (P.APPROACH, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
+        (P.SHAPE, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
         (P.HOLD, fault.swallow_writes), (P.LIFT, fault.freeze_gripper_status),
         (P.HOLD, fault.freeze_gripper_status),
     ):  # fmt: skip
@@ -188,9 +188,9 @@ FURTHER = [
 ]
 
 
-@pytest.mark.parametrize("phase", [P.GRASP, P.HOLD])
+@pytest.mark.parametrize("phase", [P.BRACE, P.HOLD])
 def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_arm(
-    phase: Phase,
+    phase: State,
 ) -> None:
     for act, name in FURTHER:
         staged, struck = Staged(), list[int]()
@@ -198,13 +198,13 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         def then(
             tick: Tick, act: fault.Act = act, staged: Staged = staged, struck: list[int] = struck
         ) -> None:  # fmt: skip
-            if tick.decision.phase is P.FAULT and not struck:
+            if tick.decision.state is P.FAULT and not struck:
                 struck.append(tick.t_ns)
                 act(staged.rig)
 
         staged.on_tick = then
         trial = staged.run(in_phase(phase, 5), fault.unplug_fingertips)
-        assert trial.controller.phase is P.FAULT, name
+        assert trial.controller.state is P.FAULT, name
         assert "unplugged" in trial.controller.fault_cause, name
         commands = issued_since(staged, struck[0])
         assert not any(isinstance(c, MoveArm | MoveFingers | OpenFingers) for c in commands), name
@@ -228,14 +228,14 @@ QUIET = "fingertip.noise_counts=0.15"  # in the air its codes repeat for a third
 
 def test_a_lift_with_quiet_sensors_is_held_and_one_whose_sensors_freeze_is_refused() -> None:
     staged = Staged(HAND_ALONE, QUIET)
-    trial = staged.run(in_phase(P.DONE), fault.interrupt)
+    trial = staged.run(in_phase(P.SET_DOWN), fault.interrupt)
     assert trial.controller.fault_cause == ""
-    assert trial.controller.phase is P.DONE
+    assert trial.controller.state is P.SET_DOWN
     for phase, act in (
-        (P.GRASP, fault.freeze_fingertips), (P.GRASP, fault.freeze_thumb),
-        (P.OPPOSE, fault.freeze_thumb),
+        (P.BRACE, fault.freeze_fingertips), (P.BRACE, fault.freeze_thumb),
+        (P.CLOSE, fault.freeze_thumb),
     ):  # fmt: skip
         staged = Staged(HAND_ALONE, QUIET)
         trial = staged.run(in_phase(phase, 20), act)
         assert trial.controller.fault_cause.startswith("fingertip"), (phase, act.__name__)
-        assert P.LIFT not in {t.decision.phase for t in staged.ticks}, (phase, act.__name__)
+        assert P.LIFT not in {t.decision.state for t in staged.ticks}, (phase, act.__name__)

@@ -3,13 +3,13 @@
 import pytest
 
 from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
-from grasp.phases import Phase
+from grasp.states import State
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_doubts import issued_since, thumb_n
 
-CONTACT = [Phase.LIFT, Phase.COMPENSATE, Phase.HOLD]
-PHASES = [Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.LISTEN, *CONTACT]
+CONTACT = [State.LIFT, State.COMPENSATE, State.HOLD]
+PHASES = [State.SHAPE, State.TARE, State.BRACE, State.BASELINE, *CONTACT]
 
 
 @pytest.mark.parametrize("act", fault.LINKS, ids=lambda act: act.__name__)
@@ -17,7 +17,7 @@ def test_every_fault_in_every_phase_ends_in_its_safe_state(act: fault.Act) -> No
     for phase in PHASES:
         staged = Staged(made=by_default)
         trial = staged.run(well_in(phase), act)
-        assert trial.controller.phase is Phase.FAULT, phase
+        assert trial.controller.state is State.FAULT, phase
         assert trial.controller.fault_cause, phase
         commands = issued_since(staged, staged.done_at_ns)
         assert any(isinstance(c, StopArm) for c in commands), phase
@@ -32,21 +32,21 @@ def test_every_fault_in_every_phase_ends_in_its_safe_state(act: fault.Act) -> No
         assert holds or phase in CONTACT or cut, phase
         truth = fault.cell(staged.rig).truth()
         assert max(truth.peak_n) < 11.0, phase
-        if phase is Phase.HOLD:  # held before, and held still
+        if phase is State.HOLD:  # held before, and held still
             assert truth.touched and truth.height_m > 0.005
             assert abs(truth.slip_speed_mps) < 1e-3
 
 
 def test_object_that_was_slipping_is_caught_by_the_safe_state() -> None:
     staged = Staged("rule.threshold=0.9999999", made=by_default)  # nobody listens, the can slips
-    staged.run(in_phase(Phase.LIFT, 60), fault.silence_fingertips)
+    staged.run(in_phase(State.LIFT, 60), fault.silence_fingertips)
     assert thumb_n(staged) > 8.0
     assert abs(fault.cell(staged.rig).truth().slip_speed_mps) < 1e-3
 
 
 def test_a_single_lost_sample_is_repeated_counted_and_survived() -> None:
     staged = Staged("tactile.conversion_ms=7.0", made=by_default)  # not two frames a period
-    lose_one = in_phase(Phase.LIFT, 2)
+    lose_one = in_phase(State.LIFT, 2)
     trial = staged.run(lose_one, lambda rig: fault.cell(rig).board.shorten_frame(4))
     assert staged.result(trial).success
     assert trial.loop.timing.repeated_frames == 1
@@ -55,7 +55,7 @@ def test_a_single_lost_sample_is_repeated_counted_and_survived() -> None:
 
 def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
     staged = Staged(made=by_default)
-    trial = staged.run(in_phase(Phase.HOLD, 5), fault.interrupt)
+    trial = staged.run(in_phase(State.HOLD, 5), fault.interrupt)
     assert trial.interrupted
     rig = staged.rig
     rig.clock.sleep_until_ns(rig.clock.now_ns + 2_000_000_000)
@@ -65,7 +65,7 @@ def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
 
 def test_interrupting_before_contact_stops_the_fingers() -> None:
     staged = Staged(made=by_default)
-    staged.run(in_phase(Phase.APPROACH, 8), fault.interrupt)
+    staged.run(in_phase(State.SHAPE, 8), fault.interrupt)
     rig = staged.rig
     gripper = fault.cell(rig).gripper
     rig.clock.sleep_until_ns(rig.clock.now_ns + 1_000_000_000)
@@ -81,6 +81,10 @@ def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
         "object.half_width_m=0.039", made=by_default,
     )  # fmt: skip
     trial = staged.run(lambda tick: False, lambda rig: None)
-    assert trial.controller.phase is Phase.FAULT
+    assert trial.controller.state is State.FAULT
     assert "taxel" in trial.controller.fault_cause
-    assert [c.phase for c in trial.controller.machine.log] == ["approach", "rest", "fault"]
+    assert [c.phase for c in trial.controller.machine.log] == [
+        "approach.shape",
+        "grasp.tare",
+        "fault",
+    ]

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.execution import make_guard
 from tests.unit.scenarios.conftest import HAND_ALONE, InPhase, Staged, config, in_phase, judged
@@ -28,10 +28,13 @@ def test_no_finger_passes_the_limit_on_an_object_of_another_width_than_expected(
         phases = [p.phase for p in result.phases]
         if wider_mm == 0.0:  # gripped by position and lifted
             assert "fault" not in phases
-            assert phases[4:7] == ["relax", "listen", "lift"]
+            assert phases[4:7] == ["grasp.settle", "grasp.baseline", "lift"]
     if name != "foam":
         missed = lifted(name, -2e-3)
-        assert [p.phase for p in missed.phases][-2:] == ["listen", "fault"]  # before the arm lifts
+        assert [p.phase for p in missed.phases][-2:] == [
+            "grasp.baseline",
+            "fault",
+        ]  # before the arm lifts
         assert "feels nothing" in missed.phases[-1].cause
 
 
@@ -76,11 +79,11 @@ def test_hand_that_gripped_again_where_the_object_had_fallen_is_not_driven_down_
     assert max(result.peak_force_n.values()) <= BOUND_N
 
 
-@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
-def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.LIFT, State.HOLD, State.DESCEND])
+def test_object_that_vanishes_stops_the_arm_where_it_is(phase: State) -> None:
     staged = Staged()
     trial = staged.run(in_phase(phase, 3), fault.take_object_away)
-    assert trial.controller.phase is Phase.LOST
+    assert trial.controller.state is State.LOST
     assert not staged.ticks[-1].arm.moving
     assert trial.controller.unreached == ()
     lost_ns = trial.controller.machine.log[-1].t_ns
@@ -93,7 +96,7 @@ def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
 def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
     broken: fault.Act,
 ) -> None:
-    for phase in (Phase.HOLD, Phase.LOWER):
+    for phase in (State.HOLD, State.DESCEND):
         staged, gone = Staged(), in_phase(phase, 3)
 
         def take_away(tick: Tick, staged: Staged = staged, gone: InPhase = gone) -> None:
@@ -101,8 +104,8 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
                 fault.take_object_away(staged.rig)
 
         staged.on_tick = take_away
-        trial = staged.run(in_phase(Phase.LIFT, 20), broken)
-        assert trial.controller.phase is Phase.LOST
+        trial = staged.run(in_phase(State.LIFT, 20), broken)
+        assert trial.controller.state is State.LOST
         assert max(staged.ticks[-1].measured_n) > 0.5
         end = trial.end(staged.config)
         assert end is not None and "feels nothing" in end.hand
@@ -111,13 +114,14 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
     (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
-    (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
+    (("loop.stop_s=3",), "stop_s"),
     (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
     (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
     (
         (
-            "controller.resume_mps2=0.05",
+            "controller.answer_stop_mps2=0.1",
+            "controller.lift_height_m=0.21",
             "controller.lower_speed_mps=0.1",
             "controller.phase_timeout_s=3",
         ),
@@ -145,7 +149,6 @@ REFUSED = [
     (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
     (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
     (("doubt.arm_there_m=0.002",), "arm_there_m"),
-    (("controller.at_height_m=0.0005",), "arm_there_m"),
 ]
 
 

@@ -14,15 +14,15 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from detector.decision import make_rule
+from detector.decision import DecisionRule
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.driver import RegisterTransport
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.controller import GraspController
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop
-from grasp.phases import Phase
-from grasp.slip import SlipMonitor
+from grasp.slip_monitor import SlipMonitor
+from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration
@@ -93,7 +93,7 @@ class FixedDetector:
 def greedy(config: TrialConfig, asked_n: float) -> GraspController:
     """A controller that asks for this force, whatever the limit is."""
     plan = msgspec.structs.replace(grip_plan(config), force_cap_n=asked_n)
-    monitor = SlipMonitor(make_rule(config.rule, 3), config.slip)
+    monitor = SlipMonitor(DecisionRule(config.rule, 3), config.slip)
     return GraspController(config.controller, plan, monitor)
 
 
@@ -115,9 +115,9 @@ def begun(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
         step = GraspStep(detector, controller, make_guard(config))
         loop = ControlLoop(rig.devices, rig.clock, step, config.loop)
         for _ in range(400 * to_lift):
-            if loop.tick() and controller.phase is Phase.LIFT:
+            if loop.tick() and controller.state is State.LIFT:
                 break
-        assert (controller.phase is Phase.LIFT) == to_lift
+        assert (controller.state is State.LIFT) == to_lift
         _begun[key] = (rig, loop, controller, detector, wire)
     return _begun[key]
 
@@ -244,7 +244,7 @@ def test_what_the_default_detector_hears_commands_no_byte_above_the_limit() -> N
     made = by_default()
     rig, wire = watched(made, 0)
     trial = run_trial(made, rig, make_guard(made), lambda *_: None)
-    assert Phase.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip was heard
+    assert State.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip was heard
     assert wire.highest_force_n() == LIMIT_N
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import LOWERING_PHASES, Phase
+from grasp.states import LOWERING_STATES, State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, lift
 from scenarios.rigs.opening import open_rig
@@ -43,7 +43,7 @@ def test_ball_that_slipped_is_let_go_where_it_stands_and_never_pressed_beyond_th
     trial, seen = watched(told, seed)
     assert seen[0][1].slip_distance_m > SLIPPED_M
     assert hardest_n(seen) < BOUND_N
-    opening = [(k, t) for k, t in seen if k.decision.phase is Phase.RELEASE]
+    opening = [(k, t) for k, t in seen if k.decision.state is State.OPEN]
     tick, truth = opening[0]
     assert truth.height_m < 0.001  # it stands
     assert tick.arm.position_m[2] - trial.controller.home[2] > 0.01  # and the arm is not down
@@ -54,11 +54,11 @@ SLIPPERY = ("object.friction_static=0.3", "object.friction_kinetic=0.25",
             "controller.lift_height_m=0.03")  # fmt: skip
 
 
-def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop_that_is_late() -> (
-    None
-):
-    late = ("loop.decision_delay_s=0.1", "controller.landing_step_m=0.0003")
-    trial, seen = watched(ball("energy", *SLIPPERY, *late), 39)
+def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop_that_is_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("grasp.set_down.STEP_M", 3e-4)
+    trial, seen = watched(ball("energy", *SLIPPERY, "loop.decision_delay_s=0.1"), 39)
     assert seen[0][1].slip_distance_m > SLIPPED_M
     assert hardest_n(seen) < BOUND_N
     assert trial.controller.finished
@@ -66,7 +66,7 @@ def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop
 
 def test_stop_that_is_lost_on_the_way_down_does_not_press_the_ball_beyond_the_limit() -> None:
     trial, seen = watched(ball("energy", "damage.gain_lost=0.5"), 1, lambda rig: lose_stops(rig, 1))
-    assert Phase.TOUCH in {tick.decision.phase for tick, _ in seen}
+    assert State.FEEL in {tick.decision.state for tick, _ in seen}
     assert hardest_n(seen) < BOUND_N
     assert trial.controller.finished
 
@@ -83,7 +83,7 @@ def watched(
 
     def watch(tick: Tick, truth: Truth | None, _: object) -> None:
         assert truth is not None
-        if begun or tick.decision.phase in LOWERING_PHASES:
+        if begun or tick.decision.state in LOWERING_STATES:
             act(rig) if not begun else None
             begun.append(True)
             seen.append((tick, truth))
@@ -95,5 +95,5 @@ def watched(
 def hardest_n(seen: Seen) -> float:
     """On the way down."""
     return max(
-        max(truth.normal_n) for tick, truth in seen if tick.decision.phase in LOWERING_PHASES
+        max(truth.normal_n) for tick, truth in seen if tick.decision.state in LOWERING_STATES
     )

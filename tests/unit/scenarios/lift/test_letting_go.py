@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import DeviceFault
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lab.hand import Hand
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig, Rig
@@ -28,11 +28,11 @@ def stand(rig: Rig, detections: int) -> None:
 @pytest.mark.parametrize("says", [MET_WHILE_OPENING, THERE])
 def test_object_is_not_taken_up_again_by_a_hand_that_does_not_open(says: int) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(Phase.RELEASE, 1), lambda rig: stand(rig, says))
+    trial = staged.run(in_phase(State.OPEN, 1), lambda rig: stand(rig, says))
     truth = staged.rig.truth()
     assert truth is not None
     assert truth.height_m < 0.001
-    assert trial.controller.phase is Phase.FAULT
+    assert trial.controller.state is State.FAULT
     assert staged.result(trial).outcome == "fault"
 
 
@@ -44,7 +44,7 @@ def test_next_run_does_not_let_go_what_an_interrupted_one_holds_in_the_air() -> 
         "controller.reactions=false",
     )
     settings = config("controller.lift_height_m=0.05", *rough)
-    met, stopped = in_phase(Phase.HOLD), list[Tick]()
+    met, stopped = in_phase(State.HOLD), list[Tick]()
     with open_rig(settings, 0, paced=False) as rig:
 
         def interrupt(tick: Tick, *_: object) -> None:
@@ -61,7 +61,7 @@ def test_next_run_does_not_let_go_what_an_interrupted_one_holds_in_the_air() -> 
     assert left is not None
     assert held.height_m > 0.04
     assert left.height_m == pytest.approx(held.height_m, abs=1e-3)
-    assert second.controller.phase is Phase.FAULT
+    assert second.controller.state is State.FAULT
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import (
@@ -26,8 +26,9 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     pauses = phases.count("compensate")
     assert 0 < pauses < 4
     assert phases == [
-        "approach", "rest", "grasp", "oppose", "relax", "listen", "lift",
-        *("compensate", "lift") * pauses, "hold", "lower", "release", "retreat", "done",
+        "approach.shape", "grasp.tare", "grasp.brace", "grasp.close", "grasp.settle",
+        "grasp.baseline", "lift", *("compensate", "lift") * pauses, "hold", "lower.descend",
+        "release.open", "release.retreat", "done.set_down",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None
@@ -74,7 +75,7 @@ def test_detector_that_cries_at_once_is_a_false_start() -> None:
 def test_object_too_heavy_for_the_limit_reports_the_cap_and_is_lowered() -> None:
     r = judged("object.mass_kg=2.5")
     assert r.outcome == "cap_reached"
-    assert "lower" in [p.phase for p in r.phases]
+    assert "lower.descend" in [p.phase for p in r.phases]
     assert r.peak_force_n is not None
     assert max(r.peak_force_n.values()) < 11.0
 
@@ -85,7 +86,7 @@ def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() 
     assert finished.result is not None
     assert finished.result.outcome == "fault"
     phases = [p.phase for p in finished.result.phases]
-    assert phases == ["approach", "rest", "grasp", "oppose", "fault"]
+    assert phases[2:] == ["grasp.brace", "grasp.close", "fault"]
     assert finished.failure is not None
     assert finished.failure.kind == "safety_stop"
 
@@ -103,7 +104,7 @@ def test_start_up_override_breaks_the_limit_in_one_closing_and_position_restores
 
 def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
     staged = Staged()
-    staged.run(in_phase(Phase.DONE), interrupt)
+    staged.run(in_phase(State.SET_DOWN), interrupt)
     truth = staged.rig.truth()
     assert truth is not None
     assert truth.height_m == 0.0
@@ -111,7 +112,7 @@ def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
 
 
 def test_own_closing_does_not_register_as_a_second_slip() -> None:
-    trial = Staged(HAND_ALONE).run(in_phase(Phase.DONE), interrupt)
+    trial = Staged(HAND_ALONE).run(in_phase(State.SET_DOWN), interrupt)
     assert len(trial.controller.monitor.events) == 1
 
 

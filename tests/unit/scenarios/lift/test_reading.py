@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
 from scenarios.trial.person import TapeMark, read_mark
@@ -78,8 +78,8 @@ def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None
 
 
 def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked_in: list[Phase] = []
-    phases: list[Phase] = []
+    asked_in: list[State] = []
+    phases: list[State] = []
 
     class Noted(Typist):
         def say(self, text: str) -> None:
@@ -89,7 +89,7 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
     typist = Noted("", "12", after=400)
 
     def watch(tick: Tick) -> None:
-        phases.append(tick.decision.phase)
+        phases.append(tick.decision.state)
 
     monkeypatch.setattr("scenarios.trial.series.place_object", lambda rig, operator, which: None)
     bench = Bench(on_tick=watch, operator=typist)
@@ -99,6 +99,6 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
     assert result.outcome == "held_within_6cm"  # the world knows better than the person
     assert len(typist.questions) == 2
     assert "slipped" in typist.questions[0] and "is no length" in typist.questions[1]
-    assert asked_in == [Phase.HOLD, Phase.HOLD]
-    assert phases.count(Phase.HOLD) > 800  # two answers of 4 s each
-    assert Phase.RETREAT in phases
+    assert asked_in == [State.HOLD, State.HOLD]
+    assert phases.count(State.HOLD) > 800  # two answers of 4 s each
+    assert State.RETREAT in phases

@@ -2,7 +2,7 @@
 
 import pytest
 
-from grasp.phases import LOWERING_PHASES, Phase
+from grasp.states import LOWERING_STATES, State
 from tests.unit.scenarios.conftest import Staged, in_phase, well_in
 from tests.unit.scenarios.lift.device_faults import Act, cell
 
@@ -16,34 +16,34 @@ def seconds(staged: Staged) -> float:
 
 
 def lowered_s(staged: Staged) -> float:
-    return sum(tick.decision.phase in LOWERING_PHASES for tick in staged.ticks) * 0.01
+    return sum(tick.decision.state in LOWERING_STATES for tick in staged.ticks) * 0.01
 
 
 def test_lift_goes_on_slower_above_a_half() -> None:
     plain = Staged()
-    plain.run(in_phase(Phase.DONE), turn_to(1.0))
-    for phase, fraction in ((Phase.LIFT, 0.5), (Phase.GRASP, 0.9)):
+    plain.run(in_phase(State.SET_DOWN), turn_to(1.0))
+    for phase, fraction in ((State.LIFT, 0.5), (State.BRACE, 0.9)):
         staged = Staged()
         trial = staged.run(well_in(phase), turn_to(fraction))
-        assert trial.controller.phase is Phase.DONE, trial.controller.fault_cause
+        assert trial.controller.state is State.SET_DOWN, trial.controller.fault_cause
         assert staged.result(trial).success
         assert seconds(staged) > seconds(plain)
         assert {tick.arm.speed_fraction for tick in staged.ticks} == {1.0, fraction}
         assert lowered_s(staged) == pytest.approx(lowered_s(plain) / fraction, rel=0.15)
 
 
-@pytest.mark.parametrize("phase", [Phase.LISTEN, Phase.LIFT])
-def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [State.BASELINE, State.LIFT])
+def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: State) -> None:
     for fraction in (0.0, 0.45):
         staged = Staged()
         trial = staged.run(well_in(phase), turn_to(fraction))
-        assert trial.controller.phase is Phase.FAULT
+        assert trial.controller.state is State.FAULT
         assert f"speed slider is at {100 * fraction:g} %" in trial.controller.fault_cause
         assert not trial.controller.unreached
         assert staged.done_at_ns is not None and staged.ticks[-1].t_ns - staged.done_at_ns < 1e9
         assert cell(staged.rig).arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0)
         assert trial.final is not None
-        if phase is Phase.LIFT:
+        if phase is State.LIFT:
             assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3
         failure = trial.failure(staged.config)
         assert failure is not None and "speed slider" in failure.message
@@ -52,8 +52,8 @@ def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: Phase) -> 
 
 def test_arm_that_its_slider_lets_stand_in_the_air_is_told_of_and_the_object_held() -> None:
     staged = Staged()
-    trial = staged.run(in_phase(Phase.LOWER, 30), turn_to(0.0))
-    assert trial.controller.phase is Phase.FAULT
+    trial = staged.run(in_phase(State.DESCEND, 30), turn_to(0.0))
+    assert trial.controller.state is State.FAULT
     assert trial.controller.fault_cause == "the arm's speed slider is at 0 %: it comes to no end"
     assert trial.final is not None and trial.final.height_m > 0.05
     assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3

@@ -5,7 +5,7 @@ import pytest
 from drivers.interfaces import Detection
 from grasp.commands import CloseFast
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault
@@ -28,7 +28,7 @@ def stages(ticks: list[Tick]) -> list[CloseFast]:
 
 def test_answer_goes_by_position_at_full_speed_and_from_rest_to_the_cap_at_the_slowest() -> None:
     staged = Staged()
-    trial = staged.run(in_phase(Phase.DONE), fault.interrupt)
+    trial = staged.run(in_phase(State.SET_DOWN), fault.interrupt)
     first, second = stages(staged.ticks)
     assert (first.more, first.speed_mps) == (True, 0.11)
     assert 55 < first.limits_counts[0] < 60
@@ -36,7 +36,7 @@ def test_answer_goes_by_position_at_full_speed_and_from_rest_to_the_cap_at_the_s
     asked = next(t for t in staged.ticks if any(i.admitted == second for i in t.issued))
     assert asked.gripper.positions[0] == first.limits_counts[0]
     assert trial.controller.closings == 1
-    assert trial.controller.phase is Phase.DONE
+    assert trial.controller.state is State.SET_DOWN
 
 
 HANDS = [
@@ -100,7 +100,7 @@ def test_gripper_that_fails_between_the_stages_never_passes_limit_and_overshoot(
 ) -> None:
     for latency_s, after in ((0.03, 1), (0.03, 20), (0.15, 10)):
         staged = Staged(f"hand.command_latency_s={latency_s}")
-        result = staged.result(staged.run(in_phase(Phase.COMPENSATE, after), broken))
+        result = staged.result(staged.run(in_phase(State.COMPENSATE, after), broken))
         assert thumb_n(result) <= BOUND_N, (latency_s, after)
         assert not staged.ticks[-1].arm.moving, (latency_s, after)
 
@@ -108,8 +108,8 @@ def test_gripper_that_fails_between_the_stages_never_passes_limit_and_overshoot(
 def test_fault_between_the_stages_still_closes_to_the_cap() -> None:
     for after in (1, 5, 20):
         staged = Staged()
-        trial = staged.run(in_phase(Phase.COMPENSATE, after), fault.freeze_fingertips)
-        assert staged.ticks[-1].decision.phase is Phase.FAULT
+        trial = staged.run(in_phase(State.COMPENSATE, after), fault.freeze_fingertips)
+        assert staged.ticks[-1].decision.state is State.FAULT
         assert staged.ticks[-1].gripper.fingers[0].detection is Detection.CONTACT_CLOSING
         assert trial.final is not None
         assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
@@ -117,8 +117,8 @@ def test_fault_between_the_stages_still_closes_to_the_cap() -> None:
 
 def test_hand_whose_status_stands_still_is_closed_to_the_cap_without_being_seen() -> None:
     staged = Staged()
-    trial = staged.run(in_phase(Phase.COMPENSATE, 3), fault.freeze_gripper_status)
-    assert trial.controller.phase is Phase.FAULT
+    trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
+    assert trial.controller.state is State.FAULT
     assert trial.controller.unreached
     assert not stages(staged.ticks)[-1].more
     assert trial.final is not None
@@ -136,7 +136,7 @@ def test_closing_that_is_on_its_way_to_the_hand_when_a_person_stops_is_not_forgo
         return any(not c.more for c in told)
 
     trial = staged.run(to_the_cap, fault.interrupt)
-    assert trial.controller.phase is Phase.STOPPED
+    assert trial.controller.state is State.STOPPED
     assert trial.interrupted
     assert trial.final is not None
     assert trial.final.normal_n[0] > 9.0

@@ -104,7 +104,7 @@ def test_rows_say_what_the_tick_and_the_world_said(
         assert isinstance(row, Row)
         found = columns(begin, row)
         tick, truth = by_time[found["t"][0]]
-        assert row.phase == tick.decision.phase
+        assert row.phase == tick.decision.state
         unheard = tick.frame is None
         told = tick.observation.probabilities.tolist()
         assert found["felt"] == ([None] * 3 if unheard else list(tick.measured_n))
@@ -113,4 +113,4 @@ def test_rows_say_what_the_tick_and_the_world_said(
         assert found["slip"] == [truth.slip_distance_m]
         assert "told_speed" in found
     phases = list(dict.fromkeys(row.phase for row in rows))
-    assert {"lift", "compensate", "hold", "lower"} <= set(phases)
+    assert {"lift", "compensate", "hold", "lower.descend"} <= set(phases)

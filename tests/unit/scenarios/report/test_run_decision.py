@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.decision import RuleSettings, make_rule
-from grasp.slip import SlipMonitor, SlipSettings
+from detector.decision import DecisionRule, RuleSettings
+from grasp.slip_monitor import SlipMonitor, SlipSettings
 from scenarios.report.run_decision import decided
 
 CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)
@@ -16,7 +16,7 @@ def watched(settings: RuleSettings, seed: int) -> tuple[np.ndarray, ...]:
     """Probabilities, and of each sample whether it was armed, masked, registered, an event: a
     monitor that is armed after a while, and hears its own closing now and then."""
     rng = np.random.default_rng(seed)
-    monitor = SlipMonitor(make_rule(settings, 3), SlipSettings())
+    monitor = SlipMonitor(DecisionRule(settings, 3), SlipSettings())
     level = np.repeat(rng.uniform(-3.0, 3.0, SAMPLES // 20), 20)
     p = 1.0 / (1.0 + np.exp(-(level[:, None] + rng.normal(0.0, 1.0, (SAMPLES, 3)))))
     status = []

@@ -4,16 +4,15 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivers.robotiq.emulator.pdu import WireFaults
-from drivers.ur.emulator.controller import Controller
-from drivers.ur.emulator.settings import PROFILES
+from drivers.robotiq.emulator import WireFaults
+from drivers.ur.emulator.controller import PROFILES, Controller
 from scenarios.rigs.cell_faults import KNOWN, CellFaults
 
 
 class Gripper:
     def __init__(self) -> None:
         self.faults = WireFaults()
-        self.hand = Mock()
+        self.model = Mock()
 
 
 def arm(profile: str) -> Mock:

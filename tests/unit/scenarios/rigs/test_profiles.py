@@ -23,5 +23,7 @@ def test_the_paper_s_profile_never_gives_up_at_the_cap() -> None:
     result = lift.run(paper("energy.threshold_counts=0.3"), 0, None).result
     assert result is not None
     assert result.outcome not in ("cap_reached", "alarm_stayed")
-    assert phases_but_landing(result)[-4:] == ["lower", "release", "retreat", "done"]
+    assert phases_but_landing(result)[-4:] == [
+        "lower.descend", "release.open", "release.retreat", "done.set_down",
+    ]  # fmt: skip
     assert result.alarm_stayed

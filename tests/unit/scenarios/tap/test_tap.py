@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from grasp.loop import Issued, Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
@@ -164,7 +164,7 @@ def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
 
 def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_path: Path) -> None:
     def press_ctrl_c(tick: Tick) -> None:
-        if tick.decision.phase is Phase.HOLD:
+        if tick.decision.state is State.HOLD:
             raise KeyboardInterrupt
 
     ended = list(tap.run_series(config(), range(3), Bench(tmp_path, on_tick=press_ctrl_c)))

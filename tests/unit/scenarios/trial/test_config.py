@@ -42,7 +42,10 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
     value = getattr(part, key)  # what a setting is said to be is not checked here
     if isinstance(value, dict):
         return replace(config, **{section: replace(part, **{key: {**value, "mine": 1}})})
-    other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
+    if section == "board":
+        other = value[::-1]  # the configuration counts its cells
+    else:
+        other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
     return replace(config, **{section: replace(part, **{key: other})})
 
 
@@ -64,7 +67,7 @@ def test_what_can_change_a_result_changes_the_hash_and_nothing_else_does() -> No
 
 def test_no_address_no_name_of_a_file_and_no_text_for_people_is_covered() -> None:
     for key in (
-        "modbus.host", "modbus.port", "modbus.unit", "modbus.serial_port", "modbus.slave",
+        "modbus.host", "modbus.port", "modbus.serial_port", "modbus.slave",
         "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name",
         "object.description",
     ):  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from drivers.errors import LinkLost
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import (
     LOOK,
@@ -41,7 +41,7 @@ def cut_everything(rig: Rig) -> None:
     silence_fingertips(rig)
 
 
-def ended(phase: Phase, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Staged, End]:
+def ended(phase: State, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Staged, End]:
     staged = Staged(*QUICK)
     trial = staged.run(in_phase(phase, 5), act)
     end = trial.end(staged.config)
@@ -50,7 +50,7 @@ def ended(phase: Phase, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Stag
 
 
 def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
-    trial, staged, end = ended(Phase.LIFT, interrupt)
+    trial, staged, end = ended(State.LIFT, interrupt)
     assert end.arm == "the arm stands"
     assert end.hand.startswith("the hand is closed")
     assert "N measured at finger" in end.hand
@@ -64,13 +64,13 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
 @pytest.mark.parametrize(
     ("phase", "act"),
     [
-        (Phase.LOWER, freeze_gripper_status),
-        (Phase.GRASP, let_finger_b_leap),
-        (Phase.HOLD, zero_gripper_status),
+        (State.DESCEND, freeze_gripper_status),
+        (State.BRACE, let_finger_b_leap),
+        (State.HOLD, zero_gripper_status),
     ],
 )
 def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
-    phase: Phase, act: Callable[[Rig], None]
+    phase: State, act: Callable[[Rig], None]
 ) -> None:
     trial, _, end = ended(phase, act)
     assert "gripper_" in trial.controller.fault_cause
@@ -79,7 +79,7 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
 
 
 def test_every_device_that_is_gone_is_named() -> None:
-    trial, staged, end = ended(Phase.LIFT, cut_everything)
+    trial, staged, end = ended(State.LIFT, cut_everything)
     failure = trial.failure(staged.config)
     assert failure is not None
     for word in ("gripper: no answer", "link to the arm lost", "the tactile board"):
@@ -94,6 +94,6 @@ def test_every_device_that_is_gone_is_named() -> None:
 
 def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
-        trial, _, _ = ended(Phase.HOLD, act)
+        trial, _, _ = ended(State.HOLD, act)
         told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act

@@ -12,8 +12,8 @@ from grasp.controller import GraspController
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
 from grasp.recording import RunRecorder
+from grasp.states import AIRBORNE_STATES, State
 from scenarios.trial.replay import replay_run
 from scenarios.world.cell import SimulatedCell
 from tests.unit.scenarios.conftest import Staged, config, in_phase
@@ -50,7 +50,7 @@ def plant(
 
 
 def staged(
-    patch: pytest.MonkeyPatch, place: str, phase: Phase
+    patch: pytest.MonkeyPatch, place: str, phase: State
 ) -> tuple[Staged, Any, SimulatedCell]:
     begin = plant(patch, *PLACES[place])
     lift = Staged(*QUICK)
@@ -66,7 +66,7 @@ def staged(
 CASES = [
     (place, phase)
     for place in PLACES
-    for phase in (Phase.GRASP, Phase.LIFT)
+    for phase in (State.BRACE, State.LIFT)
     # without a folder there is no recorder
     if place != "recorder"
 ]
@@ -74,7 +74,7 @@ CASES = [
 
 @pytest.mark.parametrize(("place", "phase"), CASES)
 def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
-    place: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+    place: str, phase: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift, trial, cell = staged(monkeypatch, place, phase)
     result = lift.result(trial)
@@ -88,9 +88,9 @@ def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
     truth = cell.truth()
     assert cell.arm.velocity(truth.t_ns) == (0.0, 0.0, 0.0)
     assert max(truth.peak_n) < 11.0
-    if phase in AIRBORNE_PHASES and place != "guard":  # without it nothing may close
+    if phase in AIRBORNE_STATES and place != "guard":  # without it nothing may close
         assert truth.normal_n[0] > 8.0
-    elif phase in AIRBORNE_PHASES:
+    elif phase in AIRBORNE_STATES:
         assert truth.touched
     failure = trial.failure(lift.config)
     assert failure is not None and failure.kind == "internal"
@@ -125,7 +125,7 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
         begin()
         refuse_once(monkeypatch, rig, refused)
 
-    trial = lift.run(in_phase(Phase.LIFT, 5), act)
+    trial = lift.run(in_phase(State.LIFT, 5), act)
     result = lift.result(trial)
     assert refused and result.end is not None and result.end.unreached == ()
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
@@ -137,7 +137,7 @@ def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state
     from scenarios.lift.lift import lift
 
     def on_tick(tick: Tick) -> None:
-        if tick.decision.phase is Phase.LIFT:
+        if tick.decision.state is State.LIFT:
             raise LookupError("no screen")
 
     finished = lift.run(config(*QUICK), 0, tmp_path, on_tick=on_tick)

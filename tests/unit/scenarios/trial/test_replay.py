@@ -69,9 +69,12 @@ INSIDE = {
     "the detector is reset no more": ("detector.network.StreamingNetwork.reset", only_at_first),
     "the guard is never anchored": ("grasp.guard.ForceGuard.anchor", lambda self, *a: None),
     "the guard lets all through": ("grasp.guard.ForceGuard.admit", lambda self, c, *a: c),
-    "own closing is not masked": ("grasp.slip.SlipMonitor.closing", lambda self, t_ns: None),
+    "own closing is not masked": (
+        "grasp.slip_monitor.SlipMonitor.closing",
+        lambda self, t_ns: None,
+    ),
     "force is not measured": ("grasp.guard.ForceGuard.measured_n", lambda self, c: (0.0, 0.0, 0.0)),
-    "the monitor is never armed": ("grasp.slip.SlipMonitor.arm", lambda self: None),
+    "the monitor is never armed": ("grasp.slip_monitor.SlipMonitor.arm", lambda self: None),
 }
 
 

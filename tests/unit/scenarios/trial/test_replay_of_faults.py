@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.states import State
 from scenarios.lift.lift import lift
 from scenarios.rigs import simulated
 from scenarios.rigs.rig import Rig
@@ -23,7 +23,7 @@ def test_a_run_that_ended_in_a_doubt_is_replayed_to_the_same_end(
 ) -> None:
     rigs: list[Rig] = []
     monkeypatch.setattr(simulated, "Rig", lambda *a, **k: rigs.append(Rig(*a, **k)) or rigs[-1])
-    now, left = in_phase(Phase.LIFT, 5), [act]
+    now, left = in_phase(State.LIFT, 5), [act]
 
     def strike(tick: Tick) -> None:
         if left and now(tick):

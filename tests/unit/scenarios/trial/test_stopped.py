@@ -11,7 +11,7 @@ from drivers.interfaces import Detection
 from grasp import interruption
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
-from grasp.phases import END_PHASES, SAFE_PHASES, Phase
+from grasp.states import END_STATES, SAFE_STATES, State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftResult
 from scenarios.trial.replay import replay_run
@@ -20,15 +20,13 @@ from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, Staged, 
 from tests.unit.scenarios.lift.device_faults import interrupt
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
-PHASES = [
-    p for p in Phase if p not in SAFE_PHASES | END_PHASES | {Phase.IDLE, Phase.HOME, Phase.SQUEEZE}
-]
+PHASES = [p for p in State if p not in SAFE_STATES | END_STATES | {State.START, State.HOME}]
 
 
-def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
+def signal_in(phase: State, *numbers: signal.Signals) -> Callable[[Tick], None]:
     """Raises the signals, one a tick, from some ticks into a phase on."""
     due = list(numbers)
-    met = in_phase(phase, 3 if phase is not Phase.REST else 0)
+    met = in_phase(phase, 3 if phase is not State.TARE else 0)
     ticks: list[Tick] = []
 
     def on_tick(tick: Tick) -> None:
@@ -42,7 +40,7 @@ def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
 
 def stopped_lift(
     runs: Path | None,
-    phase: Phase,
+    phase: State,
     *numbers: signal.Signals,
     settings: tuple[str, ...] = QUICK,
 ) -> tuple[FinishedRun[LiftResult], list[Tick]]:
@@ -54,17 +52,17 @@ def stopped_lift(
 
 def test_interruption_in_any_phase_leaves_a_standing_arm() -> None:
     for phase in PHASES:
-        stands = phase in (Phase.TOUCH, Phase.PROBE)  # phases of a lift that was searched for
+        stands = phase is State.FEEL  # of a lift that was searched for
         settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if stands else QUICK
         staged = Staged(*settings)
-        trial = staged.run(in_phase(phase, 0 if phase is Phase.REST else 3), interrupt)
+        trial = staged.run(in_phase(phase, 0 if phase is State.TARE else 3), interrupt)
         assert trial.interrupted, phase
-        assert [c.phase for c in trial.controller.machine.log][-2:] == [phase, Phase.STOPPED]
+        assert [c.phase for c in trial.controller.machine.log][-2:] == [phase, State.STOPPED]
         assert not staged.ticks[-1].arm.moving, phase
 
 
-@pytest.mark.parametrize("phase", [Phase.GRASP, Phase.LOWER])
-def test_signal_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> None:
+@pytest.mark.parametrize("phase", [State.BRACE, State.DESCEND])
+def test_signal_ends_the_run_without_a_verdict(phase: State, tmp_path: Path) -> None:
     finished, ticks = stopped_lift(tmp_path, phase, signal.SIGTERM)
     result = finished.result
     assert result is not None and finished.failure is not None
@@ -82,20 +80,20 @@ def test_signal_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> 
 
 
 def test_answer_to_slip_that_has_begun_is_finished() -> None:
-    _, ticks = stopped_lift(None, Phase.COMPENSATE, signal.SIGHUP)
+    _, ticks = stopped_lift(None, State.COMPENSATE, signal.SIGHUP)
     last = ticks[-1]
-    assert last.decision.phase is Phase.STOPPED
+    assert last.decision.state is State.STOPPED
     assert last.gripper.fingers[0].detection is Detection.CONTACT_CLOSING
     assert not last.arm.moving
 
 
 @pytest.mark.parametrize(
     ("phase", "settings"),
-    [(Phase.COMPENSATE, (*QUICK, 'controller.closing="constant"')), (Phase.LOWER, QUICK)],
+    [(State.COMPENSATE, (*QUICK, 'controller.closing="constant"')), (State.DESCEND, QUICK)],
 )
-def test_grip_is_kept_as_it_is(phase: Phase, settings: tuple[str, ...]) -> None:
+def test_grip_is_kept_as_it_is(phase: State, settings: tuple[str, ...]) -> None:
     _, ticks = stopped_lift(None, phase, signal.SIGHUP, settings=settings)
-    stopped = [t for t in ticks if t.decision.phase is Phase.STOPPED]
+    stopped = [t for t in ticks if t.decision.state is State.STOPPED]
     assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)
     before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions
     assert all(b >= a for a, b in zip(before, after, strict=True))

@@ -7,9 +7,8 @@ from contextlib import nullcontext
 
 import pytest
 
-from drivers.ur.emulator.controller import Controller, RuntimeState
+from drivers.ur.emulator.controller import Controller, EmulatorSettings, RuntimeState
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world.cell import SimulatedCell
@@ -29,7 +28,7 @@ class World:
         self.cell, self.now_ns = cell, 0
         x, y, z = cell.arm.position(0)
         settings = EmulatorSettings(host="127.0.0.2", start_m=(x, y, z))
-        self.motion = RobotMotion(settings, cell.arm, nullcontext(), 0)
+        self.motion = RobotMotion(CYCLE_NS * 1e-9, cell.arm, nullcontext(), 0)
         self.controller = Controller(settings, self.motion, 0)
         self.seen: list[tuple[int, tuple[float, float, float]]] = []  # by whoever looks
         self.told: list[tuple[int, tuple[float, float, float]]] = []  # by the controller

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.emulator import GripperEmulator
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from tests.wire.drivers.robotiq.rig import QUICK, Client, FastClock, Served, with_objects
 

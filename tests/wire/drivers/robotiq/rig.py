@@ -7,13 +7,13 @@ import numpy as np
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import GripperEmulator
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport, TimedTransport
-from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.emulator import GripperEmulator
+from drivers.robotiq.link import ThreadedGripper
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from tests.calibrations import PAPER
 
-QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
+QUICK = HandSettings(activation_s=0.1)
 PATIENT_S = 60.0  # nothing here takes long; a loaded machine may
 TIMEOUT_S = 1.0  # long enough for a reply on a loaded machine
 TOUCH_M = 0.03
@@ -51,10 +51,11 @@ class Client:
 
     def __init__(self, emulator: GripperEmulator, **settings: object) -> None:
         host, port = emulator.address
-        where = {"host": host, "port": port, "timeout_s": TIMEOUT_S, "reconnect_s": 0.02}
-        self.transport = ModbusTransport(ModbusSettings(**{**where, **settings}))
-        self.timed = TimedTransport(self.transport, time.monotonic_ns)
-        self.driver = RobotiqDriver(self.timed, DriverSettings(), PAPER)
+        where = {"host": host, "port": port, "timeout_s": TIMEOUT_S}
+        self.transport = ModbusTransport(ModbusSettings(**{**where, **settings}), reconnect_s=0.02)
+        self.driver = RobotiqDriver(
+            self.transport, DriverSettings(), PAPER, clock=time.monotonic_ns
+        )
         self.errors: list[Exception] = []
 
     @property
@@ -82,7 +83,7 @@ class Client:
         self.pump_until(lambda: self.state.at_rest)
 
     def threaded(self, period_s: float = 0.01) -> ThreadedGripper:
-        return ThreadedGripper(self.driver, period_s, timed=self.timed, close=self.transport.close)
+        return ThreadedGripper(self.driver, period_s, close=self.transport.close)
 
     def close(self) -> None:
         self.transport.close()

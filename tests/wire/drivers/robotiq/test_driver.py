@@ -6,8 +6,8 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Trouble, WireFault
-from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.emulator import Trouble, WireFault
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S
 
@@ -144,8 +144,8 @@ def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
 
 
 def test_nobody_there() -> None:
-    settings = ModbusSettings(host="127.0.0.1", port=1, reconnect_s=0.5)
-    transport = ModbusTransport(settings)
+    settings = ModbusSettings(host="127.0.0.1", port=1)
+    transport = ModbusTransport(settings, reconnect_s=0.5)
     driver = RobotiqDriver(transport, DriverSettings(), PAPER)
     for _ in range(3):
         with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1") as lost:

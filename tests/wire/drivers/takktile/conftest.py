@@ -11,7 +11,7 @@ import pytest
 import usb.core
 
 from drivers.takktile.emulator.server import BoardServer, backend
-from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.link import UsbLink
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 
 PATIENCE_S = 60.0  # for what must come at last, on a machine however busy

@@ -7,7 +7,7 @@ import usb.core
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.takktile.emulator.bus import EmulatedBus
-from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.link import UsbLink
 from drivers.takktile.protocol import UsbRequest
 
 

@@ -13,7 +13,7 @@ import msgspec
 from grasp.cli.exits import code_of
 from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.states import AIRBORNE_STATES, State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, lift
 from scenarios.rigs.opening import open_rig
@@ -37,8 +37,8 @@ STANDING_MPS = 1e-3
 ON_TABLE_M = 1e-3
 
 PHASES = (
-    Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER,
-    Phase.RELEASE,
+    State.SHAPE, State.BRACE, State.LIFT, State.COMPENSATE, State.HOLD, State.DESCEND,
+    State.OPEN,
 )  # fmt: skip
 
 
@@ -125,7 +125,7 @@ class Row(msgspec.Struct, kw_only=True):
     problems: list[str] = []
 
 
-def run(fault: str, phase: Phase, monkeypatch: Any) -> Row:
+def run(fault: str, phase: State, monkeypatch: Any) -> Row:
     """Judge one run."""
     with monkeypatch.context() as patch:
         return Staged(fault, phase).run(patch)
@@ -134,7 +134,7 @@ def run(fault: str, phase: Phase, monkeypatch: Any) -> Row:
 class Staged:
     """One run: strikes at the first tick of a phase, watches what is sent, looks afterwards."""
 
-    def __init__(self, fault: str, phase: Phase) -> None:
+    def __init__(self, fault: str, phase: State) -> None:
         self.fault = FAULTS[fault]
         self.phase = phase
         self.row = Row(fault=fault, phase=phase.value)
@@ -143,7 +143,7 @@ class Staged:
         ).for_lift()
         self._rig: Rig | None = None
         self.struck = False
-        self._last = self._before = Phase.IDLE  # the safe state
+        self._last = self._before = State.START  # the safe state
         self._failed_ns: int | None = None
         self._sent: list[tuple[Any, str]] = []  # commands of the safe state, and why refused
         self._looks: list[tuple[Truth, dict[str, Any]]] = []
@@ -193,13 +193,13 @@ class Staged:
         return self._cell.truth(), state
 
     def _tick(self, tick: Tick) -> None:
-        self._last = tick.decision.phase
-        if self._last is not Phase.FAULT:
+        self._last = tick.decision.state
+        if self._last is not State.FAULT:
             self._before = self._last
         if self._last is self.phase and not self.struck:
             self.struck = True
             self._cell.control.ask("fault", **self.fault.request)
-        if self._last is Phase.FAULT and self._failed_ns is None:
+        if self._last is State.FAULT and self._failed_ns is None:
             self._failed_ns = tick.t_ns
         if self._failed_ns is not None:
             self._sent += [
@@ -249,19 +249,19 @@ class Staged:
         row.problems = [problem for problem, well in checks.items() if not well]
 
     def _safe_hands(self) -> tuple[str, ...]:
-        told = "closes" if self._before in AIRBORNE_PHASES else "stays"
+        told = "closes" if self._before in AIRBORNE_STATES else "stays"
         if self.fault.gripper_obeys:
             return (told,)
         return (told, "not told", "refuses")
 
     def _object_safe(self) -> bool:
         """A hand that is closed to the limit before it was struck holds whether it obeys or not."""
-        if self.phase is Phase.HOLD:
+        if self.phase is State.HOLD:
             return self.row.object.startswith("held")
-        if self.phase is Phase.RELEASE:
+        if self.phase is State.OPEN:
             return self.row.object.startswith("on the table")
-        if self.phase is Phase.LOWER or (
-            self.phase in AIRBORNE_PHASES and self.fault.gripper_obeys
+        if self.phase is State.DESCEND or (
+            self.phase in AIRBORNE_STATES and self.fault.gripper_obeys
         ):
             return self.row.object.startswith(("held", "on the table, gripped"))
         return True

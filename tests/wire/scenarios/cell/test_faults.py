@@ -3,15 +3,15 @@ phase are in tests/nightly, and in virtual time in tests/unit/scenarios/lift/tes
 
 import pytest
 
-from grasp.phases import Phase
+from grasp.states import State
 from tests.wire.scenarios.cell.staged import run
 
 
 @pytest.mark.parametrize(
-    ("fault", "phase"), [("protective-stop", Phase.LIFT), ("fingertips-unplugged", Phase.GRASP)]
+    ("fault", "phase"), [("protective-stop", State.LIFT), ("fingertips-unplugged", State.BRACE)]
 )
 def test_fault_ends_in_the_safe_state(
-    fault: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+    fault: str, phase: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = run(fault, phase, monkeypatch)
     assert not row.problems, row

@@ -9,7 +9,7 @@ import pytest
 from detector.recordings import Recording, write
 from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import make
-from scenarios.acquire.datasets.grasped import as_felt
+from scenarios.acquire.datasets.causes import as_felt
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
 
 SETS = config_dir() / "datasets"

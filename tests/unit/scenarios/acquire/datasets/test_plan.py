@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.settings import config_dir
-from scenarios.acquire.datasets.grasped import GRASPED, lift_config
+from scenarios.acquire.datasets.causes import GRASPED, lift_config
 from scenarios.acquire.datasets.plan import (
     SEEDS,
     Job,

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Trouble, WireFault
+from drivers.robotiq.emulator import Trouble, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
@@ -69,7 +69,7 @@ def without_repeats(images: list[bytes]) -> list[bytes]:
 
 def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
     served = serve(active=False)
-    model = served.emulator.hand.model
+    model = served.emulator.model
     with connect(served).threaded() as gripper:
 
         def rest() -> None:
@@ -87,9 +87,7 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         assert not gripper.state.fresh, "from the verb on"
         until(lambda: len(served.writes) == 1)
         until(lambda: len(gripper.acknowledgements_ns) == 1)
-        assert gripper.statistics.woken >= 1
-        assert len(gripper.statistics.pumps_ns) >= 2
-        assert min(gripper.statistics.pumps_ns) > 0
+        assert gripper.pumps >= 2
 
 
 def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
@@ -126,7 +124,7 @@ def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
 def test_a_fault_is_raised_once(serve, connect) -> None:
     served = serve()
     with connect(served).threaded() as gripper:
-        served.emulator.hand.inject_fault(0x0D)
+        served.emulator.inject_fault(0x0D)
         until(lambda: gripper.state.fault == 0x0D)
         with pytest.raises(DeviceFault):
             until(lambda: gripper.pump(0))

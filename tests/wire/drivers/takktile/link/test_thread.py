@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import TactileSensor
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.link.thread import ReadingThread
+from drivers.takktile.link import ReadingThread
 from drivers.takktile.settings import TakkTileSettings
 from tests.wire.drivers.takktile.conftest import PATIENCE_S, Bench, eventually
 

@@ -2,9 +2,13 @@
 
 from contextlib import nullcontext
 
-from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
+from drivers.ur.emulator.controller import (
+    Controller,
+    EmulatorSettings,
+    RuntimeState,
+    SafetyMode,
+)
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 PERIOD_NS = 8_000_000
@@ -16,8 +20,8 @@ class Bench:
 
     def __init__(self):
         settings = EmulatorSettings(host="127.0.0.2")
-        self.arm = ArmModel(ArmModelSettings(command_latency_s=0.0), 0)
-        self.motion = RobotMotion(settings, self.arm, nullcontext(), 0)
+        self.arm = ArmModel(ArmModelSettings(), 0, command_latency_s=0.0)
+        self.motion = RobotMotion(PERIOD_NS * 1e-9, self.arm, nullcontext(), 0)
         self.controller = Controller(settings, self.motion, 0)
         self.now_ns = 0
 

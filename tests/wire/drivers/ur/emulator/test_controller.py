@@ -6,11 +6,10 @@ import threading
 
 import pytest
 
-from drivers.ur.emulator.controller import RuntimeState, SafetyMode
-from drivers.ur.emulator.faults import FaultChannel
-from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.controller import EmulatorSettings, RuntimeState, SafetyMode
+from drivers.ur.emulator.dashboard import FaultChannel
 from drivers.ur.emulator.rtde import RtdeServer
-from drivers.ur.emulator.settings import EmulatorSettings
+from drivers.ur.emulator.server import UrEmulator
 from drivers.ur.model import ArmModel, ArmModelSettings
 from tests.wire.cases import case
 from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench
@@ -65,23 +64,6 @@ def test_bad_arguments_end_the_program_and_nothing_moves(bench):
             assert bench.controller.script_errors == 1, bench.last
             assert bench.controller.runtime_state is RuntimeState.STOPPED
             assert math.dist(bench.motion.position, (0.5, 0.1, 0.3)) < 1e-9
-
-
-def test_program_that_plays_is_paused_where_it_stands_and_goes_on_from_there(bench):
-    assert not bench.controller.pause_program()
-    assert "no program plays" in bench.last
-    bench.run("i = 0\nwhile True:\n i = i + 1\n write_output_integer_register(5, i)\n sync()\n end")
-    bench.cycles(10)
-    counted = bench.controller.registers.values["output", "int"]
-    assert bench.controller.pause_program()
-    assert bench.controller.runtime_state is RuntimeState.PAUSED
-    paused_at = counted[5]
-    bench.cycles(10)
-    assert counted[5] == paused_at > 0
-    assert not bench.controller.pause_program()
-    assert bench.controller.resume_program()
-    bench.cycles(5)
-    assert counted[5] == paused_at + 5
 
 
 def test_stop_by_the_world_is_a_protective_stop(bench):

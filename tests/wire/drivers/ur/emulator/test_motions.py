@@ -83,14 +83,14 @@ def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
 
 def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does(bench):
     """0.1 m at 0.25 m/s, slowed down to two fifths after 0.2 s, and let go on after another 2."""
-    virtual = ArmModel(ArmModelSettings(command_latency_s=0.0), 0)
+    virtual = ArmModel(ArmModelSettings(), 0, command_latency_s=0.0)
     bench.run(f"movel(p[0.5, 0.1, 0.4, {DOWN}], a=1.2, v=0.25)")
     until = bench.now_ns + PERIOD_NS
     virtual.move_l((0.5, 0.1, 0.4), 0.25, 1.2, until)
     for cycles, fraction in ((25, 0.4), (12, 0.0), (250, 1.0)):
         bench.cycles(cycles)
         virtual.turn_slider(fraction, bench.now_ns)
-        bench.controller.ports.set_speed(fraction)
+        bench.controller.set_speed(fraction)
     places, told = [], []
     for _ in range(60):
         bench.cycles(1)

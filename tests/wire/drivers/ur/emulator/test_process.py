@@ -77,7 +77,7 @@ def refused(*arguments):
 
 def test_what_it_cannot_be_is_refused_in_one_line(emulator):
     assert f"cannot listen on {emulator.host}" in refused("--host", emulator.host)
-    assert "fault_port" in refused("--host", "127.0.0.2", "--fault-port", "70000")
+    assert "fault-port" in refused("--host", "127.0.0.2", "--fault-port", "70000")
 
 
 def test_ends_when_its_parent_dies(emulate):

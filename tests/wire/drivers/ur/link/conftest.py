@@ -20,18 +20,13 @@ _NUMBERS = itertools.count(1)
 TARGET = (0.5, 0.1, 0.4, 3.1, 0.0, 0.0)
 SETUP = messages.Setup(
     host="127.0.0.2",
-    frequency_hz=125.0,
     tcp_offset=(0.0,) * 6,
     payload_kg=2.6,
     cog_m=(0.0, 0.0, 0.05),
     watchdog_hz=10.0,
     heartbeat_timeout_s=0.2,
     link_timeout_s=1.0,
-    standing_below_mps=0.001,
-    standing_below_radps=0.005,
-    brake_again_s=0.2,
     leave_timeout_s=2.0,
-    start_timeout_s=15.0,
     client_pid=os.getppid(),  # of what runs in this process
 )
 

@@ -1,0 +1,336 @@
+"""The emulated gripper: the model behind Modbus TCP, or RTU on a pseudo-terminal.
+
+Frames are cut and built by pymodbus, as in the driver; what registers mean is written twice, here
+in ``model`` and there in ``protocol``, so that a mistake of one cannot hide in the other. Sources:
+Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
+"""
+
+import os
+import select
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from enum import Enum
+from typing import Any, Final, Self
+
+import msgspec
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import ModbusIOException
+from pymodbus.framer import FRAMER_NAME_TO_CLASS, FramerType
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersResponse,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersResponse,
+)
+
+from drivers.robotiq.model.gripper import FIRST_REGISTERS, GripperModel, HandSettings
+from drivers.robotiq.model.hand import WORDS
+
+SLAVE: Final = 9  # the one number that is answered over RTU, manual p. 59
+_FUNCTION_AT: Final = 7  # in a TCP frame, after transaction, protocol, length and unit
+_MOST_BYTES: Final = 4096
+_SILENCE_S: Final = 0.05  # ends a serial frame that is not whole; far above 3.5 characters
+_JOIN_S: Final = 5.0
+
+Guard = AbstractContextManager[object]  # a lock of any kind
+OnFrame = Callable[[bytes], None]
+
+
+class Trouble(Enum):
+    """What happens to a request that is hit."""
+
+    DROP = "drop"  # carried out, never answered
+    DELAY = "delay"  # carried out, answered ``seconds`` later
+    GARBLE = "garble"  # carried out, answered with a damaged frame
+    SPLIT = "split"  # answered one byte at a time, ``seconds`` apart
+    DISCONNECT = "disconnect"  # connection closed instead; RTU: not carried out, no answer
+    EXCEPTION = "exception"  # not carried out, answered with exception ``code``; RTU: no answer
+    FREEZE = "freeze"  # this and all that follow wait ``seconds``, then are carried out
+    DEVICE_FAULT = "device_fault"  # the hand shows fault ``code`` from the next refresh on
+
+
+class WireFault(msgspec.Struct, frozen=True, kw_only=True):
+    """One planned trouble: it hits requests that meet all its conditions."""
+
+    trouble: Trouble | None
+    function: int | None = None  # requests with this function; None: all
+    from_ns: int = 0  # not before this time of the emulator's clock
+    skip: int = 0  # spare so many requests first
+    times: int = 1  # then hit so many
+    seconds: float = 0.0  # of a delay or a freeze, or between bytes
+    code: int = 4  # of an exception, or of a fault of the hand
+
+
+_NO_FAULT: Final = WireFault(trouble=None)
+
+
+class WireFaults:
+    """The plan. Any thread may add to it; a request takes the first fault that hits it."""
+
+    def __init__(self) -> None:
+        self._planned: list[tuple[WireFault, list[int]]] = []  # with what is left to skip and hit
+        self._lock = threading.Lock()
+
+    def add(self, fault: WireFault) -> None:
+        with self._lock:
+            self._planned.append((fault, [fault.skip, fault.times]))
+
+    def take(self, function: int, now_ns: int) -> WireFault:
+        """The fault that hits a request."""
+        with self._lock:
+            for fault, left in self._planned:
+                if now_ns < fault.from_ns or fault.function not in (None, function):
+                    continue
+                if left[0]:
+                    left[0] -= 1
+                    continue
+                left[1] -= 1
+                self._planned = [each for each in self._planned if each[1][1]]
+                return fault
+        return _NO_FAULT
+
+
+class _Disconnect(Exception):
+    """The connection is to be closed."""
+
+
+class _Emulator:
+    """A hand behind a wire, served by threads.
+
+    ``model`` may be settings of a hand of its own, or a model that somebody else moves on: then
+    ``lock`` guards it and ``advance(now_ns)``, called with the lock held, brings it to a time.
+    ``clock`` gives the monotonic nanoseconds of the model.
+    """
+
+    link = "tcp"
+    framer = FramerType.SOCKET
+    read_reply: type[ModbusPDU] = ReadInputRegistersResponse
+
+    def __init__(
+        self,
+        model: GripperModel | HandSettings,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+        lock: Guard | None = None,
+        advance: Callable[[int], None] | None = None,
+        on_frame: OnFrame = lambda frame: None,
+    ) -> None:
+        if isinstance(model, HandSettings):
+            model = GripperModel(model, clock())
+        self.model = model
+        self._clock = clock
+        self._lock: Guard = lock if lock is not None else threading.Lock()
+        self._advance = advance if advance is not None else model.advance
+        self._command, self._status = FIRST_REGISTERS[self.link]
+        self.faults = WireFaults()
+        self.requests = 0
+        self._on_frame = on_frame
+        self._framer = FRAMER_NAME_TO_CLASS[self.framer](DecodePDU(True))
+        self._frozen_until_s = 0.0
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="gripper-emulator")
+
+    def start(self) -> Self:
+        """Returns when the wire is open. Raises OSError when the port is taken."""
+        self._open()
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        if self._thread.is_alive():
+            self._ending.set()
+            self._shut()
+            self._thread.join(_JOIN_S)
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def inject_fault(self, code: int) -> None:
+        """The hand shows a fault from the next refresh on; 0 takes it back."""
+        with self._lock:
+            self._advance(self._clock())
+            self.model.inject_fault(code)
+
+    def _open(self) -> None: ...
+
+    def _shut(self) -> None: ...
+
+    def _run(self) -> None: ...
+
+    def _cut(self, received: bytes) -> tuple[ModbusPDU | None, bytes, bytes]:
+        """The first request among the bytes, its frame, and the bytes that are left."""
+        used, request = self._framer.handleFrame(received, 0, 0)
+        return request, received[:used], received[used:]
+
+    def _serve(self, frame: bytes, request: ModbusPDU, send: OnFrame) -> None:
+        """Carry out one request and answer it, or do what is planned instead."""
+        fault = self.faults.take(request.function_code, self._clock())
+        if fault.trouble is Trouble.FREEZE:
+            self._frozen_until_s = time.monotonic() + fault.seconds
+        while (left_s := self._frozen_until_s - time.monotonic()) > 0.0:
+            if self._ending.wait(left_s):
+                return
+        self.requests += 1
+        self._on_frame(frame)
+        if fault.trouble is Trouble.DISCONNECT:
+            raise _Disconnect
+        if fault.trouble is Trouble.DEVICE_FAULT:
+            self.inject_fault(fault.code)
+        if fault.trouble is Trouble.EXCEPTION:
+            reply: ModbusPDU = ExceptionResponse(request.function_code, fault.code)
+        else:
+            reply = self._answer(request)
+        self._send(self._framed(reply, request.dev_id, request.transaction_id), fault, send)
+
+    def _answer(self, request: ModbusPDU) -> ModbusPDU:
+        """The reply to a read (function 4, over RTU 3) or a write (16)."""
+        function, count = request.function_code, request.count
+        reads = function == self.read_reply.function_code
+        first = request.address - (self._status if reads else self._command)
+        if not reads and function != 16:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_FUNCTION)
+        if not reads and not 0 < count == len(request.registers):
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_VALUE)
+        if first < 0 or first + count > WORDS:
+            return ExceptionResponse(function, ExcCodes.ILLEGAL_ADDRESS)
+        with self._lock:
+            now_ns = self._clock()
+            self._advance(now_ns)
+            if reads:
+                return self.read_reply(registers=self.model.read(now_ns)[first : first + count])
+            self.model.write(first, request.registers, now_ns)
+        return WriteMultipleRegistersResponse(address=request.address, count=count)
+
+    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+        reply.dev_id, reply.transaction_id = dev_id, transaction
+        return self._framer.buildFrame(reply)
+
+    def _send(self, reply: bytes, fault: WireFault, send: OnFrame) -> None:
+        if fault.trouble is Trouble.DELAY:
+            later = threading.Timer(fault.seconds, send, (reply,))
+            later.daemon = True
+            later.start()
+        elif fault.trouble is Trouble.SPLIT:
+            for at in range(len(reply)):
+                send(reply[at : at + 1])
+                self._ending.wait(fault.seconds)
+        elif fault.trouble is Trouble.GARBLE:
+            send(bytes(255 - byte for byte in reply))
+        elif fault.trouble is not Trouble.DROP:
+            send(reply)
+
+
+class GripperEmulator(_Emulator):
+    """On a TCP port, 0 for a free one. Every unit number is answered, as the hardware does."""
+
+    def __init__(
+        self,
+        model: GripperModel | HandSettings,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        **more: Any,
+    ) -> None:
+        """``more``: the arguments of every emulator."""
+        super().__init__(model, **more)
+        self.address = (host, port)
+        self._clients: dict[socket.socket, threading.Thread] = {}
+
+    def _open(self) -> None:
+        self._listener = socket.create_server(self.address)
+        self.address = self._listener.getsockname()[:2]
+
+    def _shut(self) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+
+    def disconnect(self) -> None:
+        """Drop every client, as a pulled plug that is put back at once; from any thread."""
+        for client in list(self._clients):
+            with suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+
+    def _run(self) -> None:
+        with self._listener:
+            while not self._ending.is_set():
+                with suppress(OSError):
+                    client, _ = self._listener.accept()
+                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    thread = threading.Thread(target=self._talk, args=(client,), daemon=True)
+                    self._clients[client] = thread
+                    thread.start()
+        self.disconnect()
+        for thread in list(self._clients.values()):
+            thread.join(_JOIN_S)
+
+    def _talk(self, client: socket.socket) -> None:
+        def send(data: bytes) -> None:
+            with suppress(OSError):  # gone
+                client.sendall(data)
+
+        received = b""
+        with client, suppress(OSError, _Disconnect):
+            while data := client.recv(_MOST_BYTES):
+                received = self._serve_all(received + data, send)
+        del self._clients[client]
+
+    def _serve_all(self, received: bytes, send: OnFrame) -> bytes:
+        """Answer every whole request; returns the bytes that are left."""
+        while len(received) > _FUNCTION_AT:
+            if received[2:4] != b"\0\0":
+                raise _Disconnect  # no header of Modbus: what follows cannot be told apart
+            try:
+                request, frame, left = self._cut(received)
+            except ModbusIOException as error:
+                function = received[_FUNCTION_AT]
+                code = ExcCodes.ILLEGAL_VALUE if function in (4, 16) else ExcCodes.ILLEGAL_FUNCTION
+                reply = ExceptionResponse(function, code)
+                send(self._framed(reply, error.dev_id, error.transaction_id))
+                return b""
+            if request is None:
+                break
+            self._serve(frame, request, send)
+            received = left
+        return received
+
+
+class RtuEmulator(_Emulator):
+    """On a pseudo-terminal whose name is ``port``. Errors are answered by silence, manual p. 59."""
+
+    link = "rtu"
+    framer = FramerType.RTU
+    read_reply = ReadHoldingRegistersResponse
+    port = ""
+
+    def _open(self) -> None:
+        self._master, self._slave = os.openpty()  # our end of the slave keeps the line open
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+
+    def _run(self) -> None:
+        received = b""
+        while not self._ending.is_set():
+            if not select.select([self._master], [], [], _SILENCE_S)[0]:
+                received = b""
+                continue
+            received += os.read(self._master, _MOST_BYTES)
+            with suppress(ModbusIOException, _Disconnect):
+                request, frame, received = self._cut(received)
+                if request is not None and request.dev_id == SLAVE:
+                    self._serve(frame, request, self._write)
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _write(self, data: bytes) -> None:
+        """What nobody reads is lost, as on a line."""
+        with suppress(BlockingIOError):
+            os.write(self._master, data)
+
+    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+        return b"" if reply.isError() else super()._framed(reply, dev_id, transaction)

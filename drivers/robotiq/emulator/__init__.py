@@ -1,1 +1,0 @@
-"""The gripper model behind real wires, with framing of its own."""

@@ -1,0 +1,166 @@
+"""Registers over Modbus TCP and Modbus RTU: the one file that knows pymodbus.
+
+Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46 and 55. Over TCP the gripper knows
+functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error with silence.
+"""
+
+import logging
+import struct
+import termios
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+from msgspec import Meta
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from drivers.errors import LinkLost
+
+_BAUD: Final = 115200  # 8N1, manual p. 59
+UNIT: Final = 2  # over TCP, manual p. 75; the gripper answers any
+RECONNECT_S: Final = 0.2  # least time between attempts to connect
+_MOST_BYTES: Final = 4096
+_WRITE: Final = 16
+_READ_INPUT: Final = 4
+_READ_HOLDING: Final = 3
+
+# What pymodbus lets through: its own errors, those of the socket, and those of its decoder.
+_FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.error)
+
+# pymodbus tells of lost links and odd replies in its own log, unasked; here they are errors.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+
+
+class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where the gripper is. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
+
+    host: Annotated[str, Meta(description="address, 192.168.1.11 as shipped; empty: not said")] = ""
+    port: Annotated[int, Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
+    serial_port: Annotated[str, Meta(description="serial line, for RTU; empty: not said")] = ""
+    slave: Annotated[int, Meta(ge=1, le=247, description="RTU slave number; manual p. 59")] = 9
+    timeout_s: Annotated[
+        float, Meta(ge=0.01, le=1, description="a reply or a connection must come within, s")
+    ] = 0.1
+
+
+class ModbusTransport:
+    """A ``RegisterTransport``. Every failure is ``LinkLost``, after one timeout as a rule.
+
+    A lost connection is made anew by a later call, never by the one that finds it lost: whoever
+    uses it hears ``LinkLost`` before every new connection, and can take stock.
+    """
+
+    def __init__(
+        self,
+        settings: ModbusSettings,
+        link: Literal["tcp", "rtu"] = "tcp",
+        reconnect_s: float = RECONNECT_S,
+    ) -> None:
+        """Nothing is connected before the first request."""
+        self._client: ModbusTcpClient | ModbusSerialClient
+        how: dict[str, Any] = {"timeout": settings.timeout_s, "retries": 0}
+        if link == "tcp":
+            self._client = ModbusTcpClient(settings.host, port=settings.port, **how)
+            self._read, self._read_function = self._client.read_input_registers, _READ_INPUT
+            self._name, self._unit = f"{settings.host}:{settings.port}", UNIT
+            self._remedy = "check power, cable and address of the gripper"
+            # Unanswered requests in a row after which a connection counts as half open. Replies
+            # carry the number of their request: a late one is dropped by itself.
+            self._patience = 3
+        else:
+            self._client = ModbusSerialClient(settings.serial_port, baudrate=_BAUD, **how)
+            self._read, self._read_function = self._client.read_holding_registers, _READ_HOLDING
+            self._name, self._unit = settings.serial_port, settings.slave
+            self._remedy = "check power and cable of the gripper and the name of the serial port"
+            self._patience = 1  # a late reply would pass for the next: the port is opened again
+        self._serial = link == "rtu"
+        self._reconnect_ns = round(reconnect_s * 1e9)
+        self._tried_ns: int | None = None
+        self._told = True  # LinkLost was raised since the last request that was answered
+        self._unanswered = 0
+        self.connections = 0
+
+    def close(self) -> None:
+        """Let go of the connection; a later request makes a new one."""
+        self._client.close()  # type: ignore[no-untyped-call]
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        """Write registers, function 16."""
+        values = list(registers)
+        reply = self._exchange(
+            lambda: self._client.write_registers(first_register, values, device_id=self._unit),
+            _WRITE,
+            now_ns,
+        )
+        if (reply.address, reply.count) != (first_register, len(values)):
+            raise self._lost("acknowledged registers that were not written")
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        """Read status registers: function 4 over TCP, 3 over RTU."""
+        reply = self._exchange(
+            lambda: self._read(first_register, count=count, device_id=self._unit),
+            self._read_function,
+            now_ns,
+        )
+        return reply.registers
+
+    def _flush(self) -> None:
+        """Drop what came unasked. Raises OSError when the line is gone."""
+        line: Any = self._client.socket
+        if line is None:
+            return
+        if self._serial:
+            try:
+                line.reset_input_buffer()
+            except termios.error as error:
+                raise OSError(*error.args) from error
+            return
+        line.setblocking(False)  # as pymodbus has it while it waits for a reply
+        with suppress(BlockingIOError):
+            while line.recv(_MOST_BYTES):
+                pass
+            raise ConnectionResetError("closed by the gripper")
+
+    def _exchange(self, request: Callable[[], ModbusPDU], function: int, now_ns: int) -> ModbusPDU:
+        self._connect(now_ns)
+        try:
+            self._flush()
+            reply = request()
+        except _FAILURES as error:
+            raise self._broken(error) from error
+        self._unanswered = 0
+        if reply.isError():
+            raise self._lost(f"answered exception {reply.exception_code} to function {function}")
+        if reply.function_code != function:
+            raise self._lost(f"answered function {reply.function_code} to function {function}")
+        self._told = False
+        return reply
+
+    def _connect(self, now_ns: int) -> None:
+        client = self._client
+        if client.connected:
+            return
+        if not self._told:
+            raise self._lost("closed the connection")
+        if self._tried_ns is not None and now_ns - self._tried_ns < self._reconnect_ns:
+            raise self._lost("does not answer")
+        self._tried_ns = now_ns
+        if not client.connect():
+            raise self._lost("cannot be connected")
+        self.connections += 1
+        self._unanswered = 0
+
+    def _broken(self, error: Exception) -> LinkLost:
+        """Judge a failed request; one that got no reply leaves the connection for some more."""
+        self._unanswered += 1
+        closed = isinstance(error, OSError) or not self._client.connected
+        if closed or self._unanswered >= self._patience:
+            self.close()
+        return self._lost("closed the connection" if closed else "does not answer")
+
+    def _lost(self, what: str) -> LinkLost:
+        self._told = True
+        return LinkLost(f"the gripper at {self._name} {what}", self._remedy)

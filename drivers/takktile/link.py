@@ -1,0 +1,308 @@
+"""Real boards: found on this machine's USB, opened through pyusb, read in a thread.
+
+Everything that libusb can answer is translated here: a time-out is None, the rest is an error that
+names its remedy. After a replug the old pyusb ``Device`` is useless: find the board again.
+"""
+
+import contextlib
+import errno
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import usb.core
+import usb.util
+
+from drivers.errors import DeviceFault, GraspError, LinkLost
+from drivers.takktile import protocol
+from drivers.takktile.board import READ_TIMEOUT_MS, Transfer, hung, stalled, unplugged
+from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID, Layout
+from drivers.takktile.receiver import Connect, Readings, Receiver, ReceiverCounts
+from drivers.takktile.settings import TakkTileSettings
+
+CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
+_JOIN_S = 4.0  # some control requests to a hung board, each with its time-out
+_INTERFACE = 0
+EMULATED = "; usb.url is of an emulated board, whose lab prints a new one each time it starts"
+_UNCONFIGURED = "Configuration not set"  # of pyusb, which gives it no number
+_GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
+
+DEVICES = Path("/sys/bus/usb/devices")
+IDS = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+RULE_FILE = "/etc/udev/rules.d/60-takktile.rules"
+RULE = (
+    f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{VENDOR_ID:04x}", ATTR{{idProduct}}=="{PRODUCT_ID:04x}",'
+    ' MODE="0660", TAG+="uaccess"'
+)
+INSTALL = (
+    f"echo '{RULE}' | sudo tee {RULE_FILE} && sudo udevadm control --reload && "
+    "sudo udevadm trigger --subsystem-match=usb"
+)
+
+
+class UsbLink:
+    """An opened and claimed board. One thread may read while another sends a control request."""
+
+    def __init__(
+        self,
+        device: Any,
+        clock: Callable[[], int] = time.monotonic_ns,
+        read_timeout_ms: int = READ_TIMEOUT_MS,
+        control_timeout_ms: int = CONTROL_TIMEOUT_MS,
+    ) -> None:
+        """``device``: a pyusb ``Device``, which the link owns from now on; see ``find``."""
+        self._device = device
+        self._clock = clock
+        self._read_timeout_ms = read_timeout_ms
+        self._control_timeout_ms = control_timeout_ms
+        self._closed = False
+        try:
+            self._serial = _serial_of(device)
+            usb.util.claim_interface(device, _INTERFACE)
+        except usb.core.USBError as error:
+            self.close()
+            raise _explain(error, device) from error
+
+    @classmethod
+    def find(
+        cls,
+        serial: str | None = None,
+        backend: Any = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+        read_timeout_ms: int = READ_TIMEOUT_MS,
+        control_timeout_ms: int = CONTROL_TIMEOUT_MS,
+    ) -> "UsbLink":
+        """The board with this serial number, or the first one; ``LinkLost`` when there is none.
+
+        ``backend``: a pyusb back end, whose ``url``, if it has one, is told; None is the machine's
+        libusb.
+        """
+        device = _find(serial, backend)
+        return cls(device, clock, read_timeout_ms, control_timeout_ms)
+
+    @property
+    def serial(self) -> str:
+        return self._serial
+
+    def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
+        try:
+            reply = self._opened().ctrl_transfer(
+                protocol.REQUEST_TYPE, request, value, index, length, self._control_timeout_ms
+            )
+        except usb.core.USBTimeoutError as error:
+            raise hung() from error
+        except usb.core.USBError as error:
+            raise self._explain(error) from error
+        return bytes(reply)
+
+    def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
+        """One transfer; None when it timed out without a byte.
+
+        When it timed out with some, pyusb returns those and does not say so: compare the length.
+        """
+        try:
+            data = self._opened().read(protocol.ENDPOINT_IN, size, self._read_timeout_ms)
+        except usb.core.USBTimeoutError:
+            return None
+        except usb.core.USBError as error:
+            raise self._explain(error) from error
+        return Transfer(bytes(data), self._clock())
+
+    def clear_halt(self) -> None:
+        """End a halt (STALL) of the bulk endpoint."""
+        try:
+            self._opened().clear_halt(protocol.ENDPOINT_IN)
+        except usb.core.USBError as error:
+            raise self._explain(error) from error
+
+    def close(self) -> None:
+        """Give the board back to the system; safe to call twice."""
+        self._closed = True
+        _dispose(self._device)
+
+    def _opened(self) -> Any:
+        """The device; pyusb would open it again without being asked."""
+        if self._closed:
+            raise LinkLost("the tactile board has been closed", "find it again")
+        return self._device
+
+    def _explain(self, error: usb.core.USBError) -> GraspError:
+        explained = _explain(error, self._device)
+        if isinstance(explained, LinkLost):
+            self.close()
+        return explained
+
+
+def _find(serial: str | None, backend: Any) -> Any:
+    try:
+        found = list(
+            usb.core.find(
+                find_all=True,
+                backend=backend,
+                idVendor=VENDOR_ID,
+                idProduct=PRODUCT_ID,
+            )
+        )
+    except usb.core.NoBackendError as error:
+        raise LinkLost(
+            "libusb is not installed on this machine", "install it (Debian: libusb-1.0-0)"
+        ) from error
+    serials = []
+    for device in found:
+        try:
+            serials.append(_serial_of(device))
+        except usb.core.USBError as error:
+            _dispose(device)
+            raise _explain(error, device) from error
+        if serial in (None, serials[-1]):
+            return device
+        _dispose(device)
+    what = "" if serial is None else f" with serial number {serial}"
+    there = f"; there is {', '.join(serials)}" if serials else ""
+    url = getattr(backend, "url", "")
+    raise LinkLost(
+        f"no TakkTile board{what} ({IDS}) {f'at {url}' if url else 'on the USB bus'}{there}",
+        "plug it in and check its cable" + (EMULATED if url else ""),
+    )
+
+
+def _serial_of(device: Any) -> str:
+    try:
+        return str(device.serial_number)
+    except ValueError as error:  # pyusb: no language id, since the device may not be opened
+        raise usb.core.USBError(str(error), errno=errno.EACCES) from error
+
+
+def _dispose(device: Any) -> None:
+    with contextlib.suppress(usb.core.USBError):  # gone, and so is what there was to release
+        usb.util.dispose_resources(device)
+
+
+def _explain(error: usb.core.USBError, device: Any) -> GraspError:
+    if error.errno in _GONE:
+        return unplugged()
+    match error.errno:
+        case errno.EPIPE:
+            return stalled()
+        case errno.EBUSY:
+            return LinkLost(
+                f"{users_of(device)} uses the tactile board", "end it, then start again"
+            )
+        case errno.EACCES:
+            return LinkLost(
+                "this user may not open the tactile board",
+                "install the udev rule that `grasp doctor` prints, then replug the board",
+            )
+        case errno.ETIMEDOUT:
+            return hung()
+    why = error.strerror or str(error)
+    if error.errno is None and _UNCONFIGURED in why:
+        return DeviceFault(
+            "the system has not set the tactile board up (no USB configuration), as where its port "
+            "cannot supply it",
+            "replug it, into a port of the computer or a hub with a supply of its own",
+        )
+    return DeviceFault(
+        f"a USB transfer of the tactile board failed: {why}", "replug it, open it again"
+    )
+
+
+def users_of(device: Any, proc: Path = Path("/proc")) -> str:
+    """Who holds the device's node open, as far as this user may see: name and process id."""
+    node = f"/dev/bus/usb/{device.bus:03}/{device.address:03}"
+    for entry in proc.glob("[0-9]*/fd/*"):
+        process = entry.parent.parent
+        try:
+            if os.readlink(entry) == node and process.name != str(os.getpid()):
+                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+        except OSError:
+            continue
+    return "another program"
+
+
+class ReadingThread:
+    """A ``FrameLink`` in wall time: keeps a read pending, so that each frame is drained the moment
+    it is ready, at about 200 Hz; a tick takes the newest.
+
+    ``connect`` gives the board with a serial number, or any board for None, for example
+    ``UsbLink.find``. ``clock`` must be the one that ``pump`` is told the time of.
+    """
+
+    def __init__(
+        self,
+        connect: Connect,
+        settings: TakkTileSettings,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._receiver = Receiver(connect, settings.conversion_ms, clock)
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    @property
+    def counts(self) -> ReceiverCounts:
+        return self._receiver.counts
+
+    @property
+    def converting_ns(self) -> int:
+        return self._receiver.converting_ns
+
+    def take(self) -> Readings:
+        return self._receiver.take()
+
+    def start(self) -> Layout:
+        layout = self._receiver.open()
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name="takktile-reader", daemon=True)
+        self._thread.start()
+        return layout
+
+    def stop(self) -> None:
+        if self._thread is None:
+            return
+        self._stopping.set()
+        self._thread.join(_JOIN_S)
+        if self._thread.is_alive():
+            raise DeviceFault("a USB transfer of the tactile board does not end", "unplug it")
+        self._thread = None
+
+    def _run(self) -> None:
+        receiver = self._receiver
+        try:
+            while not self._stopping.is_set():
+                if pause_ns := receiver.receive():
+                    self._stopping.wait(pause_ns * 1e-9)
+        except BaseException as bug:
+            receiver.report(
+                DeviceFault(f"reading the tactile board failed: {bug!r}", "report this")
+            )
+            raise
+        finally:
+            receiver.close()
+
+
+class BoardNode(msgspec.Struct, frozen=True):
+    """One board: its node, its serial number (empty: none), and whether this user may open it."""
+
+    node: str
+    serial: str
+    allowed: bool
+
+
+def boards(devices: Path = DEVICES) -> Iterator[BoardNode]:
+    """Those that are plugged in."""
+    for entry in sorted(devices.glob("*")):
+        try:
+            ids = ":".join((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
+            bus, number = (int((entry / name).read_text()) for name in ("busnum", "devnum"))
+            if ids != IDS:
+                continue
+            serial = entry / "serial"
+            known = serial.read_text().strip() if serial.is_file() else ""
+        except (OSError, ValueError):
+            continue
+        node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
+        yield BoardNode(node, known, os.access(node, os.R_OK | os.W_OK))

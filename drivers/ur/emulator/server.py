@@ -1,0 +1,302 @@
+"""A UR10 controller on its own loopback address: RTDE, dashboard and script ports.
+
+Real clients (ur_rtde, UR's own) connect to it unmodified. It must be another process than ur_rtde,
+whose constructors hold Python's global lock. What clients send is handled in the time that a cycle
+leaves, a piece of each client in turn.
+"""
+
+import contextlib
+import selectors
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from ipaddress import ip_address
+from typing import Protocol, Self
+
+from drivers.ur.emulator.controller import Controller, EmulatorSettings, Profile
+from drivers.ur.emulator.dashboard import BANNER, Dashboard, FaultChannel
+from drivers.ur.emulator.motion import RobotMotion
+from drivers.ur.emulator.rtde import PORT as RTDE_PORT
+from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Sample
+from drivers.ur.emulator.urscript_parser import MAX_CHARS, depth_change
+from drivers.ur.model import ArmModel, ArmModelSettings
+
+DASHBOARD_PORT = 29999
+STATE_PORTS = (30001, 30002)  # primary and secondary: programs in
+SCRIPT_PORT = 30003  # real time: programs in
+PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
+SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
+MOST_CLIENTS = 32  # of each port
+_LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, not caught up
+_CHUNK = 1024  # what is taken at a time: a millisecond's work at most
+_MAX_LINE = 65536
+_MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
+
+
+class Talk(Protocol):
+    """One connection's dialogue: bytes in, bytes out."""
+
+    broken: bool
+
+    def feed(self, data: bytes) -> bytes: ...
+
+    def close(self) -> None: ...
+
+
+class LineTalk:
+    """One answer a line."""
+
+    def __init__(self, answer: Callable[[str], str]) -> None:
+        self._answer = answer
+        self._held = b""
+        self.broken = False
+
+    def feed(self, data: bytes) -> bytes:
+        *lines, self._held = (self._held + data).split(b"\n")
+        self.broken = len(self._held) > _MAX_LINE
+        return b"".join(
+            self._answer(line.decode("utf-8", "replace")).encode() + b"\n" for line in lines
+        )
+
+    def close(self) -> None: ...
+
+
+class ScriptTalk(LineTalk):
+    """Collects lines until the blocks that they opened are closed: that is one program."""
+
+    def __init__(self, load: Callable[[str], None]) -> None:
+        super().__init__(lambda line: "")
+        self._load = load
+        self._program: list[str] = []
+        self._depth = 0
+
+    def feed(self, data: bytes) -> bytes:
+        *lines, self._held = (self._held + data).split(b"\n")
+        for line in lines:
+            self._program.append(line.decode("utf-8", "replace"))
+            self._depth += depth_change(self._program[-1])
+            if self._depth <= 0:
+                text = "\n".join(self._program)
+                self._program, self._depth = [], 0
+                if text.strip():
+                    self._load(text)
+        self.broken = len(self._held) + sum(map(len, self._program)) > MAX_CHARS
+        return b""
+
+
+class Connection:
+    """A client's socket, never blocking, and what waits to be sent to it."""
+
+    def __init__(self, sock: socket.socket, talk: Talk, port: int) -> None:
+        self.sock = sock
+        self.talk = talk
+        self.port = port
+        self._unsent = bytearray()
+
+    def receive(self) -> bool:
+        """Take and answer what has come; False when the connection is at its end."""
+        try:
+            data = self.sock.recv(_CHUNK)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return bool(data) and self.send(self.talk.feed(data)) and not self.talk.broken
+
+    def send(self, data: bytes) -> bool:
+        """Send as much as the client takes; False when it is gone or does not read."""
+        self._unsent += data
+        try:
+            while self._unsent:
+                del self._unsent[: self.sock.send(self._unsent)]
+        except BlockingIOError:
+            return len(self._unsent) <= _MAX_UNSENT
+        except OSError:
+            return False
+        return True
+
+
+class Server:
+    """All listeners and connections; ``serve`` handles what is ready within a time."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.SelectSelector()  # epoll counts whole milliseconds
+        self._connections: list[Connection] = []
+
+    def listen(self, host: str, port: int, talk: Callable[[], tuple[Talk, bytes]]) -> int:
+        """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting."""
+        sock = socket.create_server((host, port), backlog=128, reuse_port=False)
+        sock.setblocking(False)
+        number = int(sock.getsockname()[1])
+        self._selector.register(
+            sock, selectors.EVENT_READ, lambda: self._accept(sock, number, talk)
+        )
+        return number
+
+    def _accept(
+        self, sock: socket.socket, port: int, talk: Callable[[], tuple[Talk, bytes]]
+    ) -> None:
+        with contextlib.suppress(OSError):
+            client, _ = sock.accept()
+            if sum(each.port == port for each in self._connections) >= MOST_CLIENTS:
+                client.close()
+                return
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            dialogue, greeting = talk()
+            connection = Connection(client, dialogue, port)
+            self._connections.append(connection)
+            self._selector.register(
+                client, selectors.EVENT_READ, lambda: self._keep(connection, connection.receive())
+            )
+            self._keep(connection, connection.send(greeting))
+
+    def _keep(self, connection: Connection, alive: bool) -> None:
+        if alive or connection not in self._connections:
+            return
+        self._connections.remove(connection)
+        self._selector.unregister(connection.sock)
+        connection.sock.close()
+        connection.talk.close()
+
+    def serve(self, until_ns: int) -> None:
+        """Handle what comes until then, and what is there already in any case."""
+        while True:
+            left_ns = until_ns - time.monotonic_ns()
+            for key, _ in self._selector.select(max(0.0, left_ns * 1e-9)):
+                if key.fileobj in self._selector.get_map():  # not closed by one before it
+                    key.data()
+            if left_ns <= 0:
+                return
+
+    def broadcast(self, cycle: int, sample: Sample) -> None:
+        """Send each RTDE client its fields of this cycle."""
+        for connection in list(self._connections):
+            talk = connection.talk
+            if isinstance(talk, RtdeConnection) and (data := talk.sample(cycle, sample)):
+                self._keep(connection, connection.send(data))
+
+    def drop_links(self, but: int) -> None:
+        """Close the connections of all clients but those of one port."""
+        for connection in [each for each in self._connections if each.port != but]:
+            self._keep(connection, False)
+
+    def close(self) -> None:
+        for connection in list(self._connections):
+            self._keep(connection, False)
+        for key in list(self._selector.get_map().values()):
+            self._selector.unregister(key.fileobj)
+            key.fileobj.close()  # type: ignore[union-attr]
+        self._selector.close()
+
+
+class UrEmulator:
+    """One emulated controller; ``run`` is its loop, in whatever thread calls it.
+
+    A process that owns the world of several devices passes the arm of that world, the lock that
+    guards it and ``advance``, which is called with the time of each cycle before the arm is read.
+    Raises ValueError for a host beyond loopback without a token, OSError for a port that is taken.
+    """
+
+    def __init__(
+        self,
+        settings: EmulatorSettings,
+        arm: ArmModel | None = None,
+        lock: AbstractContextManager[object] | None = None,
+        advance: Callable[[int], None] | None = None,
+    ) -> None:
+        if not (ip_address(settings.host).is_loopback or settings.token):
+            raise ValueError(f"{settings.host} is no loopback address")
+        self._period_ns = settings.controller.period_ns
+        # whole cycles of the clock, as the arm model counts them
+        self._start_ns = -(-time.monotonic_ns() // self._period_ns) * self._period_ns
+        self._advance = advance
+        self._frozen_until_ns = 0
+        motion = RobotMotion(
+            self._period_ns * 1e-9,
+            arm or _arm(settings, self._start_ns),
+            lock or threading.Lock(),
+            self._start_ns,
+        )
+        self.controller = Controller(settings, motion, self._start_ns)
+        self._rtde = RtdeServer(settings.controller)
+        self._server = Server()
+        try:
+            self.fault_port = self._listen(settings)
+        except OSError:
+            self.close()
+            raise
+
+    def _listen(self, settings: EmulatorSettings) -> int:
+        dashboard = Dashboard(settings, self.controller)
+        faults = FaultChannel(self.controller, self._rtde, self, settings.token)
+        version, load = version_message(settings.controller), self.controller.load
+        listen, host = self._server.listen, settings.host
+        listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
+        listen(host, DASHBOARD_PORT, lambda: (LineTalk(dashboard.answer), BANNER))
+        for port in STATE_PORTS:
+            listen(host, port, lambda: (ScriptTalk(load), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(load), b""))
+        return listen(host, settings.fault_port, lambda: (LineTalk(faults.answer), b""))
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Serve until ``ended`` says so; it is asked once per cycle."""
+        while not ended():
+            if time.monotonic_ns() < self._frozen_until_ns:
+                time.sleep(self._period_ns * 1e-9)
+                continue
+            self._server.serve(self._now_ns + self._period_ns)
+            late_ns = time.monotonic_ns() - self._now_ns - self._period_ns
+            if late_ns > _LONGEST_LAG_NS:
+                self.controller.cycles += late_ns // self._period_ns
+            self._cycle()
+
+    @property
+    def _now_ns(self) -> int:
+        """Time of the last cycle."""
+        return self._start_ns + self.controller.cycles * self._period_ns
+
+    def _cycle(self) -> None:
+        now_ns = self._now_ns + self._period_ns
+        if self._advance is not None:
+            self._advance(now_ns)
+        self.controller.step(now_ns, self._rtde.take_inputs())
+        self._server.broadcast(self.controller.cycles, Sample(self.controller))
+
+    def drop_links(self) -> None:
+        self._server.drop_links(but=self.fault_port)
+
+    def freeze(self, seconds: float) -> None:
+        """Neither serve nor run cycles for so long."""
+        self._frozen_until_ns = time.monotonic_ns() + round(seconds * 1e9)
+
+    def close(self) -> None:
+        self.controller.stop_program("the emulator ends")
+        self._server.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _arm(settings: EmulatorSettings, now_ns: int) -> ArmModel:
+    """An arm whose commands take effect in the cycle that gives them."""
+    arm = ArmModelSettings(start_m=settings.start_m, period_s=settings.controller.period_ns * 1e-9)
+    return ArmModel(arm, now_ns, command_latency_s=0.0)
+
+
+def version_message(profile: Profile) -> bytes:
+    """The first thing that a client of port 30001 or 30002 receives: Universal Robots, "Client
+    Interfaces". A controller's state, sent there ten times a second, is on RTDE alone here."""
+    major, minor, bugfix, build = profile.version
+    name, date = b"URControl", b"01-08-2022, 00:00:00"
+    body = struct.pack(
+        f">QbbB{len(name)}sBBii{len(date)}s",
+        0, -2, 3, len(name), name, major, minor, bugfix, build, date,
+    )  # fmt: skip
+    return struct.pack(">IB", 5 + len(body), 20) + body

@@ -1,1 +1,0 @@
-"""URScript: text to tokens and syntax tree, tree to closures over a whitelist, run in cycles."""

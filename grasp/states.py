@@ -1,0 +1,180 @@
+"""The states of a grasp and every transition between them, as one table for `transitions`.
+
+Callbacks only note what happened; no device is touched from here, because an exception in an
+`after` callback would leave the state already changed. The diagram in docs/architecture.md is drawn
+from this table.
+"""
+
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+from transitions import EventData
+from transitions.extensions.nesting import HierarchicalMachine, NestedState
+
+
+class State(StrEnum):
+    """Where a run stands. What is before the dot is the top level."""
+
+    START = "approach.start"  # nothing has been commanded yet
+    HOME = "approach.home"  # the arm on its way to the home of an earlier run
+    SHAPE = "approach.shape"  # fingers on their way to just short of the object
+    TARE = "grasp.tare"  # there, unloaded: rest counts are taken
+    BRACE = "grasp.brace"  # B and C on their way to their positions on the object
+    CLOSE = "grasp.close"  # the thumb, last, to its own; for a firm grip then to the force cap
+    SETTLE = "grasp.settle"  # the pads relax
+    BASELINE = "grasp.baseline"  # they have; the detector watches before the arm moves
+    LIFT = "lift"  # the arm on its way up
+    COMPENSATE = "compensate"  # the response to slip
+    HOLD = "hold"  # at the top
+    DESCEND = "lower.descend"  # to where the object may stand, had it slipped as far as it can have
+    FEEL = "lower.feel"  # from there slowly on, feeling whether it stands (`grasp.set_down`)
+    OPEN = "release.open"  # fingers on their way open
+    RETREAT = "release.retreat"  # the arm on its way clear of the object
+    SET_DOWN = "done.set_down"  # the object stands, and the arm is clear of it
+    KEPT = "done.kept"  # held long enough, and nobody wants it set down
+    LOST = "lost"  # the hand closed and met nothing: the arm stops, nothing is set down
+    STOPPED = "stopped"  # by a person: the arm stops, a grip is kept
+    FAULT = "fault"
+
+
+class Trigger(StrEnum):
+    """What makes the state change; why it happened is text in the log."""
+
+    AWAY = "away"  # a run begins, and the arm is elsewhere than its home
+    AT_HOME = "at_home"
+    SHAPED = "shaped"  # fingers just short of the object
+    TARED = "tared"  # rest counts taken
+    BRACED = "braced"  # B and C at their positions
+    TIGHTEN = "tighten"  # all fingers are, and a firm grip is wanted
+    GRIPPED = "gripped"  # the grip is what it shall be
+    SETTLED = "settled"  # the pads are
+    READY = "ready"  # the detector has a baseline: the arm may move
+    SLIP = "slip"  # or contact lost, or more force due
+    STEADY = "steady"  # slip is over, or nothing more can be done; the arm goes on up
+    AT_TOP = "at_top"  # so it is, and the arm is there
+    LOWER = "lower"  # held long enough; slip cannot be stopped; or no object can stand here yet
+    FEEL = "feel"  # near where the object may stand, or the grip tightens; and each step from there
+    STANDS = "stands"  # the object does: where the lift began, or earlier if it had slipped
+    KEEP = "keep"  # held long enough: that is all
+    OPENED = "opened"
+    CLEAR = "clear"  # the arm is
+    LOSE = "lose"
+    STOP = "stop"
+    FAIL = "fail"
+
+
+LOWERING_STATES = frozenset({State.DESCEND, State.FEEL})
+AIRBORNE_STATES = LOWERING_STATES | {State.LIFT, State.COMPENSATE, State.HOLD, State.KEPT}
+CLOSING_STATES = frozenset({State.BRACE, State.CLOSE})  # onto the object
+GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all is touched, and nothing moves yet
+CONTACT_STATES = AIRBORNE_STATES | CLOSING_STATES | GRIPPED_STATES
+UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # nothing is to move, or any more
+OPEN_STATES = UNMOVED_STATES | {State.OPEN, State.RETREAT}  # nobody has to feel anything
+END_STATES = frozenset({State.SET_DOWN, State.KEPT})  # all went well, and nothing more will follow
+SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # nothing leads out of them
+# no rest counts have been taken, or a run has ended before it took any
+UNTARED_STATES = SAFE_STATES | {State.START, State.HOME, State.SHAPE}
+
+AIRBORNE = ("lift", "compensate", "hold", "lower")  # top level, as are all:
+RUNNING = ("approach", "grasp", *AIRBORNE, "release", "done")
+
+# a source on the top level stands for all states in it
+TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
+    (Trigger.AWAY, (State.START,), State.HOME),
+    (Trigger.AT_HOME, (State.START, State.HOME), State.SHAPE),
+    (Trigger.SHAPED, (State.SHAPE,), State.TARE),
+    (Trigger.TARED, (State.TARE,), State.BRACE),
+    (Trigger.BRACED, (State.BRACE,), State.CLOSE),
+    (Trigger.TIGHTEN, (State.CLOSE,), State.CLOSE),
+    (Trigger.GRIPPED, (State.CLOSE,), State.SETTLE),
+    (Trigger.SETTLED, (State.SETTLE,), State.BASELINE),
+    (Trigger.READY, (State.BASELINE,), State.LIFT),
+    (Trigger.SLIP, (State.LIFT, State.HOLD), State.COMPENSATE),
+    (Trigger.STEADY, (State.COMPENSATE,), State.LIFT),
+    (Trigger.AT_TOP, (State.LIFT, State.COMPENSATE), State.HOLD),
+    (Trigger.LOWER, (State.HOLD, State.COMPENSATE, State.FEEL), State.DESCEND),
+    (Trigger.FEEL, (State.DESCEND, State.FEEL), State.FEEL),
+    (Trigger.STANDS, (State.FEEL,), State.OPEN),
+    (Trigger.KEEP, (State.HOLD,), State.KEPT),
+    (Trigger.OPENED, (State.OPEN,), State.RETREAT),
+    (Trigger.CLEAR, (State.RETREAT,), State.SET_DOWN),
+    (Trigger.LOSE, AIRBORNE, State.LOST),
+    (Trigger.STOP, RUNNING, State.STOPPED),
+    (Trigger.FAIL, RUNNING, State.FAULT),
+)
+
+
+class PhaseChange(msgspec.Struct, frozen=True):
+    """One transition, as it is recorded: state entered, when, and why."""
+
+    phase: str
+    t_ns: int
+    cause: str
+
+
+class DottedState(NestedState):
+    """A state whose name is its parent's, a dot and its own."""
+
+    separator = "."
+
+
+class DottedMachine(HierarchicalMachine):
+    """A hierarchical machine of them."""
+
+    state_cls = DottedState
+
+
+def definition() -> dict[str, Any]:
+    """The table as machines of `transitions` take it."""
+    top: dict[str, list[str]] = {}
+    for state in State:
+        parent, _, child = state.value.partition(".")
+        top.setdefault(parent, []).extend([child] if child else [])
+    return {
+        "states": [{"name": n, "children": inner} if inner else n for n, inner in top.items()],
+        "transitions": [
+            {"trigger": trigger.value, "source": [str(s) for s in sources], "dest": dest.value}
+            for trigger, sources, dest in TRANSITIONS
+        ],
+        "auto_transitions": False,
+    }
+
+
+class StateMachine:
+    """The present state and the log of how it was reached."""
+
+    def __init__(self, state: State = State.START) -> None:
+        self.state = state
+        self.log: list[PhaseChange] = []
+        self._model = _Model()
+        self._machine = DottedMachine(
+            self._model, initial=state.value, send_event=True, after_state_change=self._note,
+            **definition(),
+        )  # fmt: skip
+
+    @property
+    def before(self) -> State:
+        """The state before the present one."""
+        return State(self.log[-2].phase) if len(self.log) > 1 else State.START
+
+    def first_ns(self, state: State) -> int:
+        """When that state was entered for the first time; raises ValueError if it never was."""
+        times = [change.t_ns for change in self.log if change.phase == state]
+        if not times:
+            raise ValueError(f"{state} was never entered")
+        return times[0]
+
+    def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
+        """Make the transition; raises transitions.MachineError where the table has no such way."""
+        self._machine.trigger_event(self._model, trigger.value, t_ns=t_ns, cause=cause)
+
+    def _note(self, event: EventData) -> None:
+        self.state = State(self._model.state)
+        self.log.append(PhaseChange(self.state.value, event.kwargs["t_ns"], event.kwargs["cause"]))
+
+
+class _Model:
+    """What `transitions` hangs the state on."""
+
+    state: str

@@ -1,0 +1,207 @@
+"""Objects that training touches, drawn from stated ranges, none of them near an object of the
+experiments; and how near a surface is to one.
+
+How near is a distance in the space of normalised properties (``SCALES``): the root of the summed
+squares of differences, each as a share of its property's stated span, some of them in the
+logarithm. Objects have all the properties, surfaces those that a fingertip can feel. ``MARGIN`` is
+kept from every object of config/objects and from those kept for testing alike.
+"""
+
+import itertools
+import math
+from functools import cache
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from drivers.errors import ConfigError
+from drivers.interfaces import Counts3
+from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
+from scenarios.world import contact, laws
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.objects import GraspObject, Name
+from scenarios.world.press_settings import FixedSurface
+
+Range = tuple[float, float]
+Forces = tuple[float, float, float]  # of each finger, N
+MARGIN = 0.35  # as the can and the box are apart, the two most alike of the six
+# Span of each property, and whether in the logarithm; curvatures 1/m, upwards and around.
+SCALES = {
+    "half_width_m": (0.02, 0.065, False),
+    "mass_kg": (0.05, 1.0, True),
+    "friction_kinetic": (0.4, 1.0, False),
+    "wall_stiffness_npm": (1e3, 1e6, True),
+    "texture_rms_m": (5e-5, 6e-4, True),
+    "texture_length_m": (8e-4, 3.5e-3, True),
+    "curved_up": (0.0, 30.0, False),
+    "curved_around": (0.0, 30.0, False),
+}
+MASS = "mass_kg"
+NEAR_COUNTS, ASIDE_COUNTS = 6, 1  # grips tried: past first contact; a finger from another
+LEAST_N = (0.75, 0.3, 0.3)  # of a first grip: variation between trials takes some of it away
+CARRIED = 1.5  # times its weight, by a full grip, so that a blow does not simply knock it out
+MOST_TRIES = 1000
+LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
+
+
+class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Ranges of one kind of object, from config/bodies. ``LOGARITHMIC`` ones are drawn evenly in
+    the logarithm, the others evenly."""
+
+    name: Name
+    shape: Literal["straight", "ellipsoid"]
+    half_width_m: Range
+    mass_kg: Range
+    thumb_n: Range
+    friction_static: Range
+    kinetic_share: Range
+    wall_stiffness_npm: Range
+    texture_rms_m: Range
+    texture_length_m: Range
+    radius_of_gyration_m: Range
+    centre_above_m: Range
+    half_height_m: Range = (0.1, 0.1)
+    grip_height_m: Range = (0.0, 0.0)
+    body_above_grip_m: Range = (0.15, 0.15)
+
+    def ranges(self) -> dict[str, Range]:
+        return {k: v for k, v in msgspec.structs.asdict(self).items() if isinstance(v, tuple)}
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in self.ranges().items():
+            if low > high or (name in (*LOGARITHMIC, "thumb_n") and low <= 0.0):
+                raise ValueError(f"{name}: {low:g} to {high:g} is no range, or has no logarithm")
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    body: BodyRanges
+
+
+class _Objects(msgspec.Struct, frozen=True):
+    object: GraspObject
+
+
+@cache
+def body_ranges(name: str) -> BodyRanges:
+    """By its name in config/bodies, or the path of a file; raises ConfigError."""
+    return load(_File, [thing_layer("bodies", "body", name)]).body
+
+
+@cache
+def kept_away() -> tuple[GraspObject, ...]:
+    """Every object of the experiments, and those kept for testing."""
+    every = [*names("objects"), *names(f"objects/{UNSEEN}")]
+    return tuple(load(_Objects, [named_layer("objects", name)]).object for name in every)
+
+
+def distance(one: dict[str, Range], other: dict[str, Range]) -> float:
+    """Between what both have; a property is an interval, and within it there is no distance."""
+    squares = 0.0
+    for name in one.keys() & other.keys():
+        low, high, logarithmic = SCALES[name]
+        of = math.log if logarithmic else float
+        (a, b), (c, d) = one[name], other[name]
+        apart = max(0.0, of(c) - of(b), of(a) - of(d))
+        squares += (apart / (of(high) - of(low))) ** 2
+    return math.sqrt(squares)
+
+
+def of_object(body: GraspObject) -> dict[str, Range]:
+    """Properties of an object, of any mass from its own to that with its added weights."""
+    up, around = 0.0, 0.0
+    if body.shape == "ellipsoid":
+        up, around = body.half_width_m / body.half_height_m**2, 1.0 / body.half_width_m
+    found = {name: getattr(body, name) for name in SCALES if hasattr(body, name)}
+    found |= {"curved_up": up, "curved_around": around}
+    return _points(found) | {MASS: (body.mass_kg, body.total_kg)}
+
+
+def of_surface(surface: FixedSurface) -> dict[str, Range]:
+    """Those of a fixed surface; upwards is along the fingertip's x."""
+    found = {name: getattr(surface, name) for name in SCALES if hasattr(surface, name)}
+    radii = {"curved_up": surface.radius_x_m, "curved_around": surface.radius_y_m}
+    return _points(found | {name: 1.0 / r if r else 0.0 for name, r in radii.items()})
+
+
+def _points(values: dict[str, float]) -> dict[str, Range]:
+    return {name: (value, value) for name, value in values.items()}
+
+
+def far(properties: dict[str, Range]) -> bool:
+    """Is it no nearer than MARGIN to any object of the experiments?"""
+    return all(distance(properties, of_object(body)) >= MARGIN for body in kept_away())
+
+
+def draw_object(
+    ranges: BodyRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
+    full_grip_n: float, rng: np.random.Generator,
+) -> GraspObject:  # fmt: skip
+    """An object far from those of the experiments. With ``load_share`` it weighs so much of what
+    friction carries in its first grip; without, what its ranges say, and a full grip carries it."""
+    for _ in range(MOST_TRIES):
+        body = _drawn(ranges, rng)
+        grip = first_grip(body, hand, m_per_count, _between(ranges.thumb_n, rng, True))
+        if grip is None:
+            continue
+        counts, pressed_n = grip
+        mass_kg = body.mass_kg
+        if load_share is not None:
+            carries_n = body.friction_static * sum(pressed_n)
+            mass_kg = _between(load_share, rng) * carries_n / contact.GRAVITY_MPS2
+        body = msgspec.structs.replace(body, grip_counts=counts, mass_kg=mass_kg)
+        firm = full_grip_n * body.friction_kinetic >= CARRIED * mass_kg * contact.GRAVITY_MPS2
+        if (firm or load_share is not None) and far(of_object(body)):
+            return body
+    raise ConfigError(
+        "config/bodies", ranges.name,
+        "no object far from those of the experiments, with a grip that holds it, was drawn",
+        "wider ranges",
+    )  # fmt: skip
+
+
+def _drawn(ranges: BodyRanges, rng: np.random.Generator) -> GraspObject:
+    values: dict[str, Any] = {
+        name: _between(bounds, rng, name in LOGARITHMIC) for name, bounds in ranges.ranges().items()
+    }
+    values["friction_kinetic"] = values["friction_static"] * values.pop("kinetic_share")
+    del values["thumb_n"]
+    return GraspObject(name=ranges.name, shape=ranges.shape, grip_counts=(0, 0, 0), **values)
+
+
+def _between(bounds: Range, rng: np.random.Generator, logarithmic: bool = False) -> float:
+    low, high = np.log(bounds) if logarithmic else bounds
+    value = float(rng.uniform(low, high))
+    return math.exp(value) if logarithmic else value
+
+
+def relaxed_n(
+    body: GraspObject, hand: ContactSettings, m_per_count: float, counts: Counts3
+) -> Forces:
+    """What the pads press with at those counts once they have relaxed, N."""
+    p, pressed = contact.parameters(hand, body), np.zeros(contact.FINGERS)
+    width_m, _ = laws.width_and_slope(p, 0.0)
+    travel = m_per_count * np.array(counts, float)
+    laws.normal_forces(p, width_m, travel, contact.initial_state(), pressed)
+    a, b, c = ((1 - hand.relaxation_fraction) * pressed).tolist()
+    return a, b, c
+
+
+def first_grip(
+    body: GraspObject, hand: ContactSettings, m_per_count: float, thumb_n: float
+) -> tuple[Counts3, Forces] | None:
+    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N, and what
+    the pads press with once they have relaxed; None where none do."""
+    p = contact.parameters(hand, body)
+    width_m, _ = laws.width_and_slope(p, 0.0)
+    first = int((hand.half_aperture_m - width_m) / m_per_count)
+    near = range(max(0, first - 1), min(255, first + NEAR_COUNTS) + 1)
+    least_off, best = math.inf, None
+    for a, b, c in itertools.product(near, near, near):
+        if not c <= b <= c + ASIDE_COUNTS or abs(2 * a - b - c) > 2:
+            continue
+        relaxed = relaxed_n(body, hand, m_per_count, (a, b, c))
+        off = abs(relaxed[0] - thumb_n)
+        if min(np.subtract(relaxed, LEAST_N)) >= 0.0 and off < least_off:
+            least_off, best = off, ((a, b, c), relaxed)
+    return best

@@ -1,0 +1,92 @@
+"""Closing to the cap, in one stage or in two, each by itself."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.interfaces import Counts3, Detection
+from grasp.commands import CloseFast
+from grasp.contact_estimator import Stiffness
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.lift_line import LiftLine
+from grasp.observation import Observation
+from grasp.slip_response.base import STAGE_NS
+from grasp.slip_response.close import Close
+from tests.unit.grasp.builders import gripper, seen
+
+S = ControllerSettings(closing_speed_mps=0.1)
+CAP_N = 10.0
+REACH: Counts3 = (60, 61, 62)
+FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, more=True)
+SLOWLY = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.022)
+AT_ONCE = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.1)
+MOVING = (Detection.MOVING,) * 3
+
+
+def hand(t_ns: int = 0, thumb: int = 55, first: bool = False, **changes: Any) -> Observation:
+    """At rest, told so far, and told a first stage or none."""
+    told: dict[str, Any] = {"gripper": gripper(t_ns, (thumb, 55, 55)), "reach_counts": REACH}
+    return seen(t_ns, last_close=FIRST if first else None, **told | changes)
+
+
+def response(**settings: Any) -> Close:
+    s = msgspec.structs.replace(S, **settings)
+    plan = GripPlan((40, 55, 55), (55, 55, 55), CAP_N, Stiffness(1.9))
+    return Close(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
+
+
+def test_first_of_two_stages_goes_by_position_as_fast_as_the_hand_can() -> None:
+    assert response().closing(hand()) == FIRST
+
+
+@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"reach_counts": None}])
+def test_where_nothing_says_where_contact_will_be_there_is_one_stage(nothing_known: Any) -> None:
+    lost = nothing_known.pop("lost", False)
+    assert response().closing(hand(**nothing_known), lost) == AT_ONCE
+
+
+def test_constant_closing_has_one_stage_and_one_speed() -> None:
+    constant = response(closing="constant")
+    assert constant.closing(hand()) == constant.slow_closing() == AT_ONCE
+    assert response().slow_closing() == SLOWLY
+
+
+@pytest.mark.parametrize(("thumb", "asked"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
+def test_thumb_that_is_told_as_far_as_it_reaches_has_no_first_stage(
+    thumb: int, asked: CloseFast
+) -> None:
+    """B and C reach further."""
+    assert response().closing(hand(thumb=thumb)) == asked
+
+
+def test_thumb_in_contact_has_no_first_stage() -> None:
+    latched = gripper(0, (55, 55, 55), (Detection.CONTACT_CLOSING,) * 3)
+    assert response().closing(hand(gripper=latched)) == SLOWLY
+
+
+@pytest.mark.parametrize(("first", "asked"), [(True, FIRST), (False, SLOWLY)])
+def test_hand_on_its_way_is_told_the_same_again(first: bool, asked: CloseFast) -> None:
+    moving = gripper(0, (55, 55, 55), MOVING)
+    assert response().closing(hand(gripper=moving, first=first)) == asked
+
+
+def test_second_stage_follows_when_the_first_rests_wherever_that_is() -> None:
+    assert response().closing(hand(thumb=57, first=True)) == SLOWLY
+
+
+def test_first_stage_that_is_not_seen_to_rest_is_not_waited_for() -> None:
+    two_stage = response()
+
+    def moving(t_ns: int) -> CloseFast:
+        return two_stage.closing(hand(t_ns, gripper=gripper(t_ns, detections=MOVING), first=True))
+
+    assert STAGE_NS == 500_000_000
+    asked_ns = 10**9
+    assert two_stage.closing(hand(asked_ns)) == FIRST
+    assert moving(asked_ns + STAGE_NS // 2) == FIRST
+    assert moving(asked_ns + STAGE_NS) == FIRST
+    assert moving(asked_ns + STAGE_NS + 1) == SLOWLY
+    later_ns = asked_ns + 3 * STAGE_NS  # another answer has its own time
+    assert two_stage.closing(hand(later_ns)) == FIRST
+    assert moving(later_ns + STAGE_NS) == FIRST

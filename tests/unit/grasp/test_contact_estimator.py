@@ -1,0 +1,70 @@
+"""Contact and grip force: the longest gap in the air, the filtered grip, force over the limit."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grasp.contact_estimator import ContactEstimator, Stiffness
+from tests.unit.grasp.builders import seen
+
+TICK = 10_000_000
+CONTACT_N = 0.3
+NOTHING, GRIP = (0.0, 1.0, 1.0), (3.0, 1.0, 1.0)
+WEAK = (0.1, 0.1, 0.1)
+
+
+def after(
+    *forces_n: tuple[float, float, float], airborne: bool = True, **told: object
+) -> ContactEstimator:
+    """One sample each."""
+    contact = ContactEstimator(CONTACT_N)
+    for n, force_n in enumerate(forces_n):
+        contact.update(seen(n * TICK, measured_n=force_n, **told), airborne)
+    return contact
+
+
+def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
+    assert not after(GRIP, *[NOTHING] * 4).thumb_lost
+    assert after(GRIP, *[NOTHING] * 5).thumb_lost
+
+
+def test_a_hand_that_feels_something_at_any_finger_has_not_lost_what_it_holds() -> None:
+    assert not after(GRIP, *[NOTHING] * 9).lost
+    assert after(GRIP, *[WEAK] * 5).lost
+    assert not after(GRIP, *[WEAK] * 4).lost
+
+
+def test_contact_counts_from_its_least_force_on() -> None:
+    assert not after(*[(0.0, 0.0, CONTACT_N)] * 9).lost
+    assert not after(*[(CONTACT_N, 0.0, 0.0)] * 9).thumb_lost
+
+
+def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
+    assert after(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).thumb_lost
+    assert not after(GRIP, *[GRIP] * 5, felt_n=WEAK).thumb_lost
+
+
+@pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])
+def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> None:
+    forces = (GRIP, *[NOTHING] * 3, GRIP, NOTHING, GRIP)
+    assert after(*forces, airborne=airborne).estimate.longest_gap_ns == gap_ns
+
+
+def test_level_of_the_grip_follows_a_step_within_the_time_in_which_pads_relax() -> None:
+    """The thumb bears what all fingers measure, half of it."""
+    assert after(*[GRIP] * 4).estimate.grip_n == pytest.approx(1.05, abs=0.01)
+    assert after(*[GRIP] * 40).estimate.grip_n == pytest.approx(2.5, abs=0.02)
+
+
+def test_overload_lasts_since_force_was_last_within_the_limit() -> None:
+    contact = after(GRIP)
+    for n in range(1, 5):
+        contact.update(seen(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
+    assert contact.overload_ns == 4 * TICK
+
+
+@given(rise_n=st.floats(-20, 60), per_count_n=st.floats(0.1, 8))
+def test_counts_are_the_most_that_keep_within_the_rise(rise_n: float, per_count_n: float) -> None:
+    counts = Stiffness(per_count_n).counts_within(rise_n)
+    assert counts * per_count_n <= max(0.0, rise_n) * (1 + 1e-12)
+    assert (counts + 1) * per_count_n > rise_n

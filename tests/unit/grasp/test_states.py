@@ -1,0 +1,57 @@
+"""The table of states, and its diagram in the documentation."""
+
+from pathlib import Path
+
+import pytest
+from transitions import MachineError
+from transitions.extensions.diagrams import HierarchicalGraphMachine
+
+from grasp.states import TRANSITIONS, DottedState, State, StateMachine, Trigger, definition
+
+PAGE = Path(__file__).parents[3] / "docs" / "architecture.md"
+
+
+class Drawn(HierarchicalGraphMachine):
+    state_cls = DottedState
+
+
+def diagram() -> str:
+    """The table as `transitions` draws it in Mermaid."""
+    machine = Drawn(
+        initial=State.START.value, graph_engine="mermaid", title="title: States of a grasp",
+        **definition(),
+    )  # fmt: skip
+    lines: list[str] = machine.get_graph().source.splitlines()
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def test_every_edge_of_the_table_can_be_walked_and_no_other() -> None:
+    for trigger in Trigger:
+        for state in State:
+            machine = StateMachine(state)
+            within = {state.value, state.partition(".")[0]}
+            expected = [
+                dest for t, sources, dest in TRANSITIONS if t is trigger if within & {*sources}
+            ]
+            if expected:
+                machine.fire(trigger, 0, "test")
+                assert [machine.state] == expected
+            else:
+                with pytest.raises(MachineError):
+                    machine.fire(trigger, 0, "test")
+
+
+def test_a_transition_is_logged_with_its_time_and_cause() -> None:
+    machine = StateMachine(State.FEEL)
+    machine.fire(Trigger.FEEL, 3, "tighter")
+    machine.fire(Trigger.LOSE, 5, "gone")
+    assert [(c.phase, c.t_ns, c.cause) for c in machine.log] == [
+        ("lower.feel", 3, "tighter"), ("lost", 5, "gone"),
+    ]  # fmt: skip
+    assert machine.before is State.FEEL
+    assert machine.first_ns(State.LOST) == 5
+
+
+def test_diagram_of_the_documentation_is_that_of_the_table() -> None:
+    drawn = f"```mermaid\n{diagram()}\n```"
+    assert drawn in PAGE.read_text(), f"put this into {PAGE.name}:\n{drawn}"
