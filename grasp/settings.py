@@ -243,12 +243,10 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
     if not key:  # settings that do not go together, of which the first is named
         named = re.match(r"([a-z_]+\.[a-z_0-9]+): ", problem)
         return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
+    told = TOGETHER if whole and not problem.startswith("Expected") else allowed(cls, key)
     if word := re.match(r"Invalid enum value '(.*)'", problem):
-        problem += meant(word[1], re.findall(r"'(\w+)'", allowed(cls, key)))
-    together = whole and not problem.startswith("Expected")
-    return ConfigError(
-        _source(sources, key), key, problem, TOGETHER if together else allowed(cls, key)
-    )
+        problem += meant(word[1], re.findall(r"'(\w+)'", told))
+    return ConfigError(_source(sources, key), key, problem, told)
 
 
 def _source(sources: dict[str, str], key: str) -> str:

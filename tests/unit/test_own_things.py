@@ -116,7 +116,7 @@ def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) ->
         ('rig = "hardware"\n[modbus]\nhost = "10.0.0.7"\n', "a rig for --rig, opened as hardware"),
         ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
         ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
-        ("[control]\nsettle_s = 1.0\n", "settings for --config, of an acquisition: control"),
+        ("[control]\nforce_n = 4.0\n", "settings for --config, of an acquisition: control"),
         ("[rule]\nfingers = 2\n", "settings for --config, rule (read with energy, "),
     ],
 )
