@@ -117,7 +117,6 @@ def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) ->
         ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
         ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
         ("[control]\nforce_n = 4.0\n", "settings for --config, of an acquisition: control"),
-        ("[rule]\nfingers = 2\n", "settings for --config, rule (read with energy, "),
     ],
 )
 def test_a_file_is_told_by_what_is_in_it(
@@ -143,7 +142,7 @@ def test_a_file_is_told_by_what_is_in_it(
         ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
         ('[rule]\nkind = "cusum"\nconsecutive = 2\n', "rule.consecutive: is not read"),
         ("[rule]\nlimit = 9.0\n", "kind consecutive and fusion mean; so alone no run takes it"),
-        ("[controller]\nstep_n = 1.0\n", "--config THAT.toml --config "),
+        ("[controller]\nmargin_steps = 2\n", "--config THAT.toml --config "),
     ],
 )
 def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(
