@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 FINGER_NAMES = ("A", "B", "C")
 FINGERS = len(FINGER_NAMES)
-KIT_TAXELS = (
-    6  # of a fingertip of the Robotiq kit; how many there are is a setting (`tactile.cells`)
-)
+KIT_TAXELS = 6  # of a fingertip of the Robotiq kit; a setting (`tactile.cells`) says how many
 OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper

@@ -56,9 +56,8 @@ class RobotiqDriver(TrackedHand):
 
     def activate(self, dropping: bool = False) -> Applied:
         """Make the hand ready, in basic mode. One that is so and without fault is taken over as it
-        is; one that holds something, or is active and not open, for who holds by position feels no
-        contact, is left alone, unless it may drop that. One that is ready in another mode is told
-        the basic one, for which it opens first."""
+        is; one that may hold something is left alone, unless it may drop that. One that is ready in
+        another mode is told the basic one, for which it opens first."""
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -73,16 +72,15 @@ class RobotiqDriver(TrackedHand):
                 "open first; switch the hand off and on if it cannot",
             )
         status = self._status
-        if well or (
-            status is not None and status.active and status.initialization == 1 and not state.fault
-        ):
+        begun = status is not None and status.active and status.initialization == 1
+        if well or (begun and not state.fault):
             self._begin(Step.ACTIVATING, ACTIVATE)  # in another mode, or begun by another master
         else:
             self._begin(Step.RESTARTING, RESET)
         return self._of(ACTIVATE)
 
     def _holds(self, state: GripperState) -> bool:
-        """Whether it may hold something."""
+        """Whether it may hold something; who holds by position feels no contact."""
         met = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
         met = met or (self._status is not None and pinches(self._status))
         return met or (state.active and not state.is_open)
@@ -107,7 +105,7 @@ class RobotiqDriver(TrackedHand):
         """Close some fingers to their limits, within a force; the others hold where they are.
 
         Nothing opens: a limit behind a finger leaves it where it is. Where that is doubtful it goes
-        on to where it was told to, and no faster than it was told.
+        on to where it was told to, no faster than before.
         """
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
@@ -128,28 +126,22 @@ class RobotiqDriver(TrackedHand):
     def hold(self) -> Applied:
         """Stay: every target becomes the position the finger has. Never refused once connected.
 
-        Where the reported positions may be those of some time ago the fingers are stopped instead
-        (rGTO cleared), for a target that has been passed would move them back. That writes rACT,
-        though, which a hand that has lost power would take for its activation. So it is done only
-        while the status is seen to change; a finger goes on by what it may have moved at most
-        where it is not.
+        Where the reported positions may be old the fingers are stopped instead (rGTO cleared): a
+        target that has been passed would move them back. But that writes rACT, which activates a
+        hand that has lost power, so it is done only while the status is seen to change. Where it is
+        not, a finger goes on by what it may have moved at most.
         """
         state = self._known()
         if not state.active or self._exchange.lost or self._step is not Step.NONE:
             return self._nothing("the hand does not obey motion commands: nothing was sent")
         targets: Sequence[int] = held_targets(state.fingers, self._exchange.wanted)
-        go_to = self._tells_positions(state)
-        if not go_to and not self._alive:
+        go_to = state.fresh and not self._doubtful(state)
+        if not go_to and self._now_ns - self._changed_ns > STATUS_OLD_NS:
             targets, go_to = self._reached_at_most(state), True
         command = self._image(targets, 0, (0, 0, 0))
         command = msgspec.structs.replace(command, go_to=go_to)
         self._exchange.want(command)
         return self._of(command)
-
-    @property
-    def _alive(self) -> bool:
-        """The status was seen to change lately: it is no old one."""
-        return self._now_ns - self._changed_ns <= STATUS_OLD_NS
 
     def _reached_at_most(self, state: GripperState) -> list[int]:
         """Where each finger may be by now, on its way to what it was told last."""
@@ -164,12 +156,9 @@ class RobotiqDriver(TrackedHand):
             here[i] += min(max(axis.position - here[i], -reach), reach)
         return here
 
-    def _tells_positions(self, state: GripperState) -> bool:
-        """Whether the fingers are where the status says: it speaks of the last command, and has
-        changed lately if a finger moves."""
-        return state.fresh and not self._doubtful(state)
-
     def _doubtful(self, state: GripperState) -> bool:
+        """Whether the fingers may be elsewhere: one moves, and the status has not changed lately.
+        Or one was where no motor can have brought it."""
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
         return self._leapt or (moving and self._now_ns - self._changed_ns > STATUS_OLD_NS)
 
@@ -183,21 +172,17 @@ class RobotiqDriver(TrackedHand):
     # Images
 
     def _move(
-        self,
-        targets: Sequence[int],
-        speed_mps: float,
-        force_bytes: Sequence[int],
-        spread: bool = False,
+        self, targets: Sequence[int], speed_mps: float, forces: Sequence[int], spread: bool = False
     ) -> Applied:
         speed = self._calibration.speed_byte_at_most(speed_mps)
         state = self._ready()
         if any(to > at for to, at in zip(targets, state.positions, strict=True)):
             check_closing(self.mode)
-        command = self._image(targets, speed, force_bytes, spread)
+        command = self._image(targets, speed, forces, spread)
         if self._exchange.lost:
             return self._nothing(_LOST)
         still = [self._why_still(i, command.axes[i], state) for i in range(FINGERS)]
-        for i, byte in enumerate(force_bytes):
+        for i, byte in enumerate(forces):
             if not still[i]:
                 self._grip_bytes[i] = byte
         self._exchange.want(command)

@@ -1,8 +1,8 @@
 """The emulated gripper: the model behind Modbus TCP, or RTU on a pseudo-terminal.
 
-Frames are cut and built by pymodbus, as in the driver; what registers mean is written twice, here
-in ``model`` and there in ``protocol``, so that a mistake of one cannot hide in the other. Sources:
-Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
+pymodbus cuts and builds the frames, as in the driver; what registers mean is written twice, in
+``model`` and in ``protocol``, so that a mistake of one cannot hide in the other. A malformed frame
+ends a connection. Sources: Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
 """
 
 import os
@@ -31,7 +31,7 @@ from drivers.robotiq.model.gripper import FIRST_REGISTERS, GripperModel, HandSet
 from drivers.robotiq.model.hand import WORDS
 
 SLAVE: Final = 9  # the one number that is answered over RTU, manual p. 59
-_FUNCTION_AT: Final = 7  # in a TCP frame, after transaction, protocol, length and unit
+_HEADER_BYTES: Final = 7  # of a TCP frame: transaction, protocol, length and unit
 _MOST_BYTES: Final = 4096
 _SILENCE_S: Final = 0.05  # ends a serial frame that is not whole; far above 3.5 characters
 _JOIN_S: Final = 5.0
@@ -274,24 +274,17 @@ class GripperEmulator(_Emulator):
                 client.sendall(data)
 
         received = b""
-        with client, suppress(OSError, _Disconnect):
+        with client, suppress(OSError, _Disconnect, ModbusIOException):
             while data := client.recv(_MOST_BYTES):
                 received = self._serve_all(received + data, send)
         del self._clients[client]
 
     def _serve_all(self, received: bytes, send: OnFrame) -> bytes:
         """Answer every whole request; returns the bytes that are left."""
-        while len(received) > _FUNCTION_AT:
+        while len(received) >= _HEADER_BYTES:
             if received[2:4] != b"\0\0":
                 raise _Disconnect  # no header of Modbus: what follows cannot be told apart
-            try:
-                request, frame, left = self._cut(received)
-            except ModbusIOException as error:
-                function = received[_FUNCTION_AT]
-                code = ExcCodes.ILLEGAL_VALUE if function in (4, 16) else ExcCodes.ILLEGAL_FUNCTION
-                reply = ExceptionResponse(function, code)
-                send(self._framed(reply, error.dev_id, error.transaction_id))
-                return b""
+            request, frame, left = self._cut(received)
             if request is None:
                 break
             self._serve(frame, request, send)

@@ -21,7 +21,7 @@ ACTIVATE = CommandRegisters(activate=True)
 
 _SETTLED_NS = 500_000_000  # a commanded motion has begun by then; assumed
 
-WireLog = Callable[[int, Literal["write", "read"], Sequence[int]], None]
+WriteLog = Callable[[int, Registers], None]  # time and all registers of each new write
 
 
 class RegisterTransport(Protocol):
@@ -82,7 +82,7 @@ class Exchange:
         self,
         transport: RegisterTransport,
         settings: DriverSettings,
-        log: WireLog | None = None,
+        log: WriteLog | None = None,
         clock: Callable[[], int] | None = None,
     ) -> None:
         self._transport = transport
@@ -202,7 +202,7 @@ class Exchange:
         if image is None or wanted is None:
             return
         if self._log:
-            self._log(now_ns, "write", image)
+            self._log(now_ns, image)
         # All registers but one that the device shows to hold the same: no old byte stays in force.
         kept = int(image[0] == self._head and not self._whole)
         self._send(kept, image, now_ns)
@@ -237,8 +237,6 @@ class Exchange:
     def _read(self, now_ns: int) -> StatusRegisters | None:
         registers = self._transport.read(self._link.status_register, REGISTERS, now_ns)
         self.statistics.reads += 1
-        if self._log:
-            self._log(now_ns, "read", registers)
         raw = tuple(registers)
         if raw != self._raw:
             try:

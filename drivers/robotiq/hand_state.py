@@ -18,7 +18,7 @@ from drivers.robotiq.exchange import (
     Exchange,
     ExchangeStatistics,
     RegisterTransport,
-    WireLog,
+    WriteLog,
 )
 from drivers.robotiq.protocol import (
     BASIC,
@@ -67,7 +67,7 @@ class TrackedHand:
         transport: RegisterTransport,
         settings: DriverSettings,
         calibration: GripperCalibration,
-        log: WireLog | None = None,
+        log: WriteLog | None = None,
         clock: Callable[[], int] | None = None,
     ) -> None:
         """``clock`` tells how long an exchange took, where time passes meanwhile: that of the times
@@ -146,14 +146,7 @@ class TrackedHand:
         changed, self._status = status is not self._status, status
         if self._step is not Step.NONE or self._exchange.wanted is None:  # not ours to say yet
             self.mode = status.mode
-        unasked = self._activates_unasked(status, was_lost)
-        if unasked:
-            self._exchange.want(RESET)
-            self._exchange.pump(now_ns)
-        elif was_lost or self._was_reset(status):
-            self._resync(status)
-        elif self._reset_was_lost(status, now_ns):
-            self._exchange.again()
+        unasked = self._answer_reset(status, was_lost, now_ns)
         if self._step is not Step.NONE:
             self._proceed(status, now_ns)
         self._publish(status, now_ns, changed)
@@ -163,28 +156,23 @@ class TrackedHand:
         if overwritten:
             raise DeviceFault(_CHANGED.format(overwritten), _END_IT)
 
-    def _was_reset(self, status: StatusRegisters) -> bool:
-        """The device lost what it had taken up, as after a power cycle, written yet or not."""
-        wanted = self._exchange.wanted
-        if wanted is None or not wanted.activate or self._step is not Step.NONE:
-            return False
-        return not status.active
-
-    def _activates_unasked(self, status: StatusRegisters, was_lost: bool) -> bool:
-        """The device lost power between a read and the write after it: that write set rACT."""
-        wanted = self._exchange.wanted
-        if wanted in (None, ACTIVATE) or self._step is not Step.NONE:
-            return False
-        if wanted == RESET and not was_lost:
-            return False  # told already
+    def _answer_reset(self, status: StatusRegisters, was_lost: bool, now_ns: int) -> bool:
+        """Act on a reset that nobody asked for; whether the hand activates unasked."""
+        wanted, idle = self._exchange.wanted, self._step is Step.NONE
+        activating = status.active and status.initialization == 1 and idle
         stopped = FAULTS[status.fault].severity is Severity.MAJOR
-        return status.active and status.initialization == 1 and not stopped
-
-    def _reset_was_lost(self, status: StatusRegisters, now_ns: int) -> bool:
-        """The hand goes on activating although it was told not to, two refreshes ago."""
-        told = self._exchange.wanted == RESET and self._step is Step.NONE
-        busy = status.active and status.initialization == 1
-        return told and busy and self._exchange.settled(now_ns)
+        told = wanted in (None, ACTIVATE) or (wanted == RESET and not was_lost)
+        if activating and not told and not stopped:
+            # it lost power between a read and the write after it: that write set rACT
+            self._exchange.want(RESET)
+            self._exchange.pump(now_ns)
+            return True
+        reset = idle and wanted is not None and wanted.activate and not status.active
+        if was_lost or reset:  # as after a power cycle, written yet or not
+            self._resync(status)
+        elif activating and wanted == RESET and self._exchange.settled(now_ns):
+            self._exchange.again()  # it was told not to, two refreshes ago
+        return False
 
     def _resync(self, status: StatusRegisters) -> None:
         """Send nothing that moves without a new verb, and never activate by oneself."""
@@ -259,18 +247,14 @@ class TrackedHand:
     # Images
 
     def _image(
-        self,
-        targets: Sequence[int],
-        speed: int,
-        force_bytes: Sequence[int],
-        spread: bool = False,
+        self, targets: Sequence[int], speed: int, forces: Sequence[int], spread: bool = False
     ) -> CommandRegisters:
         """``spread``: in scissor mode, B and C apart; else that motor stays where it is.
 
         There it always has a place of its own (rICS), at the least force: without one a hand sends
         its scissor to finger A's place, and obeys no single finger.
         """
-        command = motion_image(self.mode, targets, speed, force_bytes)
+        command = motion_image(self.mode, targets, speed, forces)
         if self.mode != SCISSOR or self._status is None:
             return command
         to = AxisCommand(0, speed) if spread else AxisCommand(self._status.scissor.position)
@@ -310,14 +294,14 @@ def checked_counts(targets: Sequence[int]) -> Sequence[int]:
 
 
 def motion_image(
-    mode: int, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
+    mode: int, targets: Sequence[int], speed: int, forces: Sequence[int]
 ) -> CommandRegisters:
     """Fingers one by one (rICF), all targets given: nothing left from before can move them.
 
     ``mode`` must be the one that the hand is in: another one would open the fingers first.
     """
     a, b, c = (
-        AxisCommand(target, speed, byte) for target, byte in zip(targets, force_bytes, strict=True)
+        AxisCommand(target, speed, byte) for target, byte in zip(targets, forces, strict=True)
     )
     return CommandRegisters(
         activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c

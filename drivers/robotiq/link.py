@@ -90,24 +90,22 @@ class ThreadedGripper:
         self._thread.start()
         self._pumped.wait(within_s)
 
-    def stop(self, within_s: float = _JOIN_S) -> None:
+    def stop(self) -> None:
         """End the thread; what was commanded and not yet sent stays unsent."""
         thread = self._thread
         if thread is None:
             return
         self._stopping.set()
         self._wake.set()
-        thread.join(within_s)
+        thread.join(_JOIN_S)
         if thread.is_alive():
-            raise LinkLost(
-                f"the gripper's thread did not end within {within_s:g} s",
-                "an exchange hangs: check the timeout of the link",
-            )
+            told = f"the gripper's thread did not end within {_JOIN_S:g} s"
+            raise LinkLost(told, "an exchange hangs: check the timeout of the link")
         self._thread = None
 
-    def close(self, within_s: float = _JOIN_S) -> None:
+    def close(self) -> None:
         """Stop, and let go of the connection."""
-        self.stop(within_s)
+        self.stop()
         if self._close is not None:
             self._close()
 
@@ -278,10 +276,11 @@ class ThreadedGripper:
                 self._core.pump(now_ns)
                 self._lost = False
             except LinkLost as error:
-                self._note(error, again=self._lost)
+                if not self._lost:
+                    self._note(error)
                 self._lost, self._fell_back = True, False  # the fallback command may be lost too
             except GraspError as error:
-                self._note(error, again=False)
+                self._note(error)
                 self._lost = False
             self._state = self._core.state
             self._settle(now_ns)
@@ -297,7 +296,7 @@ class ThreadedGripper:
         try:
             self._do(*put_off)
         except GraspError as error:
-            self._note(error, again=False)
+            self._note(error)
         finally:
             with self._slot:  # one that came between question and answer would be lost
                 if self._put_off is put_off:
@@ -314,14 +313,14 @@ class ThreadedGripper:
         try:
             self._do(now_ns, lambda: command(self._core))
         except GraspError as error:
-            self._note(error, again=False)
+            self._note(error)
             words = f"cannot {words}: {error.message}"
         # a blocked terminal must not stop the exchange with the hand
         text = f"no control step for {_UNPOLLED_NS / _NS:g} s; the gripper acts by itself: {words}"
         threading.Thread(target=_LOG.warning, args=(f"grasp: {text}",), daemon=True).start()
 
-    def _note(self, error: GraspError, *, again: bool) -> None:
-        if not again and len(self._errors) < _ERRORS_KEPT:
+    def _note(self, error: GraspError) -> None:
+        if len(self._errors) < _ERRORS_KEPT:
             self._errors.append(error)
 
     def _settle(self, now_ns: int) -> None:

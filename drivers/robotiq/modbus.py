@@ -1,4 +1,4 @@
-"""Registers over Modbus TCP and Modbus RTU: the one file that knows pymodbus.
+"""Registers over Modbus TCP and Modbus RTU: the one file of the driver that knows pymodbus.
 
 Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46 and 55. Over TCP the gripper knows
 functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error with silence.
@@ -23,11 +23,9 @@ _BAUD: Final = 115200  # 8N1, manual p. 59
 UNIT: Final = 2  # over TCP, manual p. 75; the gripper answers any
 RECONNECT_S: Final = 0.2  # least time between attempts to connect
 _MOST_BYTES: Final = 4096
-_WRITE: Final = 16
-_READ_INPUT: Final = 4
-_READ_HOLDING: Final = 3
+_WRITE, _READ_INPUT, _READ_HOLDING = 16, 4, 3  # function codes
 
-# What pymodbus lets through: its own errors, those of the socket, and those of its decoder.
+# What pymodbus lets through: errors of its own, of the socket and of its decoder.
 _FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.error)
 
 # pymodbus tells of lost links and odd replies in its own log, unasked; here they are errors.

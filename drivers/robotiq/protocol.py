@@ -1,17 +1,15 @@
-"""Registers of the Robotiq 3-Finger gripper: bytes and fault texts. No I/O, no time.
+"""Registers of the Robotiq 3-Finger gripper: bytes, faults, what they say. No I/O, no time.
 
 Source: Robotiq 3-Finger instruction manual, 2008-2014 edition (register map p. 39-57, worked
 frames p. 67-74, register order p. 89) and 2008-2018 edition. Eight 16-bit registers go each way;
-register n holds byte 2n in its high half and byte 2n+1 in its low half.
-
-The one place where decoding fails is a wrong shape: ``from_bytes`` and ``from_registers`` raise
-``ValueError`` unless they get 16 bytes or eight values of 16 bits. Any content decodes.
+register n holds byte 2n in its high half and byte 2n+1 in its low half. Any content decodes; a
+wrong shape, not 16 bytes or eight values of 16 bits, is a ``ValueError``.
 """
 
 import struct
 from collections.abc import Sequence
 from enum import Enum
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import msgspec
 
@@ -51,7 +49,7 @@ _WORDS: Final = struct.Struct(">8H")
 Registers = tuple[int, ...]
 
 
-class RegisterLink(msgspec.Struct, frozen=True):
+class RegisterLink(NamedTuple):
     """First register of the command and status blocks on one kind of link (manual p. 59, 75)."""
 
     command_register: int

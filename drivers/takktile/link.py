@@ -140,12 +140,7 @@ class UsbLink:
 def _find(serial: str | None, backend: Any) -> Any:
     try:
         found = list(
-            usb.core.find(
-                find_all=True,
-                backend=backend,
-                idVendor=VENDOR_ID,
-                idProduct=PRODUCT_ID,
-            )
+            usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID)
         )
     except usb.core.NoBackendError as error:
         raise LinkLost(

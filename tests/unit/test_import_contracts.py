@@ -25,7 +25,7 @@ VIOLATIONS = {
     "world-drivers": ("scenarios.world.cell", "drivers.robotiq.protocol"),
     "drivers-independent": ("drivers.ur.planted", "drivers.robotiq.planted_other"),
     "no-driver-imports-a-model": ("drivers.robotiq.driver", "drivers.robotiq.model.gripper"),
-    "model-has-its-own-codec": ("drivers.takktile.model.codec", "drivers.takktile.protocol"),
+    "model-has-its-own-codec": ("drivers.takktile.model.board", "drivers.takktile.protocol"),
     "motor-internal": ("scenarios.planted", "drivers.robotiq.model.motor"),
     "devices-by-interface": ("grasp.guard", "drivers.robotiq.driver"),
     "devices-uncompiled": ("drivers.ur.link.planted", "numba"),

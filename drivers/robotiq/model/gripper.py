@@ -8,7 +8,7 @@ Fingers are ordered A, B, C; counts are motor counts, 0 open to 255 closed.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import IntEnum
+from enum import Enum
 from typing import Final, Literal
 
 import numpy as np
@@ -51,28 +51,16 @@ FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status
 Lie = Callable[[Words], Words]
 
 
-class Stage(IntEnum):
+class Stage(Enum):
     """What the hand as a whole is busy with."""
 
-    BOOTING = 0
-    RESET = 1
-    ACTIVATING = 2
-    MODE_CHANGE = 3
-    READY = 4
-    RELEASED = 5
-    FAULTED = 6
+    BOOTING, RESET, ACTIVATING, MODE_CHANGE, READY, RELEASED, FAULTED = range(7)
 
 
 _INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
 _LEFT_BY_FAULT: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
 _STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASED: 0x0F}
 _DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
-
-
-def _all_to(counts: int, speed: int) -> Axes:
-    """The hand's own motions run at the least force."""
-    axis = Request(counts, speed, 0)
-    return axis, axis, axis
 
 
 class GripperModel:
@@ -114,7 +102,7 @@ class GripperModel:
 
     @property
     def ready(self) -> bool:
-        """True when activation is complete and nothing hinders motion (gIMC = 3)."""
+        """Whether activation is complete and nothing hinders motion (gIMC = 3)."""
         return self._stage is Stage.READY
 
     @property
@@ -210,7 +198,9 @@ class GripperModel:
             if event_ns == self._stage_end_ns:
                 self._end_stage(event_ns)
             elif event_ns == start_ns:
-                self._execute(self._pending.popleft())
+                motion = self._pending.popleft()
+                if not self._jammed:
+                    self._fingers.execute(motion)
             else:
                 self._tick(event_ns)
 
@@ -227,10 +217,6 @@ class GripperModel:
             or not self._scissor.at_rest(now_ns)
         )
 
-    def _execute(self, motion: FingerMotion) -> None:
-        if not self._jammed:
-            self._fingers.execute(motion)
-
     def _enter(self, stage: Stage, now_ns: int, duration_s: float) -> None:
         self._stage = stage
         self._stage_end_ns = now_ns + round(duration_s * 1e9)
@@ -243,17 +229,13 @@ class GripperModel:
     def _take_up(self, command: Command, now_ns: int) -> None:
         self._command = command
         if not command.activate:
-            self._reset()
+            self._halt(Stage.RESET)
+            self._injected, self._going = 0, False
+            self._fingers.forget_detections()
         elif self._stage is Stage.RESET:
             self._activate(now_ns)
         elif self._stage is Stage.READY:
             self._obey(now_ns)  # only clearing rACT gets it out of a fault
-
-    def _reset(self) -> None:
-        self._halt(Stage.RESET)
-        self._injected = 0
-        self._going = False
-        self._fingers.forget_detections()
 
     def _activate(self, now_ns: int) -> None:
         """Open and close to the mechanical stops, then open (manual p. 89)."""
@@ -261,13 +243,13 @@ class GripperModel:
         self._enter(Stage.ACTIVATING, now_ns, duration_s)
         for third, counts in enumerate((0, FULL, 0)):
             at_ns = now_ns + round(third * duration_s / 3 * 1e9)
-            axes = _all_to(counts, FULL)
+            axes = (Request(counts, FULL, 0),) * 3  # at the least force
             self._pending.append(FingerMotion(at_ns, axes, to_stops=third < 2))
 
     def _change_mode(self, now_ns: int) -> None:
         """Fingers open first, so that the scissor meets nothing."""
         self._pending.clear()
-        self._pending.append(FingerMotion(now_ns, _all_to(0, FULL)))
+        self._pending.append(FingerMotion(now_ns, (Request(0, FULL, 0),) * 3))
         self._mode = self._command.mode
         self._going = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
@@ -291,16 +273,13 @@ class GripperModel:
             self._scissor.go(command.fingers[0].position, now_ns)
         was_going, self._going = self._going, command.go_to
         at_ns = now_ns + self._latency_ns
+        axes, rises = self._requested(), not was_going
         if command.go_to:
-            self._pending.append(self._request(at_ns, rises=not was_going))
+            a, b, c = (self._sets_going(i, axis, rises) for i, axis in enumerate(axes))
+            self._targets = [axis.position for axis in axes]
+            self._pending.append(FingerMotion(at_ns, axes, (a, b, c), rises))
         elif was_going:
-            self._pending.append(FingerMotion(at_ns, self._requested(), stop=True))
-
-    def _request(self, at_ns: int, *, rises: bool) -> FingerMotion:
-        axes = self._requested()
-        a, b, c = (self._sets_going(i, axis, rises) for i, axis in enumerate(axes))
-        self._targets = [axis.position for axis in axes]
-        return FingerMotion(at_ns, axes, (a, b, c), rises)
+            self._pending.append(FingerMotion(at_ns, axes, stop=True))
 
     def _sets_going(self, i: int, axis: Request, rises: bool) -> bool:
         """Whether a request starts finger ``i``; a new speed alone does not (manual p. 36)."""
@@ -328,16 +307,19 @@ class GripperModel:
             command.mode != _SCISSOR_MODE or command.individual_scissor
         )
 
-    def _fault(self) -> int:
-        fault = self._injected or _STAGE_FAULT.get(self._stage, 0)
-        if not fault and self._command.go_to:
-            return _DELAYED.get(self._stage, 0)
-        return fault
-
     def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
         going = stage is Stage.READY and command.go_to
-        a, b, c = self._finger_statuses()
+        a, b, c = (request.position for request in command.fingers)
+        if not self._one_by_one:
+            b = c = 0  # in simple mode only finger A echoes (manual p. 68)
+        fingers = [self._fingers.status(i, echo) for i, echo in enumerate((a, b, c))]
+        echo = command.scissor.position if command.individual_scissor else 0
+        rests = going and self._scissor.at_rest(now_ns)
+        scissor = AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+        fault = self._injected or _STAGE_FAULT.get(stage, 0)
+        if not fault and command.go_to:
+            fault = _DELAYED.get(stage, 0)
         initialization = _INITIALIZATION.get(stage, 0)
         if stage is Stage.FAULTED:
             initialization = _LEFT_BY_FAULT[self._injected]
@@ -346,26 +328,13 @@ class GripperModel:
             mode=command.mode,
             going=going,
             initialization=initialization,
-            stopped=_stopped(a.detection, b.detection, c.detection) if going else 0,
-            fault=self._fault(),
-            axes=(a, b, c, self._scissor_status(now_ns, going)),
+            stopped=_stopped([finger.detection for finger in fingers]) if going else 0,
+            fault=fault,
+            axes=(*fingers, scissor),
         )
 
-    def _finger_statuses(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
-        """In simple mode only finger A echoes (manual p. 68)."""
-        a, b, c = (request.position for request in self._command.fingers)
-        if not self._one_by_one:
-            b = c = 0
-        fingers = self._fingers
-        return fingers.status(0, a), fingers.status(1, b), fingers.status(2, c)
 
-    def _scissor_status(self, now_ns: int, going: bool) -> AxisStatus:
-        echo = self._command.scissor.position if self._command.individual_scissor else 0
-        rests = going and self._scissor.at_rest(now_ns)
-        return AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
-
-
-def _stopped(*detections: int) -> int:
+def _stopped(detections: Sequence[int]) -> int:
     """gSTA: 0 some finger moves, 1 some stopped short, 2 all stopped short, 3 all at target."""
     if 0 in detections:
         return 0

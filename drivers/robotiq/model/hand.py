@@ -108,7 +108,7 @@ class HandStatus(msgspec.Struct, frozen=True):
     initialization: int  # gIMC
     stopped: int  # gSTA
     fault: int  # gFLT
-    axes: tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]
+    axes: Sequence[AxisStatus]  # A, B, C, scissor
 
 
 def decode(words: Sequence[int]) -> Command:
@@ -128,13 +128,8 @@ def decode(words: Sequence[int]) -> Command:
 
 def encode(hand: HandStatus) -> Words:
     """Eight status words."""
-    status = (
-        (hand.stopped << 6)
-        + (hand.initialization << 4)
-        + (hand.going << 3)
-        + (hand.mode << 1)
-        + hand.active
-    )
+    status = (hand.stopped << 6) + (hand.initialization << 4)
+    status += (hand.going << 3) + (hand.mode << 1) + hand.active
     a, b, c, s = hand.axes
     detections = (s.detection << 6) + (c.detection << 4) + (b.detection << 2) + a.detection
     return (

@@ -36,7 +36,7 @@ _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 
 
-class Talk(Protocol):
+class Dialogue(Protocol):
     """One connection's dialogue: bytes in, bytes out."""
 
     broken: bool
@@ -46,7 +46,7 @@ class Talk(Protocol):
     def close(self) -> None: ...
 
 
-class LineTalk:
+class LineDialogue:
     """One answer a line."""
 
     def __init__(self, answer: Callable[[str], str]) -> None:
@@ -64,7 +64,7 @@ class LineTalk:
     def close(self) -> None: ...
 
 
-class ScriptTalk(LineTalk):
+class ScriptDialogue(LineDialogue):
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
     def __init__(self, load: Callable[[str], None]) -> None:
@@ -90,9 +90,9 @@ class ScriptTalk(LineTalk):
 class Connection:
     """A client's socket, never blocking, and what waits to be sent to it."""
 
-    def __init__(self, sock: socket.socket, talk: Talk, port: int) -> None:
+    def __init__(self, sock: socket.socket, dialogue: Dialogue, port: int) -> None:
         self.sock = sock
-        self.talk = talk
+        self.dialogue = dialogue
         self.port = port
         self._unsent = bytearray()
 
@@ -104,7 +104,7 @@ class Connection:
             return True
         except OSError:
             return False
-        return bool(data) and self.send(self.talk.feed(data)) and not self.talk.broken
+        return bool(data) and self.send(self.dialogue.feed(data)) and not self.dialogue.broken
 
     def send(self, data: bytes) -> bool:
         """Send as much as the client takes; False when it is gone or does not read."""
@@ -126,18 +126,18 @@ class Server:
         self._selector = selectors.SelectSelector()  # epoll counts whole milliseconds
         self._connections: list[Connection] = []
 
-    def listen(self, host: str, port: int, talk: Callable[[], tuple[Talk, bytes]]) -> int:
-        """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting."""
+    def listen(self, host: str, port: int, make: Callable[[], tuple[Dialogue, bytes]]) -> int:
+        """Returns the port; ``make`` gives the dialogue of a new connection and its greeting."""
         sock = socket.create_server((host, port), backlog=128, reuse_port=False)
         sock.setblocking(False)
         number = int(sock.getsockname()[1])
         self._selector.register(
-            sock, selectors.EVENT_READ, lambda: self._accept(sock, number, talk)
+            sock, selectors.EVENT_READ, lambda: self._accept(sock, number, make)
         )
         return number
 
     def _accept(
-        self, sock: socket.socket, port: int, talk: Callable[[], tuple[Talk, bytes]]
+        self, sock: socket.socket, port: int, make: Callable[[], tuple[Dialogue, bytes]]
     ) -> None:
         with contextlib.suppress(OSError):
             client, _ = sock.accept()
@@ -146,7 +146,7 @@ class Server:
                 return
             client.setblocking(False)
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            dialogue, greeting = talk()
+            dialogue, greeting = make()
             connection = Connection(client, dialogue, port)
             self._connections.append(connection)
             self._selector.register(
@@ -160,7 +160,7 @@ class Server:
         self._connections.remove(connection)
         self._selector.unregister(connection.sock)
         connection.sock.close()
-        connection.talk.close()
+        connection.dialogue.close()
 
     def serve(self, until_ns: int) -> None:
         """Handle what comes until then, and what is there already in any case."""
@@ -175,8 +175,8 @@ class Server:
     def broadcast(self, cycle: int, sample: Sample) -> None:
         """Send each RTDE client its fields of this cycle."""
         for connection in list(self._connections):
-            talk = connection.talk
-            if isinstance(talk, RtdeConnection) and (data := talk.sample(cycle, sample)):
+            dialogue = connection.dialogue
+            if isinstance(dialogue, RtdeConnection) and (data := dialogue.sample(cycle, sample)):
                 self._keep(connection, connection.send(data))
 
     def drop_links(self, but: int) -> None:
@@ -236,11 +236,11 @@ class UrEmulator:
         version, load = version_message(settings.controller), self.controller.load
         listen, host = self._server.listen, settings.host
         listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
-        listen(host, DASHBOARD_PORT, lambda: (LineTalk(dashboard.answer), BANNER))
+        listen(host, DASHBOARD_PORT, lambda: (LineDialogue(dashboard.answer), BANNER))
         for port in STATE_PORTS:
-            listen(host, port, lambda: (ScriptTalk(load), version))
-        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(load), b""))
-        return listen(host, settings.fault_port, lambda: (LineTalk(faults.answer), b""))
+            listen(host, port, lambda: (ScriptDialogue(load), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptDialogue(load), b""))
+        return listen(host, settings.fault_port, lambda: (LineDialogue(faults.answer), b""))
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Serve until ``ended`` says so; it is asked once per cycle."""

@@ -20,9 +20,7 @@ class Outcome(StrEnum):
     """What became of a command: ur_rtde itself says True or False."""
 
     DONE = "done"
-    PROTECTIVE_STOP = "protective stop"
-    EMERGENCY_STOP = "emergency stop"
-    PROGRAM_ENDED = "program ended"
+    STOPPED = "stopped by safety, or the program has ended"
     NOT_TAKEN = "not taken"
 
 

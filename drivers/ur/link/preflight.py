@@ -11,7 +11,7 @@ import socket
 import struct
 import time
 from collections.abc import Mapping
-from typing import Final, Literal, Self
+from typing import IO, Final, Literal, Self
 
 import msgspec
 
@@ -72,10 +72,10 @@ class Rtde:
     def wait(self, kind: bytes) -> bytes:
         """Body of the next packet of a kind."""
         while True:
-            size, found = struct.unpack(">Hc", self._read(3))
+            size, found = struct.unpack(">Hc", _exactly(self._file, 3))
             if size < 3:
                 raise ValueError(f"RTDE packet of {size} bytes")
-            body = self._read(size - 3)
+            body = _exactly(self._file, size - 3)
             if found == kind:
                 return body
 
@@ -84,12 +84,6 @@ class Rtde:
         types = self.ask(b"O", struct.pack(">d", frequency_hz) + ",".join(names).encode())[1:]
         if b"NOT_FOUND" in types or self.ask(b"S") != b"\x01":
             raise ValueError(f"it does not send {','.join(names)}: {types.decode()}")
-
-    def _read(self, count: int) -> bytes:
-        data = self._file.read(count)
-        if len(data) < count:
-            raise ConnectionError("the peer hung up")
-        return data
 
 
 class Dashboard:
@@ -119,11 +113,16 @@ class Dashboard:
 
 def peek(host: str, port: int, count: int, timeout_s: float) -> bytes:
     """The first bytes that a port sends unasked; raises OSError."""
-    with (
-        socket.create_connection((host, port), timeout_s) as peer,
-        peer.makefile("rb") as stream,
-    ):
-        return stream.read(count)
+    connection = socket.create_connection((host, port), timeout_s)
+    with connection, connection.makefile("rb") as stream:
+        return _exactly(stream, count)
+
+
+def _exactly(stream: IO[bytes], count: int) -> bytes:
+    data = stream.read(count)
+    if len(data) < count:
+        raise ConnectionError("the peer hung up")
+    return data
 
 
 def _reason(error: Exception) -> str:

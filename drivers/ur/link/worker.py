@@ -124,18 +124,14 @@ class Robot:
         if taken:
             return Outcome.DONE
         deadline = time.monotonic() + _SETTLE_S
-        state = self.state()
-        while not (state.stopped_by_safety or not state.program_running):
-            if time.monotonic() > deadline:
+        while True:
+            state = self.state()
+            stopped = state.stopped_by_safety or not state.program_running
+            if stopped or time.monotonic() > deadline:
                 break
             time.sleep(_PERIOD_S)
-            state = self.state()
         self._channel.send(state)
-        if state.emergency_stop:
-            return Outcome.EMERGENCY_STOP
-        if state.stopped_by_safety:
-            return Outcome.PROTECTIVE_STOP
-        return Outcome.NOT_TAKEN if state.program_running else Outcome.PROGRAM_ENDED
+        return Outcome.STOPPED if stopped else Outcome.NOT_TAKEN
 
 
 class Commander:
@@ -166,12 +162,12 @@ class Commander:
         self._driving = False
         self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
-        self._forsaken = False  # the arm moved and nobody read
+        self._abandoned = False  # the arm moved and nobody read
         self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
         self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
         self._commanded_at = -math.inf
         self._heard_at = self._clock()
-        self._unheard_s = 0.0
+        self._silent_s = 0.0
         self._kicked_at = -math.inf
 
     def prepare(self) -> bool:
@@ -187,7 +183,7 @@ class Commander:
     def serve(self) -> None:
         """Until the client says so or is gone."""
         while True:
-            self.turn()
+            self.step()
             try:
                 request = self._channel.receive(self._wait_s)
             except EOFError:
@@ -203,13 +199,13 @@ class Commander:
         was said meanwhile waits there."""
         if heard:
             self._heard_at = self._clock()
-        self._unheard_s = self._clock() - self._heard_at
+        self._silent_s = self._clock() - self._heard_at
 
-    def turn(self) -> None:
+    def step(self) -> None:
         """What is due without a request: the motion that waits, a brake, and the watchdog."""
         self._go_on()
         self._moving = self._moving and self.busy
-        self._brake_unheard()
+        self._brake_abandoned()
         self._kick()
 
     def leave(self) -> None:
@@ -240,8 +236,8 @@ class Commander:
         if isinstance(command, messages.Stop):
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
-        if self._forsaken:  # its program is about to end
-            return Outcome.PROGRAM_ENDED
+        if self._abandoned:  # its program is about to end
+            return Outcome.STOPPED
         self._acceleration_mps2 = command.acceleration_mps2
         if self._driving and isinstance(command, DriveArm):
             return self._start(command)
@@ -304,13 +300,13 @@ class Commander:
     def _kick_period_s(self) -> float:
         return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
 
-    def _brake_unheard(self) -> None:
+    def _brake_abandoned(self) -> None:
         """Nobody reads while the arm is on its way: brake at once, unless it is braking. The
         watchdog, kicked no more, ends the program, so that whoever reads again is told."""
         on_its_way = self._moving or self._driving
-        if self._forsaken or self._client_lives or not on_its_way:
+        if self._abandoned or self._client_lives or not on_its_way:
             return
-        self._forsaken, self._waiting = True, None
+        self._abandoned, self._waiting = True, None
         if not self._stopping:
             self._stop(self._acceleration_mps2)
 
@@ -323,13 +319,13 @@ class Commander:
 
     def _kick(self) -> None:
         now = self._clock()
-        if not self._forsaken and now - self._kicked_at >= self._kick_period_s:
+        if not self._abandoned and now - self._kicked_at >= self._kick_period_s:
             self._kicked_at = now
             self._control.kickWatchdog()
 
     @property
     def _client_lives(self) -> bool:
-        return self._unheard_s <= self._setup.heartbeat_timeout_s
+        return self._silent_s <= self._setup.heartbeat_timeout_s
 
 
 def _start(setup: messages.Setup, channel: Channel) -> Commander:

@@ -108,7 +108,7 @@ def test_arm_on_which_a_program_runs_is_not_moved_and_the_program_can_be_ended(l
         refused = lab.grasp(*words, *CONFIRMED, *soon)
         assert refused.code == 3, refused
         assert "a program runs on the arm already" in refused.err
-    assert "would end the program" in lab.grasp("arm", "stop", "--dry-run").out
+    assert "would end any program" in lab.grasp("arm", "stop", "--dry-run").out
     assert "no program runs on it" in lab.grasp("arm", "stop").out
 
 

@@ -88,11 +88,10 @@ class Rig:
         self.peak_n = np.zeros(3)
         self.step()
 
-    def _log(self, now_ns: int, kind: str, registers: Sequence[int]) -> None:
-        if kind == "write":
-            self.written.append(decode(registers))
-            self.frames.append(to_bytes(registers).hex())
-            self.written_ns.append(now_ns)
+    def _log(self, now_ns: int, registers: Sequence[int]) -> None:
+        self.written.append(decode(registers))
+        self.frames.append(to_bytes(registers).hex())
+        self.written_ns.append(now_ns)
 
     @property
     def state(self):

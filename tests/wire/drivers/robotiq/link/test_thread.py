@@ -43,9 +43,8 @@ def bytes_in_a_loop() -> list[bytes]:
     model = GripperModel(QUICK, 0)
     written: list[bytes] = []
 
-    def log(now_ns: int, kind: str, registers) -> None:
-        if kind == "write":
-            written.append(b"".join(word.to_bytes(2, "big") for word in registers))
+    def log(now_ns: int, registers) -> None:
+        written.append(b"".join(word.to_bytes(2, "big") for word in registers))
 
     core = RobotiqDriver(ModelTransport(model), DriverSettings(), PAPER, log)
     now = [0]

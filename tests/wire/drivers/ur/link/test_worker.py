@@ -149,10 +149,10 @@ def test_move_during_a_move_brakes_and_waits(commander, rtde, ours, later):
     rtde.speed_mps = 0.0
     rtde.running_operation = True
     later.ahead_s = SETTLED_S
-    commander.turn()
+    commander.step()
     assert rtde.names() == ["stopL"]
     rtde.running_operation = False
-    commander.turn()
+    commander.step()
     assert rtde.names() == ["stopL", "moveL"]
 
 
@@ -161,7 +161,7 @@ def test_move_that_waits_is_dropped_when_the_client_is_heard_no_more(commander, 
     serve(commander, ours, move(7))
     rtde.speed_mps = 0.0
     silence(commander, later)
-    commander.turn()
+    commander.step()
     assert "moveL" not in rtde.names()
 
 
@@ -169,16 +169,16 @@ def test_stop_forgets_the_move_that_waits(commander, rtde, ours, later):
     rtde.speed_mps = 0.1
     serve(commander, ours, move(1), messages.Stop(2, 1.0))
     rtde.speed_mps, later.ahead_s = 0.0, SETTLED_S
-    commander.turn()
+    commander.step()
     assert "moveL" not in rtde.names()
 
 
 @pytest.mark.parametrize(
     ("bits", "runtime_state", "outcome"),
     [
-        (1 << 2 | 1 << 10, 1, Outcome.PROTECTIVE_STOP),
-        (1 << 6 | 1 << 7 | 1 << 10, 1, Outcome.EMERGENCY_STOP),
-        (1, 1, Outcome.PROGRAM_ENDED),
+        (1 << 2 | 1 << 10, 1, Outcome.STOPPED),
+        (1 << 6 | 1 << 7 | 1 << 10, 1, Outcome.STOPPED),
+        (1, 1, Outcome.STOPPED),
         (1, 2, Outcome.NOT_TAKEN),
     ],
 )
@@ -191,7 +191,7 @@ def test_false_is_told_by_the_bits(commander, rtde, ours, bits, runtime_state, o
 def kicks(commander, rtde, later):
     later.ahead_s += SETTLED_S
     before = rtde.calls.count(("kickWatchdog",))
-    commander.turn()
+    commander.step()
     return rtde.calls.count(("kickWatchdog",)) > before
 
 
@@ -252,10 +252,10 @@ def test_nothing_begins_once_the_arm_has_been_left_alone(commander, rtde, ours, 
     serve(commander, ours, move())
     rtde.speed_mps = 0.1
     silence(commander, later)
-    commander.turn()
+    commander.step()
     rtde.speed_mps = 0.0
     commander.listened(True)
-    assert commander.carry_out(request_) is Outcome.PROGRAM_ENDED
+    assert commander.carry_out(request_) is Outcome.STOPPED
     assert rtde.names() == ["moveL", "stopL"]
 
 
@@ -274,9 +274,9 @@ def test_drive_that_nobody_reads_is_braked_by_its_own_verb_however_slow(
     serve(commander, ours, DRIVE)
     rtde.speed_mps = speed_mps
     later.ahead_s += SETTLED_S
-    commander.turn()
+    commander.step()
     silence(commander, later)
-    commander.turn()
+    commander.step()
     assert rtde.names()[:2] == ["speedL", "speedL"]
     assert ("speedL", [0.0] * 6, 0.5) in rtde.calls
 
