@@ -79,8 +79,8 @@ def fingerprint(content: bytes) -> str:
 
 def own_files(layers: Sequence[Layer]) -> dict[str, str]:
     """The files of one's own among the layers, each with its fingerprint."""
-    told = {layer.source: layer.digest for layer in layers if layer.digest}
-    return {p: digest for p, digest in told.items() if not Path(p).is_relative_to(config_dir())}
+    read = {layer.source: layer.digest for layer in layers if layer.digest}
+    return {p: digest for p, digest in read.items() if not Path(p).is_relative_to(config_dir())}
 
 
 def checked(layer: Layer) -> Layer:
@@ -243,10 +243,10 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
     if not key:  # settings that do not go together, of which the first is named
         named = re.match(r"([a-z_]+\.[a-z_0-9]+): ", problem)
         return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
-    told = TOGETHER if whole and not problem.startswith("Expected") else allowed(cls, key)
+    remedy = TOGETHER if whole and not problem.startswith("Expected") else allowed(cls, key)
     if word := re.match(r"Invalid enum value '(.*)'", problem):
-        problem += meant(word[1], re.findall(r"'(\w+)'", told))
-    return ConfigError(_source(sources, key), key, problem, told)
+        problem += meant(word[1], re.findall(r"'(\w+)'", remedy))
+    return ConfigError(_source(sources, key), key, problem, remedy)
 
 
 def _source(sources: dict[str, str], key: str) -> str:

@@ -162,7 +162,7 @@ def _literal(value: Any) -> str:
 
 
 def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Task]:
-    """All trials. Repetitions are outermost: a campaign that was cut short has seen every
+    """All trials. Repetitions are outermost: a campaign that was cut short has run every
     combination about equally often, on the same seeds."""
     numbers = itertools.count()
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):

@@ -40,8 +40,8 @@ class TrialSeries(msgspec.Struct, frozen=True):
     trials: int
 
     def spec(self) -> CampaignSpec:
-        """What its file says it is. Settings are told by their hash alone, so that an address may
-        change before it is gone on with."""
+        """As its file states it. Settings are compared by their hash alone, so that an address may
+        change before the series is resumed."""
         config = self.config
         return CampaignSpec(
             name=f"{config.rig}-{self.scenario}-{config.object.name}-{self.seed}",
@@ -74,7 +74,7 @@ def run(
     """The trials that the store lacks, each with its row, which is written before the next begins.
 
     Ends after one that failed as a run. One that was interrupted or never began has no row, one
-    that a device ended has a row that says so: they are run again by whoever goes on, or at once,
+    that a device ended has a row that says so: they are run again on resumption, or at once,
     as ``scenarios.trial.series`` says. Raises what ``scenarios.trial.series`` raises, and
     CouldNotRecord.
     """
@@ -103,7 +103,7 @@ def run(
 
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
-    """Of the arm, that the trials up to now began from; None where none of them tells."""
+    """Of the arm, that the trials up to now began from; None where none of them has one."""
     homes = (msgspec.json.decode(row.result, type=Home).home_m for row in rows if row.result)
     return next((home for home in homes if home is not None), None)
 

@@ -67,7 +67,7 @@ class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
     def judge(
         self, config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | None
     ) -> LiftResult:
-        """Runs the twin where only that can tell."""
+        """Runs the twin, the same trial without reactions, where only that shows a false start."""
         facts = _facts(config, seed, trial)
         verdict = outcome(facts, config.object)
         judged = trial.bug is None and not trial.interrupted

@@ -1,7 +1,7 @@
 """The result of a lift, and its verdict from what the world knows and the controller did.
 
 Success as in the paper (section V-C): slip correctly detected and compensated, object stably
-grasped and lifted; long objects are told apart by the distance between first and final grasp.
+grasped and lifted; long objects are judged by the distance between first and final grasp.
 """
 
 from enum import StrEnum

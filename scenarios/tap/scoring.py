@@ -84,7 +84,7 @@ UNSTRUCK = frozenset(
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
-    """What a blow did: seen by the world, or felt by the fingertips and read off the tape mark.
+    """What a blow did: by the world's truth, or by the fingertips and the tape mark.
 
     Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
     """
@@ -96,7 +96,7 @@ class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
     held: bool = True
     down_m: float | None = None
     across_m: float | None = None
-    turned_rad: float | None = None  # None where nobody can tell
+    turned_rad: float | None = None  # None where it is not measured
 
     def moved(self) -> bool:
         """Whether that is motion: a displacement, or a rotation that is worth one."""
@@ -161,7 +161,7 @@ def registered_after(alarms: Sequence[Alarm], t_s: float) -> float | None:
 
 def nominal_again_s(facts: TapFacts, since_s: float) -> float | None:
     """First time from ``since_s`` on at which the status is nominal and stays so for STAY_S;
-    None if it was not watched long enough to tell, or never did."""
+    None if it never did, or was not watched for long enough."""
     t_s = since_s
     for alarm in facts.alarms:
         if alarm.off_s is not None and alarm.off_s <= t_s:

@@ -1,7 +1,7 @@
 """The mallet tap (paper, section V-B): hold at the force cap, be struck, feel the slip, calm down.
 
 Each tap is a trial of its own, a grasp from the table to being set down again, so that taps do not
-walk the object through the hand. Only detection is scored: the controller is told not to answer
+walk the object through the hand. Only detection is scored: the controller is set not to answer
 slip, and it could not, because a thumb that stands at the cap is latched at that force.
 """
 
@@ -68,7 +68,7 @@ class WorldStrikes:
         """Nothing to remember: the world knows."""
 
     def strike(self, tick: Tick, truth: Truth | None) -> None:
-        if truth is None:  # the world is gone, as the next step will hear
+        if truth is None:  # the world is gone; the next step fails with its error
             return
         self._rest = truth
         self._at_s = tick.t_ns * 1e-9
@@ -141,7 +141,7 @@ class PersonStrikes:
         return False
 
     def _give_up(self) -> None:
-        """The question that stands is taken back, so that what happened is told after it."""
+        """Take the open question back; what happened is printed after it."""
         if not self._given_up:
             self._operator.say(NEVER_MIND)
         self._given_up = True

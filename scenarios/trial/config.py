@@ -64,8 +64,8 @@ class SourceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
     def in_words(self) -> list[str]:
         """A line for each that is known."""
-        told = {"counts a newton": self.counts_per_newton, "rule on slip": self.rule}
-        return [f"{what} by: {source}" for what, source in told.items() if source]
+        sources = {"counts a newton": self.counts_per_newton, "rule on slip": self.rule}
+        return [f"{what} by: {source}" for what, source in sources.items() if source]
 
 
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -128,5 +128,5 @@ def trial_layers(
         *(own_name(own, "objects", "object", chosen) for own in own_layers(files, assignments)),
     ]
     layers = [*calibration_layers(layers), *layers]
-    told = {"rig": like, "profile": profile, "detector_name": detector, "files": own_files(layers)}
-    return [*layers, Layer("command line", told)]
+    chosen_names = {"rig": like, "profile": profile, "detector_name": detector}
+    return [*layers, Layer("command line", {**chosen_names, "files": own_files(layers)})]

@@ -1,8 +1,8 @@
 """Feeds a recorded fingertip to the grasp step, as if it were lifting.
 
 A recording cannot react: whatever is commanded, the signal goes on. Devices that simply obey stand
-in for gripper and arm. One step is told not to react: it never closes, so nothing masks what it
-hears, and it says what slip is registered. Another answers; once it has ended its lift a fresh one
+in for gripper and arm. One step does not react: it never closes, so nothing masks what it detects,
+and it gives the slip that is registered. Another answers; once it has ended its lift a fresh one
 follows, so that every stroke of the recording gets its answer.
 """
 
@@ -73,13 +73,13 @@ class _Lift:
     once too, or is for ever on its way: then the lift lasts as long as the recording.
 
     It begins some time before ``t_ns``, on the frames that came before, so that at ``t_ns`` the
-    arm has just been told to lift.
+    arm has just been commanded to lift.
     """
 
     def __init__(
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
-        self.begun = False  # the arm has been told to lift
+        self.begun = False  # the arm has been commanded to lift
         self._step = make_step(config, doubts=Doubts(config.doubt, stand_ins=True))
         self._seq = 0
         self._rest_taken = False
@@ -130,7 +130,7 @@ class _Lift:
                 self._targets = (command.limits_counts[0], *self._targets[1:])
 
     def _gripper(self, now_ns: int) -> GripperState:
-        """A thumb that closed stands on its object, short of where it was told to go."""
+        """A thumb that closed stands on its object, short of its target."""
         detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
         if now_ns < self._closes_until_ns:
             detection = Detection.MOVING

@@ -14,7 +14,7 @@ from scenarios.benchmark.evaluation_file import (
     EvaluationFile,
     evaluated,
     read_evaluation,
-    slips_heard,
+    scored_slips,
     trace,
 )
 from scenarios.benchmark.scoring import contender
@@ -42,7 +42,7 @@ def streamed(heard: dict[int, int]) -> Streamed:
 
 def test_a_trace_is_of_the_samples_around_its_slip_pressing_upwards() -> None:
     one = streamed({200: 7})
-    (slip, _) = slips_heard(one, RULE)
+    (slip, _) = scored_slips(one, RULE)
     shown = trace(one, slip, RULE)
     assert shown.t_s[0] == pytest.approx(-0.5) and shown.t_s[-1] == pytest.approx(1.0)
     at = shown.t_s.index(0.0)
