@@ -143,11 +143,12 @@ def fused(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray
 
 def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.intp]:
     """`registered_events` of probabilities that are fused already, where the rule asks for it."""
+    above = np.greater(probabilities, settings.threshold)
+    quiet = _quiet(above, settings.release)
     if settings.kind == "cusum":
-        quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
         registering = _any(cusum(probabilities, settings) > settings.limit)
     else:
-        registering, quiet = _markers(probabilities, settings.threshold, settings)
+        registering = _any(_run_lengths(above) >= settings.consecutive)
     starts = _first_of_each(registering, quiet)
     ends = np.append(_first_of_each(quiet, registering), len(probabilities))
     return np.column_stack([starts, ends[np.searchsorted(ends, starts)]])
@@ -159,26 +160,10 @@ def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray
     evidence = log_odds(probabilities) - settings.drift
     sums = np.zeros_like(evidence)
     edges = np.flatnonzero(np.diff(quiet, prepend=True, append=True))
-    for first, after in edges.reshape(-1, 2):  # stretches in which nothing begins anew
+    for first, after in edges.reshape(-1, 2):  # stretches in which no sum restarts
         total = np.cumsum(evidence[first:after], axis=0)
         sums[first:after] = total - np.minimum(np.minimum.accumulate(total, axis=0), 0.0)
     return sums
-
-
-def event_starts(
-    values: NDArray[np.float64], threshold: float, settings: RuleSettings
-) -> NDArray[np.intp]:
-    """Samples that register an event of the consecutive kind; values (n, fingers) of any unit."""
-    return _first_of_each(*_markers(values, threshold, settings))
-
-
-def _markers(
-    values: NDArray[np.float64], threshold: float, settings: RuleSettings
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples (n,) on which some finger has been above for long enough, and all have been below."""
-    above: NDArray[np.bool_] = np.greater(values, threshold)
-    registering = _any(_run_lengths(above) >= settings.consecutive)
-    return registering, _quiet(above, settings.release)
 
 
 def _any(fingers: NDArray[np.bool_]) -> NDArray[np.bool_]:

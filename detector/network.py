@@ -22,6 +22,7 @@ from detector.network_file import (
     weights_digest,
     weights_path,
 )
+from detector.psd import SampleWindow
 from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
 
@@ -108,7 +109,7 @@ class StreamingNetwork:
 
 
 class WindowedNetwork:
-    """A network that looks at the whole window anew for each frame.
+    """A network that is given the whole window for each frame.
 
     Until a window has passed since the reset, the first frame stands for what came before it.
     """
@@ -118,28 +119,20 @@ class WindowedNetwork:
         self.threshold = loaded.card.threshold
         self.memory = loaded.card.window
         self.card = loaded.card
-        self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
-        self._window = np.zeros((fingers, loaded.card.window, loaded.taxels), np.float32)
+        self._window = SampleWindow(fingers, loaded.card.window, loaded.taxels, np.float32)
         self._probability = np.zeros(fingers, np.float32)
         self._binding = self._session.io_binding()
-        _bind_input(self._binding, "counts", self._window)
+        _bind_input(self._binding, "counts", self._window.samples)
         _bind_output(self._binding, "probability", self._probability)
         self.reset()
 
     def reset(self) -> None:
-        self._started = False
+        self._window.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""
-        if counts.shape != self._shape:
-            raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
-        if self._started:
-            self._window[:, :-1] = self._window[:, 1:]
-            self._window[:, -1] = counts
-        else:
-            self._window[:] = counts[:, None, :]
-            self._started = True
+        self._window.add(counts)
         self._session.run_with_iobinding(self._binding)
         return self._probability.astype(np.float64)
 

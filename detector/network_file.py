@@ -107,8 +107,8 @@ def weights_path(weights: str) -> Path:
 
 
 def packaged_networks() -> tuple[str, ...]:
-    """Names of the networks that come with the project, those too whose file has gone: it is told
-    where one is loaded."""
+    """Names of the networks that come with the project, those too whose file is missing: loading
+    one reports it."""
     return tuple(sorted({*PACKAGED, *(path.stem for path in WEIGHTS.glob(f"*{SUFFIX}"))}))
 
 
@@ -122,7 +122,7 @@ def weights_digest(path: Path) -> str:
     try:
         return hashlib.sha256(_content(path)).hexdigest()
     except BadFile:
-        return str(path)  # no network comes of it, and the error is told where one is loaded
+        return str(path)  # the error is reported where the network is loaded
 
 
 def read_network(path: Path) -> LoadedNetwork:

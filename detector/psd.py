@@ -6,7 +6,7 @@ asks the same question as the authors' own analysis of vibration: amplitudes fro
 last 0.2 s, taxel by taxel.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -45,9 +45,9 @@ class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 class SampleWindow:
     """The last samples (fingers, length, taxels); the first one stands for those before it."""
 
-    def __init__(self, fingers: int, length: int, taxels: int) -> None:
+    def __init__(self, fingers: int, length: int, taxels: int, dtype: type = np.float64) -> None:
         self._shape = (fingers, taxels)
-        self.samples = np.zeros((fingers, length, taxels))
+        self.samples: NDArray[Any] = np.zeros((fingers, length, taxels), dtype)
         self.reset()
 
     def reset(self) -> None:

@@ -26,8 +26,8 @@ SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
-RATE_SAMPLES = 20  # from which a rate can be told; no detector makes anything of fewer
-MOVED_M = 0.001  # further than this has moved, where nobody says how far
+RATE_SAMPLES = 20  # from which a rate can be judged
+MOVED_M = 0.001  # further than this has moved, by default
 
 
 LabelName = Literal["slip", "slip_true", "moved"]

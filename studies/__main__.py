@@ -8,7 +8,7 @@ import studies
 from drivers.errors import GraspError
 from studies import runner
 
-NOT_STUDIES = ("__main__", "runner", "lift_start")
+NOT_STUDIES = ("__main__", "runner", "lift_start", "auxiliary_training")
 
 
 def names() -> list[str]:

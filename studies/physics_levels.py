@@ -16,7 +16,7 @@ import numpy as np
 
 from grasp.cli.parser import Parser
 from scenarios.world.contact import Floats
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Level
 from studies.contact import comparators, mujoco_scene, reference, scene
 from studies.contact.comparators import Method
 from studies.contact.scene import Scene, simulate

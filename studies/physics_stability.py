@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Level
 from studies.contact import reference
 from studies.contact.comparators import Method
 from studies.contact.scene import BODY, PADS, Scene, lift

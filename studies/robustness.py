@@ -39,7 +39,7 @@ from scenarios.acquire.datasets.build import INDEX, make
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, plan
 from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
-from scenarios.world.fingertip_settings import FingertipSettings
+from scenarios.world.settings import FingertipSettings
 from studies.runner import Study, add_data, markdown
 
 Floats = NDArray[np.float64]

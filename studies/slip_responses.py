@@ -29,7 +29,7 @@ from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard
 from scenarios.world.contact import GRAVITY_MPS2
-from scenarios.world.contact_settings import GROSS_SLIP_MPS
+from scenarios.world.settings import GROSS_SLIP_MPS
 from scenarios.world.truth import Truth
 from studies.runner import Study, add_trials, markdown, seeds_of
 

@@ -138,8 +138,8 @@ def trial(task: Task) -> Row:
 
 
 def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> OutputsFile:
-    from detector.training.auxiliary_outputs import Wanted, train_outputs
     from detector.training.sequences import digest
+    from studies.auxiliary_training import Wanted, train_outputs
 
     truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
     wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]

@@ -42,7 +42,7 @@ class Blow(msgspec.Struct, frozen=True):
 
 
 def blows_of(recording: Recording) -> list[Blow]:
-    """Every blow of a recording, in the order of time; none where nobody noted any."""
+    """Every blow of a recording, in the order of time; none where none is noted."""
     acts = recording.metadata.acts if recording.metadata else ()
     t_s = recording.t_s - recording.t_s[0]
     starts_s = [act.t_s for act in acts] + [np.inf]
@@ -81,10 +81,10 @@ def answers(registered: Events, blows: Sequence[Blow], t_s: Floats) -> Floats:
     starts = registered[:, 0]
     at = np.searchsorted(starts, [b.struck for b in blows])
     first = np.append(starts, len(t_s))[at]
-    heard = first < [b.until for b in blows]
+    detected = first < [b.until for b in blows]
     delays: Floats = np.full(len(blows), np.inf)
     onsets = np.array([b.onset for b in blows], np.intp)
-    delays[heard] = (t_s[first[heard]] - t_s[onsets[heard]]) * 1e3
+    delays[detected] = (t_s[first[detected]] - t_s[onsets[detected]]) * 1e3
     return delays
 
 
@@ -93,16 +93,16 @@ def blow_score(moved_m: Floats, delays_ms: Floats, weak: NDArray[np.bool_]) -> B
     if not len(moved_m):
         return None
     moved, far, unmoved = moved_m >= MOVED_M, moved_m >= FAR_M, moved_m < UNMOVED_M
-    nearly, heard = unmoved & ~weak, np.isfinite(delays_ms)
+    nearly, detected = unmoved & ~weak, np.isfinite(delays_ms)
     return BlowScore(
         moved=int(moved.sum()),
-        registered=int((moved & heard).sum()),
+        registered=int((moved & detected).sum()),
         far=int(far.sum()),
         far_registered=int((far & (delays_ms <= SOON_MS)).sum()),
         unmoved=int(unmoved.sum()),
-        unmoved_registered=int((unmoved & heard).sum()),
+        unmoved_registered=int((unmoved & detected).sum()),
         nearly=int(nearly.sum()),
-        nearly_registered=int((nearly & heard).sum()),
+        nearly_registered=int((nearly & detected).sum()),
         delay_ms=quantiles(delays_ms[moved]),
     )
 

@@ -41,7 +41,7 @@ from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
-PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: hearing that is no false event
+PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: detecting that is no false event
 Interval = tuple[float, float]
 LOW, HIGH = 0.025, 0.975
 RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
@@ -156,8 +156,8 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
 
     def judged(self, registered: Events) -> Judged:
         """By the events (m, 2) that a rule makes."""
-        heard = answers(registered, self.blows, self.slips.t_s)
-        return Judged(judge(registered, self.slips), self.moved_m, heard, self.weak)
+        delays_ms = answers(registered, self.blows, self.slips.t_s)
+        return Judged(judge(registered, self.slips), self.moved_m, delays_ms, self.weak)
 
 
 def scored(
@@ -208,10 +208,10 @@ def evaluate_streams(
 ) -> Evaluation:
     """Score what was streamed, each recording from ``first_sample`` on.
 
-    A recording has one label for all fingers, so one probability speaks for a sample (`spoken`).
+    A recording has one label for all fingers, so one probability stands for a sample (`spoken`).
     Samples are judged at the detector's own threshold, events at the rule's; by default an event
-    that hears the pad shear before `slip_true` is early, not false. Raises BadFile for a recording
-    of which nothing is left to score.
+    in the pad's shear before `slip_true` is early, not false. Raises BadFile for a recording of
+    which nothing is left to score.
     """
     _refuse_to_score_nothing(streams, first_sample)
     how = events or events_by_label(streams[0].label)
@@ -250,7 +250,7 @@ def evaluate_streams(
 
 
 def spoken(streamed: Streamed, rule: RuleSettings) -> Floats:
-    """The probability (n,) that speaks for a hand: the surest finger's, or of the mean log-odds
+    """The probability (n,) of a hand: the surest finger's, or of the mean log-odds
     where the rule asks for that."""
     p = streamed.probabilities
     one: Floats = mean_probability(p)[:, 0] if rule.fusion == "mean" else p.max(axis=1)
@@ -268,7 +268,7 @@ def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> 
 
 def events_by_label(label: LabelName) -> EventSettings:
     """What counts as caught: the pad shears before the contact slides, and what has moved began to
-    before it had gone far enough for the label; hearing that is early, not false."""
+    before it had gone far enough for the label; detecting that is early, not false."""
     return EventSettings() if label == "slip" else EventSettings(early_s=PRE_SLIDING_S)
 
 

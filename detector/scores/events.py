@@ -73,7 +73,7 @@ class Slips(msgspec.Struct, frozen=True, eq=False):
 
     truth: Events
     t_s: Floats
-    earliest_s: Floats  # (m,) an event that begins from then on hears this slip
+    earliest_s: Floats  # (m,) an event that begins from then on detects this slip
     counted: Labels  # (n,) samples in which slips and false events count if they begin there
     static_s: float
     path_mm: Floats | None  # (n,) slid until each sample
@@ -158,7 +158,7 @@ def _earliest_s(
     speed_mps: Floats | None,
     left_out: Labels | None,
 ) -> Floats:
-    """From when on (m,) an event hears each slip: a little before the label, or since the contact
+    """From when on (m,) an event detects each slip: a little before the label, or since the contact
     has been moving without rest.
 
     What is left out is no run-up, nor is what follows another slip so closely that it would be one

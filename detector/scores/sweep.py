@@ -97,7 +97,7 @@ def point(
 
 
 def _cost_ms(judged: Sequence[Judged]) -> float:
-    """Mean delay, slips and blows half each; a slip heard early is heard at once."""
+    """Mean delay, slips and blows half each; a slip detected early counts as no delay."""
     slips = np.concatenate([j.events.delays_ms for j in judged])
     answered = np.concatenate([j.answers_ms for j in judged])
     blows = answered[np.concatenate([j.moved_m for j in judged]) >= MOVED_M]

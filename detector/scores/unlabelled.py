@@ -86,7 +86,7 @@ def set_rule(
 ) -> Unlabelled:
     """The rule with the threshold (or limit) that the probabilities (n, fingers) of static holds
     exceed so often. Raises UsageError for too little of them, and where the tail says that no
-    threshold tells what is held from slip."""
+    threshold separates what is held from slip."""
     if budget_per_min <= 0.0:
         raise UsageError("a tail never ends", "allow some false events with --budget, 0.1 a minute")
     maxima = np.concatenate([_maxima(compared(p, rule)) for p in holds])

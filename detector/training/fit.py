@@ -47,7 +47,7 @@ class TrainingProgress(msgspec.Struct, frozen=True):
     best: Score | None
 
 
-ANEW = "--force in place of --resume begins anew"
+RESTART = "--force in place of --resume starts from the beginning"
 
 
 class Training:
@@ -179,7 +179,7 @@ class Training:
             "waited": self._waited, "best": best, "network": self.network.state_dict(),
             "best_weights": self._best_weights, "optimiser": self._optimiser.state_dict(),
         }  # fmt: skip
-        written = BytesIO()  # to a full disk torch tells of a position, and not of the disk
+        written = BytesIO()  # on a full disk torch reports a position, and not the disk
         torch.save(state, written)
         write_whole(path, written.getvalue())
 
@@ -193,11 +193,11 @@ class Training:
         except FileNotFoundError:
             raise BadFile(path, "no such file", "leave --resume out to begin") from None
         except Exception as error:  # torch raises whatever the damage led it to
-            raise BadFile(path, f"cannot be read ({type(error).__name__})", ANEW) from None
+            raise BadFile(path, f"cannot be read ({type(error).__name__})", RESTART) from None
         begun = stored.get("identity") if isinstance(stored, dict) else None
         if begun != self._identity():
-            remedy = f"give what it was begun with, or {ANEW}"
-            raise BadFile(path, f"is of {differences(begun, self._identity())}", remedy)
+            remedy = f"give what it was begun with, or {RESTART}"
+            raise BadFile(path, "is of other settings, data or another network", remedy)
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])
         self._best_weights = stored["best_weights"]
@@ -220,23 +220,6 @@ def write_whole(path: Path, content: bytes) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
-
-
-def differences(begun: object, now: str) -> str:
-    """What a checkpoint's identity has otherwise than the training that is to go on with it."""
-    try:
-        (name, data, then), (own_name, own_data, own) = (
-            str(identity).split(" ", 2) for identity in (begun, now)
-        )
-        before, after = (msgspec.json.decode(part)[1] for part in (then, own))
-        told = [f"{k}: {v}, now {after[k]}" for k, v in before.items() if v != after[k]]
-    except (ValueError, LookupError, TypeError, AttributeError):  # of another version, or foreign
-        return "other settings, data or another network"
-    if name != own_name:
-        return f"another network: {name}, now {own_name}"  # its settings differ by that alone
-    if data != own_data:
-        told.append("other recordings in --data")
-    return f"another training: {'; '.join(told)}" if told else "another version's network"
 
 
 def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:

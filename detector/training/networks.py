@@ -150,7 +150,7 @@ class SlipTcn(nn.Module):
         every = 1  # samples from one column of x to the next
         for block, dilation in zip(self.blocks, self.arch.dilations, strict=True):
             step = dilation // every if last else 1
-            if step > 1:  # the last step hears of no others, here and further on
+            if step > 1:  # the last step depends on no others, here and further on
                 x, every = x[:, :, (x.shape[2] - 1) % step :: step], dilation
             x = block(x, dilation // every)
         x = x.transpose(1, 2)
@@ -160,8 +160,8 @@ class SlipTcn(nn.Module):
 class GatedBlock(nn.Module):
     """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016).
 
-    The samples that a step hears are laid side by side first: one product, several times quicker
-    to learn through than torch's dilated convolution of so few channels.
+    The samples that a step depends on are laid side by side first: one product, several times
+    quicker to learn through than torch's dilated convolution of so few channels.
     """
 
     def __init__(self, arch: Architecture) -> None:

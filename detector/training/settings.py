@@ -40,7 +40,7 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     window: int = WINDOW  # samples that a tcn sees which is no stream
     norm: bool = True  # of a tcn: layer norm, as the paper has it
     gated: bool = False  # of a tcn: one gated convolution a block, a linear head on all of them
-    held: int = 1  # of a gated tcn: samples whose greatest features its head hears
+    held: int = 1  # of a gated tcn: samples whose greatest features its head takes
 
     @property
     def receptive_field(self) -> int:
@@ -78,7 +78,7 @@ def of_layout(name: str, taxels: int) -> Architecture:
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
     "tcn-paper": Architecture(family="tcn"),
-    # 99 samples at most: window and stream are equal. What is heard is held as long as a blow is
+    # 99 samples at most: window and stream are equal. A detection is held as long as a blow is
     # slip (`sequences.BLOW_SAMPLES`): so the fingers of a hand, struck one after another, agree
     "tcn": Architecture(
         family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,

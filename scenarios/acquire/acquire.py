@@ -1,6 +1,6 @@
 """Acquisition of labelled slip data (paper, section III-B): one session, recorded and labelled.
 
-Like every run it leaves a folder with the recording of all that was read and told, and a result.
+Like every run it leaves a folder with the recording of what was read and commanded, and a result.
 Beside them lie the labelled samples as training reads them (``detector.recordings``).
 """
 
@@ -81,20 +81,22 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     def as_json(self) -> str:
         return msgspec.json.encode(self).decode()
 
+    @property
+    def _labelled(self) -> str:
+        true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
+        return f"{self.samples} samples, {self.slip} labelled slip{true}"
+
     def in_short(self) -> str:
         """One line, without a path of this machine."""
-        true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
-        return f"{self.outcome}: {self.samples} samples, {self.slip} labelled slip{true}"
+        return f"{self.outcome}: {self._labelled}"
 
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:
             return f"no labelled sample was recorded{session}"
-        true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
         cut = "" if len(self.recordings) == 1 else ", cut where too many samples were missing"
         return (
-            f"{self.samples} samples, {self.slip} labelled slip{true}, {self.repeated} repeated, "
-            f"{self.missed_periods} periods missed\n"
+            f"{self._labelled}, {self.repeated} repeated, {self.missed_periods} periods missed\n"
             f"force by the fingertip {self.force_mean_n:.1f} +- {self.force_std_n:.1f} N, "
             f"fastest {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
             f"recording: {', '.join(self.recordings)}{cut}{session}"
@@ -122,7 +124,7 @@ PRESS = "/press"
 
 
 class PressMessage(msgspec.Struct, frozen=True):
-    """One step of the press controller: what it estimated, and what the arm was told."""
+    """One step of the press controller: what it estimated, and what the arm was commanded."""
 
     phase: str
     force_n: float  # estimated by the fingertip
@@ -216,17 +218,9 @@ def run(
 class _Ended(msgspec.Struct, frozen=True):
     """How a session ended: by itself where nothing failed."""
 
+    outcome: AcquireOutcome = AcquireOutcome.COMPLETE
     failure: Failure | None = None
     bug: Bug | None = None
-
-    @property
-    def outcome(self) -> AcquireOutcome:
-        if self.bug is not None:
-            return AcquireOutcome.INTERNAL_ERROR
-        if self.failure is None:
-            return AcquireOutcome.COMPLETE
-        interrupted = self.failure.kind == "interrupted"
-        return AcquireOutcome.INTERRUPTED if interrupted else AcquireOutcome.FAULT
 
 
 def _run_to_end(
@@ -239,13 +233,15 @@ def _run_to_end(
             session.run(samples)
         except GraspError as error:
             failure = Failure(error.kind, error.message, error.remedy, _left(session))
-            return _Ended(failure), granted
+            return _Ended(AcquireOutcome.FAULT, failure), granted
         except KeyboardInterrupt as stop:
             cause = f"{interruption.cause(stop)} in phase {session.phase}"
-            return _Ended(Failure("interrupted", cause, "", _left(session))), granted
+            failure = Failure("interrupted", cause, "", _left(session))
+            return _Ended(AcquireOutcome.INTERRUPTED, failure), granted
         except BaseException as error:
             bug = Bug.of(error)
-            return _Ended(Failure("internal", bug.line, REPORT, _left(session)), bug), granted
+            failure = Failure("internal", bug.line, REPORT, _left(session))
+            return _Ended(AcquireOutcome.INTERNAL_ERROR, failure, bug), granted
     return _Ended(), granted
 
 
@@ -261,40 +257,24 @@ def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
     ended: _Ended, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
+    """Label and write what was recorded: one of the two recordings is kept where the disk does not
+    take the other."""
     parts = parts_of(session.ticks)
-    told = Metadata(
+    known = Metadata(
         set="slide", split="train", surface=config.surface.name, motion=motion.kind,
         speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
         seed=seed, commit=versions()["commit"],
     )  # fmt: skip
-    paths = [folder.path / f"{name}{SUFFIX}" for name in _names(len(parts))]
-    made = [
-        recording(part, config, told, str(path)) for part, path in zip(parts, paths, strict=True)
-    ]
+    made = []
+    for k, part in enumerate(parts, start=1):
+        name = SAMPLES if len(parts) == 1 else f"{SAMPLES}-{k}"
+        made.append(recording(part, config, known, str(folder.path / f"{name}{SUFFIX}")))
     result = AcquireResult(
-        **figures(list(chain(*parts)), made),
-        scenario=SCENARIO,
-        rig=config.rig,
-        surface=config.surface.name,
-        direction=motion.direction,
-        seed=seed,
-        outcome=ended.outcome,
-        missed_periods=session.missed_periods,
-        real_time=granted,
-        recording=str(folder.recording),
-        versions=versions(),
-        failure=ended.failure,
-        bug=ended.bug,
-    )
-    return _written(folder, made, result)
-
-
-def _names(count: int) -> list[str]:
-    return [SAMPLES] if count == 1 else [f"{SAMPLES}-{k}" for k in range(1, count + 1)]
-
-
-def _written(folder: RunFolder, made: list[Recording], result: AcquireResult) -> AcquireResult:
-    """What of it the disk took: one of the two recordings is kept where the other cannot be."""
+        **figures(list(chain(*parts)), made), scenario=SCENARIO, rig=config.rig,
+        surface=config.surface.name, direction=motion.direction, seed=seed, outcome=ended.outcome,
+        missed_periods=session.missed_periods, real_time=granted, recording=str(folder.recording),
+        versions=versions(), failure=ended.failure, bug=ended.bug,
+    )  # fmt: skip
     kept: list[str] = []
     try:
         for each in made:

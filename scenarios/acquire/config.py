@@ -4,21 +4,19 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
-from msgspec import Meta
 
 from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.calibration import Files, own_layers, rig_layers
 from scenarios.rigs.config import PressRigConfig
+from scenarios.world.objects import within
 
 
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Of a simulated board; hardware has its own losses."""
 
-    lost_share: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="of samples, repeated by the driver; clip: 1/400")
-    ] = 0.0025
+    lost_share: Annotated[float, within(0.0, 0.5, "of samples, repeated; clip: 1/400")] = 0.0025
 
 
 # The arm presses where a lift has its table, and follows strokes that accelerate themselves.

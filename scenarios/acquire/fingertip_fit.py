@@ -3,7 +3,7 @@ statistics side by side with the real ones, and a search that brings the two tog
 
 The search is the cross-entropy method (Rubinstein 1999): draw parameter sets from a normal
 distribution, keep the best, fit the distribution to them, repeat. All sets are judged on the same
-seeds. What the recording cannot tell is left at its assumed value.
+seeds. What the recording does not show is left at its assumed value.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from detector.scores.quantiles import quantile
 from scenarios.acquire.signal_statistics import FFT_HZ, signal_statistics
 from scenarios.acquire.strokes import StrokeSettings, simulate
-from scenarios.world.fingertip_settings import FingertipSettings
+from scenarios.world.settings import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
@@ -43,24 +43,25 @@ class Target(msgspec.Struct, frozen=True):
 
 
 def _targets() -> tuple[Target, ...]:
-    rows: list[tuple[str, str, Literal["factor", "difference"], float]] = [
-        ("idle noise", "noise", "factor", SCALE_FACTOR),
-        ("deviation in slip", "level", "factor", SCALE_FACTOR),
-        ("highest excursion", "level", "factor", SCALE_FACTOR),
-        ("creep after a stop per s", "level", "difference", CREEP),
-        ("share saturated", "level", "factor", SCALE_FACTOR),
-        ("increment ratio", "increments", "factor", SCALE_FACTOR),
-        ("correlation static", "correlations", "difference", CORRELATION),
-        ("correlation slip", "correlations", "difference", CORRELATION),
-        ("AUC of energy", "contrast", "difference", CONTRAST),
+    found = [
+        Target("idle noise", "noise", "factor", SCALE_FACTOR),
+        Target("deviation in slip", "level", "factor", SCALE_FACTOR),
+        Target("highest excursion", "level", "factor", SCALE_FACTOR),
+        Target("creep after a stop per s", "level", "difference", CREEP),
+        Target("share saturated", "level", "factor", SCALE_FACTOR),
+        Target("increment ratio", "increments", "factor", SCALE_FACTOR),
+        Target("correlation static", "correlations", "difference", CORRELATION),
+        Target("correlation slip", "correlations", "difference", CORRELATION),
+        Target("AUC of energy", "contrast", "difference", CONTRAST),
     ]
     for state in ("static", "slip"):
-        for figure in ("rms", "median", "p95"):
-            rows.append((f"increment {figure} {state}", "increments", "factor", SCALE_FACTOR))
-        rows += [(f"{f} Hz {state}", f"spectrum {state}", "factor", SCALE_FACTOR) for f in FFT_HZ]
-    for edge in ("0-50 ms", "50-100 ms", "100-200 ms", "over 200 ms"):
-        rows.append((f"AUC {edge}", "contrast by edge", "difference", CONTRAST_BY_EDGE))
-    return tuple(Target(*row) for row in rows)
+        names = [f"increment {figure} {state}" for figure in ("rms", "median", "p95")]
+        found += [Target(name, "increments", "factor", SCALE_FACTOR) for name in names]
+        names = [f"{f} Hz {state}" for f in FFT_HZ]
+        found += [Target(name, f"spectrum {state}", "factor", SCALE_FACTOR) for name in names]
+    names = [f"AUC {edge}" for edge in ("0-50 ms", "50-100 ms", "100-200 ms", "over 200 ms")]
+    found += [Target(name, "contrast by edge", "difference", CONTRAST_BY_EDGE) for name in names]
+    return tuple(found)
 
 
 TARGETS = _targets()
@@ -103,14 +104,12 @@ class FitSetup(msgspec.Struct, frozen=True):
 
     def changed(self, values: dict[str, float]) -> "FitSetup":
         """With settings named section.name replaced."""
-        parts: dict[str, dict[str, float]] = {"fingertip": {}, "strokes": {}}
+        made = self
         for key, value in values.items():
             section, name = key.split(".")
-            parts[section][name] = value
-        return FitSetup(
-            msgspec.structs.replace(self.fingertip, **parts["fingertip"]),
-            msgspec.structs.replace(self.strokes, **parts["strokes"]),
-        )
+            part = msgspec.structs.replace(getattr(made, section), **{name: value})
+            made = msgspec.structs.replace(made, **{section: part})
+        return made
 
 
 def figures(setup: FitSetup, clips: int, seed: int) -> list[Figures]:
@@ -171,7 +170,7 @@ def fit(
     """Where the search has contracted to, as values by name and put into ``start``.
 
     All sets of a round are judged on the same clips, those of other rounds on others: no set wins
-    by luck twice. ``progress`` is told tries done, tries in all and the round's least misfit.
+    by luck twice. ``progress`` gets tries done, tries in all and the round's least misfit.
     """
     rng = np.random.default_rng(search.seed)
     low = np.log([p.low for p in PARAMETERS])

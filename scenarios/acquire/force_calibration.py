@@ -23,7 +23,7 @@ def counts_per_newton(config: AcquireConfig, seed: int) -> float:
 
 def pressed_gain(config: AcquireConfig, seed: int) -> float:
     """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
-    weight on this very one, tilted as it is, would tell."""
+    weight on this very one, tilted as it is, would show."""
     from scenarios.rigs.world_of_seed import make_pressed_cell
 
     still = msgspec.structs.replace(

@@ -13,7 +13,7 @@ from drivers.interfaces import ArmState
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.press import PressPhase
 from scenarios.acquire.session import Sample
-from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 
 UNTOUCHED = (PressPhase.APPROACH, PressPhase.OFF)
 LEAST_SAMPLES = 2  # of a recording

@@ -1,7 +1,8 @@
 """A session of an acquisition as in the paper (section III-B): press, stroke, pause, sample by
 sample, on every rig."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -20,31 +21,13 @@ from scenarios.acquire.press import (
     PressPhase,
     StrokeMotion,
 )
+from scenarios.rigs.opening import open_press_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.world.truth import PressedTruth
 
 if TYPE_CHECKING:
     from scenarios.world.pressed_cell import PressedCell
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from scenarios.rigs.opening import open_press_rig
-from scenarios.rigs.permission import MotionPermit
-
-
-@contextmanager
-def open_acquire_rig(
-    config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
-) -> Iterator[PressRig]:
-    """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
-    unsteady as the force."""
-    replace, most = msgspec.structs.replace, LOADED_REST_MAX_STD_COUNTS
-    if config.control.residual_n > 0.0:
-        tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=most)
-        config = replace(config, tactile=tolerant)
-    with open_press_rig(config, seed, paced, permit) as rig:
-        yield rig
-
 
 # All assumed, unless a source is named.
 REST_TIMEOUT_S = 5.0
@@ -53,8 +36,8 @@ TOUCH_TIMEOUT_S = 15.0  # from the start: 5 s of rest counts, and 10 cm at contr
 KEPT_AFTER_S = 0.75  # from touch on samples are kept: half of the settling time
 RETREAT_MPS, STOP_MPS2 = 0.05, 1.0
 STAND_S = 1.0  # a stop is repeated so long, until the arm is seen to stand
-JITTER_S = 0.0005  # of a sample's time; the authors' clip: 0.7 ms of a period, which has two
-SHOWN_AFTER = 4  # samples until the arm's state speaks of a command: no wait is cut short by more
+JITTER_S = 0.0005  # of a sample's time; the authors' clip: 0.7 ms, of a difference of two
+SHOWN_AFTER = 4  # samples until the arm's state shows the effect of a command
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -71,6 +54,21 @@ class Sample(msgspec.Struct, frozen=True):
 
 OnTick = Callable[[Sample], None]
 Script = Callable[[float, PressController, "PressedCell | None"], None]
+
+
+@contextmanager
+def open_acquire_rig(
+    config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
+) -> Iterator[PressRig]:
+    """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
+    unsteady as the force."""
+    if config.control.residual_n > 0.0:
+        tactile = msgspec.structs.replace(
+            config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_REST_MAX_STD_COUNTS
+        )
+        config = msgspec.structs.replace(config, tactile=tactile)
+    with open_press_rig(config, seed, paced, permit) as rig:
+        yield rig
 
 
 class Session:
@@ -215,24 +213,26 @@ class Session:
                 arm.stop(STOP_MPS2)
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
                 arm.pump(clock.now_ns)
-                trouble, moving = "", arm.state is None or arm.state.moving
+                trouble, moving = "", self._moving
             except KeyboardInterrupt:
                 raise
-            except BaseException as error:  # whatever it is, the arm is told again
+            except BaseException as error:  # whatever it is, the stop is repeated
                 said = error.message if isinstance(error, GraspError) else in_words(error)
-                trouble, moving = f" when last heard: {said}", True
+                trouble = f" when last heard: {said}"
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         if trouble:
-            moving = arm.state is None or arm.state.moving
-            return f"the arm {'was still moving' if moving else 'stood'}{trouble}"
+            return f"the arm {'was still moving' if self._moving else 'stood'}{trouble}"
         return "the arm is still moving" if moving else "the arm stands"
+
+    @property
+    def _moving(self) -> bool:
+        state = self._rig.arm.state
+        return state is None or state.moving
 
     def _until_standing(self) -> None:
         """The arm answers within its own stale limit, so this ends."""
-        arm, clock = self._rig.arm, self._rig.clock
-        for _ in range(SHOWN_AFTER):
+        arm, clock, samples = self._rig.arm, self._rig.clock, 0
+        while samples < SHOWN_AFTER or (arm.state is not None and arm.state.moving):
             clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             arm.pump(clock.now_ns)
-        while (state := arm.state) is not None and state.moving:
-            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-            arm.pump(clock.now_ns)
+            samples += 1

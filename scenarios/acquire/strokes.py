@@ -2,67 +2,40 @@
 surface, stroke by stroke, under an arm that holds its force by a slow loop."""
 
 import math
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_S
-from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.fingertip import Fingertips
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 
 ZEROING = 20  # samples
 SETTLED = 50  # samples at rest before the first one that counts
 Floats = NDArray[np.float64]
 
 
-class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class StrokeSettings(msgspec.Struct, frozen=True):
     """What arm and surface did while the clip was recorded. Where FITTED these are nuisances of
     the calibration: the clip does not say how fast it slid, how hard, or on what."""
 
-    strokes: Annotated[int, Meta(ge=1, description="there and back; the clip has 4")] = 4
-    stroke_s: Annotated[
-        float, Meta(gt=0.0, description="of motion above 3 mm/s; the clip's mean")
-    ] = 0.6
-    pause_s: Annotated[float, Meta(gt=0.0, description="between strokes; the clip's mean")] = 0.25
-    rest_s: Annotated[float, Meta(gt=0.0, description="after the last; the clip's")] = 0.9
-    peak_mps: Annotated[float, Meta(gt=0.0, le=0.2, description="fastest; FITTED, 0.015-0.08")] = (
-        0.0599
-    )
-    skew: Annotated[
-        float, Meta(ge=1.0, le=8.0, description="speed ~ s^2 (1 - s)^skew; FITTED, 1.2-5")
-    ] = 2.49
-    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 1.2-8")] = 1.99
-    force_spread: Annotated[float, Meta(ge=0.0, description="between clips, relative; assumed")] = (
-        0.3
-    )
-    zero_load_n: Annotated[
-        float, Meta(ge=0.0, le=10.0, description="on the pad while it was zeroed; FITTED, 0-6")
-    ] = 1.29
-    arm_npmm: Annotated[
-        float, Meta(gt=0.0, description="arm and mount, along the press; assumed, 3-10")
-    ] = 5.0
-    force_loop_radps: Annotated[
-        float,
-        Meta(
-            ge=0.0,
-            description="corner of the arm's force loop; assumed: the clip's "
-            "load recovers at less than 0.4 /s",
-        ),
-    ] = 0.2
-    texture_rms_mm: Annotated[float, Meta(ge=0.0, le=1.0, description="felt; FITTED, 0.1-0.6")] = (
-        0.444
-    )
-    texture_length_mm: Annotated[float, Meta(ge=0.2, le=10.0, description="felt; FITTED, 1-3")] = (
-        1.14
-    )
-    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.737
-    static_share: Annotated[
-        float, Meta(ge=1.0, le=2.0, description="static over kinetic; assumed, 1.1-1.5")
-    ] = 1.2
+    strokes: int = 4  # there and back; the clip's
+    stroke_s: float = 0.6  # of motion above 3 mm/s; the clip's mean
+    pause_s: float = 0.25  # between strokes; the clip's mean
+    rest_s: float = 0.9  # after the last; the clip's
+    peak_mps: float = 0.0599  # fastest; FITTED, 0.015-0.08
+    skew: float = 2.49  # speed ~ s^2 (1 - s)^skew; FITTED, 1.2-5
+    force_n: float = 1.99  # mean; FITTED, 1.2-8
+    force_spread: float = 0.3  # between clips, relative; assumed
+    zero_load_n: float = 1.29  # on the pad while it was zeroed; FITTED, 0-6
+    arm_npmm: float = 5.0  # arm and mount, along the press; assumed, 3-10
+    # corner of the arm's force loop; assumed: the clip's load recovers at less than 0.4 /s
+    force_loop_radps: float = 0.2
+    texture_rms_mm: float = 0.444  # FITTED, 0.1-0.6
+    texture_length_mm: float = 1.14  # FITTED, 1-3
+    friction: float = 0.737  # kinetic; FITTED, 0.4-1.2
+    static_share: float = 1.2  # static over kinetic; assumed, 1.1-1.5
 
 
 class Clips(msgspec.Struct, frozen=True):

@@ -10,8 +10,8 @@ import msgspec
 
 from scenarios.trial.person import TapeMark
 from scenarios.trial.result import TrialResult
-from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.objects import GraspObject
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.truth import Truth
 
 NEAR_M, FAR_M = 0.06, 0.12  # of a long object's slip (paper, table IV)

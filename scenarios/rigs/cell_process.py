@@ -18,7 +18,7 @@ from scenarios.rigs.cell_control import ControlClient
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import Stalls
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 
 READY_S = 60.0  # compiling the world on a first run included

@@ -17,12 +17,16 @@ from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from scenarios.rigs.own_devices import OwnDeviceSettings
 from scenarios.rigs.variation import VariationSettings, wider
-from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.press_settings import FixedSurface, PressSettings
-from scenarios.world.scene_terms import DamageSettings, PullSettings
-from scenarios.world.world_settings import WorldSettings
+from scenarios.world.settings import (
+    ContactSettings,
+    DamageSettings,
+    FingertipSettings,
+    FixedSurface,
+    PressSettings,
+    PullSettings,
+    WorldSettings,
+)
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
 

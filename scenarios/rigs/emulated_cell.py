@@ -30,8 +30,8 @@ from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.world_of_seed import any_cell, cell_settings
-from scenarios.world.blow import Blow
 from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
+from scenarios.world.settings import Blow
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50

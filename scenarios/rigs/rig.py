@@ -13,7 +13,7 @@ from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 
 if TYPE_CHECKING:  # a rig of real devices has no world, and needs nothing compiled

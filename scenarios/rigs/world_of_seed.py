@@ -6,7 +6,7 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
-from scenarios.world.world_settings import Level, level_named
+from scenarios.world.settings import Level, level_named
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:

@@ -19,10 +19,8 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.rigs.variation import CUT
 from scenarios.tap.config import TapConfig, TapSettings
-from scenarios.world.blow import Blow
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 
 if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
     from scenarios.world.contact import Contact, Floats
@@ -138,7 +136,7 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
     kept = 1 - hand.relaxation_fraction
-    pressed_m = np.array(grip_n) / (kept * finger_stiffness(hand, body))
+    pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
     touch_m = hand.half_aperture_m - width_m
     held = Held(contact, touch_m + pressed_m)

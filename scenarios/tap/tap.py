@@ -38,7 +38,7 @@ from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.experiment import Experiment
 from scenarios.trial.person import NEVER_MIND, Operator, read_mark
 from scenarios.trial.result import later_ms, named
-from scenarios.world.blow import Blow
+from scenarios.world.settings import Blow
 from scenarios.world.truth import Truth
 
 HEIGHT_M = 0.08  # held this far above the table, further than a blow moves it; assumed

@@ -32,7 +32,7 @@ from grasp.settings import config_dir, load, read_toml
 from grasp.slip_monitor import SlipSettings
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import HARDWARE
-from scenarios.world.world_settings import ContactLevels, ContactTable
+from scenarios.world.settings import ContactLevels, ContactTable
 
 DEFAULT_PROFILE = "default"
 

@@ -22,7 +22,7 @@ from grasp.loop import Timing
 from grasp.states import PhaseChange
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.ending import End
-from scenarios.world.world_settings import ContactLevels
+from scenarios.world.settings import ContactLevels
 
 
 def spelt(outcome: str) -> str:

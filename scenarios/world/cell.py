@@ -11,22 +11,27 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES, Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_radps
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import Codes, Fingertips, Held
-from scenarios.world.fingertip_settings import FingertipSettings, Surface, in_a_grasp
-from scenarios.world.objects import GraspObject
-from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
+from scenarios.world.objects import GraspObject, within
+from scenarios.world.settings import (
+    Blow,
+    ContactSettings,
+    DamageSettings,
+    FingertipSettings,
+    Level,
+    PullSettings,
+    Surface,
+    in_a_grasp,
+)
 from scenarios.world.truth import Truth
-from scenarios.world.world_settings import Level
 
 EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
@@ -53,9 +58,9 @@ class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """A person's finger on one pad of an open hand, who wants to know which taxel answers."""
 
     finger: Literal["A", "B", "C"]
-    taxel: Annotated[int, Meta(ge=0)]
-    newtons: Annotated[float, Meta(gt=0.0, le=50.0)] = 1.0
-    seconds: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
+    taxel: Annotated[int, within(0, 10_000)]
+    newtons: Annotated[float, within(0.0, 50.0)] = 1.0
+    seconds: Annotated[float, within(0.0, 60.0)] = 1.0
 
 
 class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -63,7 +68,7 @@ class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     object; it lies there until another is laid, 0 N: none."""
 
     finger: Literal["A", "B", "C"]
-    newtons: Annotated[float, Meta(ge=0.0, le=50.0)]
+    newtons: Annotated[float, within(0.0, 50.0)]
 
 
 class SimulatedCell:
@@ -82,7 +87,7 @@ class SimulatedCell:
         """Another scene: object, contact and fingertips; no object is in place yet. The devices
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * FINGERS
-        held = Held(SIDES, held_radps(settings.contact, settings.body))
+        held = Held(SIDES, held_radps(settings.body))
         self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng, held)
         self._laid_n = np.zeros(FINGERS)
         self.shaken = False  # something shakes the arm that is not its own motion
@@ -112,7 +117,7 @@ class SimulatedCell:
         self.contact.strike(blow, start_s)
 
     def push(self, down_n: float) -> None:
-        """A hand presses the object down from now on (up, below zero), until told otherwise."""
+        """A hand presses the object down from now on (up, below zero), until the next push."""
         self.contact.push(down_n, (self._now_ns - self._start_ns) * 1e-9)
 
     def press(self, by: PadPress) -> None:
@@ -206,6 +211,53 @@ class SimulatedCell:
             turn_rad=s[laws.TURN],
             turn_speed_radps=s[laws.SPIN],
         )
+
+
+class Pull:
+    """Tells when the pull of a trial begins; it does so once."""
+
+    def __init__(self, settings: PullSettings, now_ns: int) -> None:
+        self.settings = settings
+        self._since_ns = now_ns
+        self._over = settings.force_n == 0.0
+
+    def begins(self, now_ns: int, height_m: float, rise_mps: float) -> bool:
+        """Take how high the object is and how fast the arm rises now."""
+        if self._over:
+            return False
+        if rise_mps != 0.0 or height_m < self.settings.above_m:
+            self._since_ns = now_ns
+        self._over = now_ns - self._since_ns >= self.settings.after_s * 1e9
+        return self._over
+
+
+class Damage:
+    """Changes what damaged fingertips read. Rest is taken for what they read first."""
+
+    def __init__(
+        self, settings: DamageSettings, noise_counts: float, rng: np.random.Generator
+    ) -> None:
+        self._settings = settings
+        self._kept = 1.0 - settings.gain_lost
+        self._noise_counts = noise_counts * math.sqrt(1.0 - self._kept**2)  # what scaling takes
+        self._whole = settings == DamageSettings()
+        self._rng = rng
+        self._first: Codes | None = None
+        self._lost: NDArray[np.bool_] | None = None
+
+    def felt(self, codes: Codes) -> Codes:
+        """Codes (F, T) as the damaged fingertips give them."""
+        if self._whole:
+            return codes
+        if self._first is None or self._lost is None:
+            self._first, self._lost = codes.copy(), self._draw(*codes.shape)
+        noise = self._noise_counts * self._rng.standard_normal(codes.shape)
+        out = np.rint(self._first + self._kept * (codes - self._first) + noise)
+        return np.where(self._lost, self._first, out.astype(np.int16))
+
+    def _draw(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
+        lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)
+        return np.stack([self._rng.permutation(lost) for _ in range(fingers)])
 
 
 def surface_of(body: GraspObject) -> Surface:

@@ -11,15 +11,26 @@ import msgspec
 import numpy as np
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
-from scenarios.world.contact_settings import GRAVITY_MPS2, ContactSettings
 from scenarios.world.laws import FINGERS, Floats
 from scenarios.world.objects import GraspObject
-from scenarios.world.scene_terms import PullSettings
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import (
+    GRAVITY_MPS2,
+    GROSS_SLIP_MPS,
+    GROSS_TURN_RADPS,
+    Blow,
+    ContactSettings,
+    Level,
+    PullSettings,
+)
 
 __all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "parameters"]
 
+# Linkage of one finger; assumed, 3-10 N/mm: without it one motor count would be 7-15 N and no
+# insufficient grasp would exist. And the 10 mm urethane pad, normal; derived, 12-20 N/mm.
+MOUNT_STIFFNESS_NPM, PAD_STIFFNESS_NPM = 5000.0, 15000.0
+RELAXATION_TIME_S = 0.2  # of the fraction that relaxes; real clip 0.1-0.3 s
+FORCE_RISE_N = 0.2  # truth: a grip force has increased by this much; a few deviations of wander
+FINGER_SPACING_M = 0.06  # of B and C; assumed, 40-75 mm
 RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
@@ -30,19 +41,14 @@ REST_SHARE, REST_S = 5e-3, 0.5
 _DIRECTIONS = {"top": laws.TOP, "side": laws.SIDE, "closing": laws.CLOSING}
 
 
-def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
+def finger_stiffness(body: GraspObject) -> float:
     """Normal stiffness of one finger on one wall, N/m: mount, pad and wall in series."""
-    compliance = (
-        1 / contact.mount_stiffness_npm
-        + 1 / contact.pad_stiffness_npm
-        + 1 / body.wall_stiffness_npm
-    )
-    return 1 / compliance
+    return 1 / (1 / MOUNT_STIFFNESS_NPM + 1 / PAD_STIFFNESS_NPM + 1 / body.wall_stiffness_npm)
 
 
-def held_radps(contact: ContactSettings, body: GraspObject) -> float:
+def held_radps(body: GraspObject) -> float:
     """Of an object that all fingers hold, along the closing axis, rad/s."""
-    return math.sqrt(FINGERS * finger_stiffness(contact, body) / body.total_kg)
+    return math.sqrt(FINGERS * finger_stiffness(body) / body.total_kg)
 
 
 def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
@@ -51,14 +57,14 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
     out[: laws.P_STIFFNESS] = (
         body.total_kg, body.friction_static, body.friction_kinetic,
         contact.shear_stiffness_npm, contact.shear_damping_nspm,
-        contact.relaxation_fraction, contact.relaxation_time_s,
+        contact.relaxation_fraction, RELAXATION_TIME_S,
         contact.half_aperture_m, contact.pad_half_length_m,
         0.0 if body.shape == "straight" else 1.0,
         body.half_width_m, body.half_height_m, body.grip_height_m, body.body_above_grip_m,
     )  # fmt: skip
-    out[laws.P_STIFFNESS : laws.P_GROSS_SLIP] = finger_stiffness(contact, body)
+    out[laws.P_STIFFNESS : laws.P_GROSS_SLIP] = finger_stiffness(body)
     out[laws.P_GROSS_SLIP :] = (
-        contact.gross_slip_mps, contact.force_rise_n, contact.gross_turn_radps,
+        GROSS_SLIP_MPS, FORCE_RISE_N, GROSS_TURN_RADPS,
         body.inertia_kgm2, body.centre_aside_m, body.centre_above_m,
         float(level), contact.blow_step_s, contact.normal_loss_s,
     )  # fmt: skip
@@ -82,10 +88,8 @@ def let_along(p: Floats, state: Floats, normal_n: Floats) -> None:
     state[laws.SQUEEZE : laws.SQUEEZE + FINGERS] = normal_n / stiffness
 
 
-def finger_places(contact: ContactSettings) -> Floats:
-    """Middle of each pad, (3, 2), m: the thumb opposes the middle between B and C."""
-    half = 0.5 * contact.finger_spacing_m
-    return np.array([[0.0, 0.0], [-half, 0.0], [half, 0.0]])
+# Middle of each pad, (3, 2), m: the thumb opposes the middle between B and C.
+FINGER_PLACES_M = FINGER_SPACING_M * np.array([[0.0, 0.0], [-0.5, 0.0], [0.5, 0.0]])
 
 
 def elements(contact: ContactSettings, level: Level, brush_points: int = BRUSH_POINTS) -> Floats:
@@ -97,7 +101,7 @@ def elements(contact: ContactSettings, level: Level, brush_points: int = BRUSH_P
         grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     finger = np.repeat(np.arange(FINGERS), len(grid))
     out = np.zeros((len(finger), laws.ELEMENT_SIZE))
-    out[:, : laws.E_SPIN] = finger_places(contact)[finger] + np.tile(grid, (FINGERS, 1))
+    out[:, : laws.E_SPIN] = FINGER_PLACES_M[finger] + np.tile(grid, (FINGERS, 1))
     out[:, laws.E_SPIN] = SQUARE_SPIN * half if level is Level.SPIN else 0.0
     out[:, laws.E_SHARE] = 1.0 / len(grid)
     out[:, laws.E_FINGER] = finger
@@ -139,7 +143,7 @@ class Contact:
         self._settings = settings
         self._parameters = parameters(settings, body, level)
         self._elements = elements(settings, level)
-        self._places_m = finger_places(settings)[:, 0]
+        self._places_m = FINGER_PLACES_M[:, 0]
         self._moved_s = 0.0  # when a blow was last seen to move the object
 
     @property
@@ -183,11 +187,11 @@ class Contact:
 
     def _rests(self, t_s: float) -> bool:
         """Whether what the last blow moved stands in the hand; asked again and again."""
-        s, pads = self.state, self._settings
+        s = self.state
         ways = laws.ACROSS_SPEED, laws.SLIP_SPEED, laws.LATERAL_SPEED
         speed_mps = max(abs(s[way]) for way in ways)
-        slow = speed_mps < REST_SHARE * pads.gross_slip_mps
-        if not (slow and abs(s[laws.TURN_RATE]) < REST_SHARE * pads.gross_turn_radps):
+        slow = speed_mps < REST_SHARE * GROSS_SLIP_MPS
+        if not (slow and abs(s[laws.TURN_RATE]) < REST_SHARE * GROSS_TURN_RADPS):
             self._moved_s = t_s
         return t_s > self._moved_s + REST_S
 

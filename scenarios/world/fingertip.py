@@ -19,12 +19,22 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.world import disturbance
+from scenarios.world import pad_vibration
 from scenarios.world import spring_bed as bed
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import FingertipSettings, Surface
 
 FIELD_POINTS = 256  # a power of two, of either side of the height field, which is periodic
 FIELD_STEPS = 5.0  # grid points to a correlation length
+# All assumed: between barometers (6-8); of the spring bed along x and y; its tangential stiffness
+# over the normal one (layer theory, 0.4-0.6); damping of a held object on its pads, of critical
+# (0.1-0.3); rest codes from and to; and, numerical, the longest path of an inner step, and the time
+# below which none need be.
+PITCH_MM = 6.0
+PAD_HALF_LENGTH_MM, PAD_HALF_WIDTH_MM = 10.0, 8.0
+SHEAR_SHARE = 0.5
+HELD_DAMPING = 0.2
+REST_LOW, REST_HIGH = 420, 480
+STEP_MM, STEP_S = 0.05, 0.001
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
 CODE_MAX = 1023
 FOLD = 1 << 9  # the authors' driver takes ten bits for a signed number, and its absolute value
@@ -42,7 +52,7 @@ def taxel_positions(settings: FingertipSettings) -> Floats:
         return np.array(settings.taxels_mm)
     x = np.array([-1.0, 0.0, 1.0, 1.0, 0.0, -1.0])
     y = np.array([-0.5, -0.5, -0.5, 0.5, 0.5, 0.5])
-    return settings.pitch_mm * np.stack([x, y], axis=1)
+    return PITCH_MM * np.stack([x, y], axis=1)
 
 
 class Kernel(msgspec.Struct, frozen=True):
@@ -58,15 +68,13 @@ class Kernel(msgspec.Struct, frozen=True):
 def kernel(depth_mm: float) -> Kernel:
     """Kernels of a layer of that depth."""
     thin = 10.0 / depth_mm
-    return Kernel(
-        4.3 * thin**2 / COUNT_KPA, 5.6 / thin, 0.38 * thin**3 / COUNT_KPA, 6.0 / thin
-    )  # fmt: skip
+    return Kernel(4.3 * thin**2 / COUNT_KPA, 5.6 / thin, 0.38 * thin**3 / COUNT_KPA, 6.0 / thin)
 
 
 def spring_positions(settings: FingertipSettings) -> Floats:
     """(S, 2) centres of the cells that fill the pad, from its middle outwards."""
-    x = _centres(_cells(settings.pad_half_length_mm, settings), settings.pad_half_length_mm)
-    y = _centres(_cells(settings.pad_half_width_mm, settings), settings.pad_half_width_mm)
+    x = _centres(_cells(PAD_HALF_LENGTH_MM, settings), PAD_HALF_LENGTH_MM)
+    y = _centres(_cells(PAD_HALF_WIDTH_MM, settings), PAD_HALF_WIDTH_MM)
     at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     out: Floats = at[np.argsort((at**2).sum(axis=1), kind="stable")]
     return out
@@ -135,26 +143,20 @@ class Fingertips:
         self._gaps = np.stack([gaps, least], axis=1)
         angle = rng.uniform(0.0, 2 * math.pi, n)
         self._shaking = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        self.rest = rng.integers(s.rest_low, s.rest_high, (n, len(self._taxels)), endpoint=True)
+        self.rest = rng.integers(REST_LOW, REST_HIGH, (n, len(self._taxels)), endpoint=True)
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
         self._numbers = _Numbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
-        jitters = (self._shaken, disturbance.JITTERS, 2)
+        jitters = (self._shaken, pad_vibration.JITTERS, 2)
         jitter = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
         self._jitter_numbers = _Numbers(jitter, jitters)
-        self._begin(n)
-
-    def _begin(self, n: int) -> None:
         self._t_s = 0.0
-        self._disturbance = np.zeros((disturbance.DISTURBANCE, self._shaken))
-        self._jitter = np.zeros((self._shaken, disturbance.JITTERS, 2))
-        self._following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
-        self._totals = np.zeros(n)
-        self._rocked = np.zeros((n, 2))
+        self._disturbance = np.zeros((pad_vibration.DISTURBANCE, self._shaken))
+        self._jitter = np.zeros(jitters)
+        self._following = np.zeros((pad_vibration.WAYS, pad_vibration.FOLLOWING))
+        self._totals, self._turn = np.zeros(n), np.zeros(n)
+        self._rocked, self._motion, self._centre = (np.zeros((n, 2)) for _ in range(3))
         self._given = np.zeros(n)  # no mount: the load is what it is said to be
-        self._motion = np.zeros((n, 2))
-        self._turn = np.zeros(n)
-        self._centre = np.zeros((n, 2))
         self.slid = np.zeros((n, 3))  # sum of sliding, mm, mm and rad, where the load is
         self._noise = np.zeros((n, len(self._taxels)))
         self._pressed = np.zeros_like(self.rest)  # counts
@@ -191,12 +193,12 @@ class Fingertips:
             self._jitter, normal_n,
         )  # fmt: skip
         if self._held is None:
-            disturbance.shake(
+            pad_vibration.shake(
                 *shaker, mount_npmm is not None, mounts, self._stiffness, motion_mm,
                 self._shaking, totals, motion, rocked,
             )  # fmt: skip
         else:
-            disturbance.shake_held(
+            pad_vibration.shake_held(
                 *shaker, self._stiffness, self._pull, self._held.sides, self._following,
                 motion_mm, self._shaking, totals, motion, rocked,
             )  # fmt: skip
@@ -239,39 +241,21 @@ class Fingertips:
     @property
     def load_n(self) -> Floats:
         """(F,) load that the springs carry."""
-        out: Floats = self._states[:, bed.CARRIED].copy()
-        return out
-
-    @property
-    def friction_n(self) -> Floats:
-        """(F, 2) friction on each pad's face, in its own frame."""
-        out: Floats = self._pull.copy()
-        return out
+        return self._of_pads(bed.CARRIED)
 
     @property
     def approach_mm(self) -> Floats:
         """(F,) how far the pad's base has come towards the surface's mean plane: what it takes to
         carry the load on this spot. 0 or stale without contact."""
-        out: Floats = self._states[:, bed.APPROACH].copy()
-        return out
-
-    @property
-    def slip_mps(self) -> Floats:
-        """(F,) sliding speed of the surface over the pad where its load is, mean of the last step:
-        of the rigid motion that fits the slip of all springs best, weighted by their load."""
-        out: Floats = np.hypot(self._states[:, bed.SLIP_X], self._states[:, bed.SLIP_Y]) * 1e-3
-        return out
-
-    @property
-    def turn_radps(self) -> Floats:
-        """(F,) turning rate of that motion, either sign."""
-        out: Floats = self._states[:, bed.SPIN].copy()
-        return out
+        return self._of_pads(bed.APPROACH)
 
     @property
     def sliding_share(self) -> Floats:
         """(F,) share of the load on springs that slide, at the end of the last step."""
-        out: Floats = self._states[:, bed.SHARE].copy()
+        return self._of_pads(bed.SHARE)
+
+    def _of_pads(self, column: int) -> Floats:
+        out: Floats = self._states[:, column].copy()
         return out
 
 
@@ -293,13 +277,13 @@ class _Numbers:
 
 
 def _parameters(s: FingertipSettings) -> Floats:
-    cells = _cells(s.pad_half_length_mm, s) * _cells(s.pad_half_width_mm, s)
-    stiffness = s.foundation_n_per_mm3 * 4 * s.pad_half_length_mm * s.pad_half_width_mm / cells
+    cells = _cells(PAD_HALF_LENGTH_MM, s) * _cells(PAD_HALF_WIDTH_MM, s)
+    stiffness = s.foundation_n_per_mm3 * 4 * PAD_HALF_LENGTH_MM * PAD_HALF_WIDTH_MM / cells
     out = np.empty(bed.PARAMETERS)
     out[:] = (
-        stiffness, stiffness * s.shear_share, s.step_mm, s.step_s,
+        stiffness, stiffness * SHEAR_SHARE, STEP_MM, STEP_S,
         *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
-        2 * math.pi * s.lateral_hz, s.lateral_damping, s.pad_half_length_mm, s.pad_half_width_mm,
+        2 * math.pi * s.lateral_hz, s.lateral_damping, PAD_HALF_LENGTH_MM, PAD_HALF_WIDTH_MM,
         s.relaxation_share, s.relaxation_slow_share, s.relaxation_slow_share,
         s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
     )  # fmt: skip
@@ -310,5 +294,5 @@ def _disturbing(s: FingertipSettings, held_radps: float) -> Floats:
     return np.array([
         s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
         2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.lever_x, s.lever_y,
-        s.shift_mm, s.rock_rad, s.jitter_s, held_radps, s.held_damping,
+        s.shift_mm, s.rock_rad, s.jitter_s, held_radps, HELD_DAMPING,
     ])  # fmt: skip

@@ -30,7 +30,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from scenarios.world.contact_settings import GRAVITY_MPS2
+from scenarios.world.settings import GRAVITY_MPS2
 
 FINGERS = 3
 Floats = NDArray[np.float64]

@@ -17,7 +17,17 @@ Name = Annotated[
         description="at most 80 letters, digits, . _ -, a letter or digit first, no two dots",
     ),
 ]  # fmt: skip
-Counts = Annotated[int, Meta(ge=0, le=255)]  # of a finger's motor
+
+
+def within(low: float, high: float, text: str = "") -> Meta:
+    """Bounds of a setting, both allowed, and where its value is from."""
+    return Meta(ge=low, le=high, description=text or None)
+
+
+Counts = Annotated[int, within(0, 255)]  # of a finger's motor
+Kilograms = Annotated[float, within(1e-4, 3.0, "assumed")]
+Friction = Annotated[float, Meta(gt=0.0, le=2.0, description="of rubber on it; assumed")]
+Stiffness = Annotated[float, within(100.0, 1e5, "to be measured with this hand")]
 
 
 class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -27,66 +37,35 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     description: str = ""
     long_body: bool = False  # judged by the 6 and 12 cm marks (paper, table IV)
     grip_counts: Annotated[
-        tuple[Counts, Counts, Counts],
-        Meta(description="motor counts A, B, C of the first, too weak grasp; 0-255, assumed"),
+        tuple[Counts, Counts, Counts], Meta(description="motor counts of the first, weak grasp")
     ]
-    mass_kg: Annotated[float, Meta(ge=1e-4, le=3.0, description="of the object alone; assumed")]
-    added_mass_kg: Annotated[
-        float, Meta(ge=0.0, le=3.0, description="weights added for the lift (paper); assumed")
-    ] = 0.0
-    friction_static: Annotated[
-        float, Meta(gt=0.0, le=2.0, description="rubber on this surface; assumed, 0.5-1.2")
-    ]
-    friction_kinetic: Annotated[
-        float, Meta(gt=0.0, le=2.0, description="sliding; assumed, 0.6-0.95 of static")
-    ]
-    wall_stiffness_npm: Annotated[
-        float, Meta(ge=200.0, le=1e7, description="of one side, N/m; assumed")
-    ]
-    contact_stiffness_npm: (
-        Annotated[
-            float,
-            Meta(
-                ge=100.0, le=1e5,
-                description="force rise a metre of thumb travel, to be measured with this hand; "
-                "without one, guard.contact_stiffness_npm",
-            ),
-        ]
-        | None
-    ) = None  # fmt: skip
+    mass_kg: Kilograms  # of the object alone
+    added_mass_kg: Annotated[float, within(0.0, 3.0, "weights added for the lift (paper)")] = 0.0
+    friction_static: Friction  # 0.5-1.2
+    friction_kinetic: Friction  # sliding; 0.6-0.95 of static
+    wall_stiffness_npm: Annotated[float, within(200.0, 1e7, "of one side, N/m")]
+    # force rise a metre of thumb travel; without one, guard.contact_stiffness_npm
+    contact_stiffness_npm: Stiffness | None = None
     shape: Literal["straight", "ellipsoid"] = "straight"
-    half_width_m: Annotated[
-        float,
-        Meta(gt=0.005, le=0.07, description="half of the widest width, closing axis; assumed"),
-    ]
-    half_height_m: Annotated[
-        float, Meta(gt=0.005, le=0.3, description="vertical semi-axis of an ellipsoid; assumed")
-    ] = 0.1
+    half_width_m: Annotated[float, within(0.005, 0.07, "half of the widest width, closing axis")]
+    half_height_m: Annotated[float, within(0.005, 0.3, "vertical semi-axis of an ellipsoid")] = 0.1
     grip_height_m: Annotated[
-        float,
-        Meta(ge=-0.1, le=0.1, description="grip above the widest point of an ellipsoid; assumed"),
+        float, within(-0.1, 0.1, "grip above the widest point of an ellipsoid")
     ] = 0.0
     body_above_grip_m: Annotated[
-        float, Meta(gt=0.0, le=0.5, description="straight body above the pads' centre; assumed")
+        float, within(0.0, 0.5, "straight body above the pads' centre")
     ] = 0.15
     radius_of_gyration_m: Annotated[
-        float,
-        Meta(gt=0.005, le=0.3, description="about the closing axis; assumed, 0.04-0.12: 0.09 is "
-             "an object 0.3 m tall"),
-    ] = 0.09  # fmt: skip
+        float, within(0.005, 0.3, "about the closing axis, 0.04-0.12: 0.09 is 0.3 m tall")
+    ] = 0.09
     centre_aside_m: Annotated[
-        float, Meta(ge=-0.1, le=0.1, description="centre of mass beside the grip's middle; assumed")
+        float, within(-0.1, 0.1, "centre of mass beside the grip's middle")
     ] = 0.0
-    centre_above_m: Annotated[float, Meta(ge=-0.2, le=0.2, description="and above it; assumed")] = (
-        0.0
+    centre_above_m: Annotated[float, within(-0.2, 0.2, "and above it")] = 0.0
+    texture_rms_m: Annotated[float, within(0.0, 1e-3, "irregularity, 0.01-0.45 mm")] = 0.1e-3
+    texture_length_m: Annotated[float, within(0.2e-3, 10e-3, "its correlation length, 1-2 mm")] = (
+        1.5e-3
     )
-    texture_rms_m: Annotated[
-        float,
-        Meta(ge=0.0, le=1e-3, description="surface irregularity; assumed, 0.01-0.45 mm"),
-    ] = 0.1e-3
-    texture_length_m: Annotated[
-        float, Meta(ge=0.2e-3, le=10e-3, description="its correlation length; assumed, 1-2 mm")
-    ] = 1.5e-3
 
     def __post_init__(self) -> None:
         if self.friction_kinetic > self.friction_static:

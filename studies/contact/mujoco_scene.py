@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from scenarios.world.contact import SQUARE_SPIN, Floats, finger_places
+from scenarios.world.contact import FINGER_PLACES_M, SQUARE_SPIN, Floats
 from studies.contact.reference import grip_forces
 from studies.contact.scene import Scene, hand_height, hand_speed, mark_of, wrenches
 
@@ -29,7 +29,7 @@ def xml(scene: Scene, step_s: float, impratio: float) -> str:
         f'<joint type="slide" axis="{-side} 0 0"/>'
         f'<geom type="sphere" size="{PAD_RADIUS_M}" mass="{PAD_KG}" contype="2" conaffinity="2"/>'
         "</body>"
-        for side, (y, _) in zip((1, -1, -1), finger_places(scene.contact), strict=True)
+        for side, (y, _) in zip((1, -1, -1), FINGER_PLACES_M, strict=True)
     )
     i = scene.body.inertia_kgm2
     return f"""<mujoco><option timestep="{step_s}" cone="elliptic" impratio="{impratio}"/>

@@ -15,7 +15,7 @@ from numba import njit
 
 from scenarios.world import laws
 from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats, elements, parameters
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Level
 from studies.contact.scene import Scene, hand_height, hand_speed, mark_of, press, tap_wrench
 
 LEAST_STEP_S = 1e-9

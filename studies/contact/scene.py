@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import (
     BRUSH_POINTS,
     FINGERS,
@@ -22,9 +21,8 @@ from scenarios.world.contact import (
     initial_state,
     parameters,
 )
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 
 MARK_M = 0.05  # tape mark above the grip, where slip is read
 Three = tuple[float, float, float]
@@ -76,14 +74,14 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
 
 def squeeze(body: GraspObject, contact: ContactSettings, b_n: float, c_n: float) -> Three:
     """Finger travel, m, at which B and C press with b_n and c_n and the thumb with their sum."""
-    k = finger_stiffness(contact, body)
+    k = finger_stiffness(body)
     touch = contact.half_aperture_m - body.half_width_m
     return touch + (b_n + c_n) / k, touch + b_n / k, touch + c_n / k
 
 
 def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
     """Thumb 2 to 10 N at 110 N/s from 0.3 s on; arm 0.5 m/s2 to 0.1 m/s."""
-    rise_npm = finger_stiffness(pads, BODY) * 2 / 3
+    rise_npm = finger_stiffness(BODY) * 2 / 3
     return Scene(
         name="lift", duration_s=duration_s, contact=pads, on_table=True, arm_mps=0.1,
         travel_m=squeeze(BODY, pads, 1.0, 1.0),

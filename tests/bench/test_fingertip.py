@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scenarios.world.fingertip import Fingertips
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import FingertipSettings, Surface
 
 pytestmark = pytest.mark.bench
 

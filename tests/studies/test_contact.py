@@ -7,10 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from scenarios.world.blow import Blow
 from scenarios.world.contact import GRAVITY_MPS2
-from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 from studies.contact import comparators
 from studies.contact.comparators import Method
 from studies.contact.reference import adaptive, explicit

@@ -79,17 +79,11 @@ def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: P
 def test_a_checkpoint_that_is_foreign_or_damaged_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c"
     training().save(path)
-    with pytest.raises(BadFile, match="another training: seed: 0, now 3") as told:
-        training(seed=3).resume(path)
-    assert "--force" in told.value.remedy
-    with pytest.raises(BadFile, match="another network: tcn, now gru"):
-        training("gru").resume(path)
-    other = Training("tcn", QUICK, TRAIN, VALIDATION, "others")
-    with pytest.raises(BadFile, match="another training: other recordings in --data"):
-        other.resume(path)
-    torch.save({"identity": "of long ago"}, path)
-    with pytest.raises(BadFile, match="other settings, data or another network"):
-        training().resume(path)
+    others = Training("tcn", QUICK, TRAIN, VALIDATION, "others")
+    for other in (training(seed=3), training("gru"), others):
+        with pytest.raises(BadFile, match="other settings, data or another network") as refused:
+            other.resume(path)
+        assert "--force" in refused.value.remedy
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(BadFile, match="cannot be read"):
         training().resume(path)

@@ -14,7 +14,7 @@ from scenarios.lift import scoring as lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.tap import scoring as tap
 from scenarios.tap.scoring import Alarm, TapOutcome
-from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from tests.unit.detector import safety_probes as on_rule
 from tests.unit.drivers import safety_probes as on_driver
 from tests.unit.grasp import safety_probes as on_grasp

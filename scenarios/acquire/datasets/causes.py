@@ -3,7 +3,7 @@
 A fixed surface is pressed as in the acquisition, without strokes, while a script disturbs it; both
 labels of slip say whether the contact truly moves, and `slip` leaves out what slides and goes
 nowhere. Or three fingers grasp an object that was drawn for the recording, in the lift's own cell
-(contact of level L1, or L3 from a blow on that may turn it), and nobody reacts unless it is said;
+(contact of level L1, or L3 from a blow on that may turn it), mostly without a reaction to slip;
 `slip` says whether the object slides, as a detector can feel it (``as_felt``).
 """
 
@@ -44,14 +44,14 @@ GraspedCause = Literal[
     "grasped_pull", "grasped_drag", "grasped_arm_vibration",
 ]  # fmt: skip
 GRASPED: tuple[str, ...] = get_args(GraspedCause)
-EAGER_COUNTS = 0.2  # threshold of a detector that hears slip in anything: the hand tightens
-SILENT_COUNTS = 500.0  # of one that never speaks
-HOLDS_S, HOLDS_SHORTLY_S, HOLDS_LONG_S = 1.5, 0.2, 600.0  # at the top; the last, until told
+EAGER_COUNTS = 0.2  # threshold of a detector that takes anything for slip: the hand tightens
+SILENT_COUNTS = 500.0  # of one that never detects slip
+HOLDS_S, HOLDS_SHORTLY_S, HOLDS_LONG_S = 1.5, 0.2, 600.0  # at the top; the last, until it ends
 LEAST_SLIP_M = 0.0005
 FELT_SAMPLES = 8  # what a detector may take to be sure of a slip, however short
 WATCHED_S = 0.4  # after an act is over, its object has come to rest
-# These fingertips are drawn, unlike any that the controller's doubts were measured on, and none is
-# broken: nobody doubts them, and what they make of a force ends no recording.
+# Drawn fingertips differ from those on which the plausibility checks were measured, and none is
+# broken: the checks are as wide as they go, and no estimate of force ends a recording.
 TRUSTED = {
     "doubt.frozen_samples": 1000, "doubt.dead_samples": 10_000,
     "doubt.dead_unloaded_samples": 10_000, "doubt.rail_samples": 100, "doubt.jump_counts": 1023,
@@ -77,7 +77,7 @@ def bare_config(layout: str) -> LiftConfig:
 
 def lift_config(metadata: Metadata, asked: Disturbances | None, turns: bool) -> LiftConfig:
     """A lift of the object that was drawn. An eager detector where the hand is to tighten, else one
-    that never speaks."""
+    that never detects slip."""
     tightens = metadata.cause == "grasped_closing_and_tightening"
     fixed: dict[str, Any] = TRUSTED | {
         "energy.threshold_counts": EAGER_COUNTS if tightens else SILENT_COUNTS,
@@ -160,7 +160,7 @@ def _of_lift(
     ticks = [tick for tick, _ in seen]
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
     places = _places([truth for _, truth in seen])
-    # a hand that has let go may graze what it leaves: nobody listens, and nothing is slip
+    # a hand that has let go may graze what it leaves: the detector is off, and nothing is slip
     held = np.array([t.touched and tick.decision.state not in OPEN_STATES for tick, t in seen])
     steps = np.diff(places, axis=0, prepend=places[:1]) * held[:, None]
     steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples

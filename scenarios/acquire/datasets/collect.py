@@ -3,7 +3,6 @@
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +14,7 @@ from grasp.files import make_private_folder
 
 SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
 LEAST = 3  # recordings, one a split: the first of SHARED_OUT
-OWN: Final = "own"  # surface and motion of a file that tells of neither
+OWN: Final = "own"  # surface and motion of a file that names neither
 NO_MOTION: Final = "none"
 SAMPLES = f"samples*{SUFFIX}"  # of an acquisition's folder
 
@@ -42,16 +41,14 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
     found = [read(path) for path in paths]
     _require_each_once(paths, found)
-    layouts = sorted({recording.taxels for recording in found})
-    if len(layouts) > 1:
-        mixed = " and ".join(str(taxels) for taxels in layouts)
-        raise UsageError(
-            f"fingertips of {mixed} taxels make no data set", "collect those of one layout"
-        )
+    if len(layouts := sorted({recording.taxels for recording in found})) > 1:
+        mixed = " and ".join(map(str, layouts))
+        raise UsageError(f"fingertips of {mixed} taxels make no data set", "collect one layout")
     kinds = [_kind(recording) for recording in found]
     splits = shared_out(kinds)
     make_private_folder(out)
-    _write_all([_of_split(r, split) for r, split in zip(found, splits, strict=True)], out)
+    for number, (r, split) in enumerate(zip(found, splits, strict=True)):
+        write(out / f"{number:03d}{SUFFIX}", _of_split(r, split))
     return Collected({s: splits.count(s) for s in SHARED_OUT[:LEAST]}, _lacking(kinds, splits))
 
 
@@ -65,19 +62,6 @@ def _require_each_once(paths: Sequence[Path], found: Sequence[Recording]) -> Non
                 f"the same recording as {other}"
             )  # fmt: skip
             raise UsageError(f"{path} is {same}", "give each once")
-
-
-def _write_all(recordings: Sequence[Recording], out: Path) -> None:
-    """All or none: of some nobody could tell that they were to be more."""
-    paths = [out / f"{number:03d}{SUFFIX}" for number in range(len(recordings))]
-    try:
-        for path, recording in zip(paths, recordings, strict=True):
-            write(path, recording)
-    except BaseException:
-        for path in paths:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
-        raise
 
 
 def shared_out(kinds: Sequence[str]) -> list[Split]:

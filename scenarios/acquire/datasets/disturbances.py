@@ -19,13 +19,11 @@ from scenarios.acquire.labels import TURN_LEVER_M
 from scenarios.tap.config import TapSettings
 from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held_at
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import GRAVITY_MPS2
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.settings import Blow, ContactSettings, Level
 from scenarios.world.truth import Truth
-from scenarios.world.world_settings import Level
 
 Kind = Literal["near", "mallet", "weak", "elastic", "shove", "touch", "pull", "drag", "shake"]
 Direction = Literal["top", "side", "closing"]

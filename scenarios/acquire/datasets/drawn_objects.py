@@ -19,9 +19,8 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
 from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
 from scenarios.world import contact, laws
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject, Name
-from scenarios.world.press_settings import FixedSurface
+from scenarios.world.settings import ContactSettings, FixedSurface
 
 Range = tuple[float, float]
 Forces = tuple[float, float, float]  # of each finger, N

@@ -30,6 +30,15 @@ def called(kind: str, word: str) -> str:
     return load(_Named, [Layer(word, thing_layer(kind, section, word).table[section])]).name
 
 
+def beside(value: Any, folder: Path) -> Any:
+    """A data set's settings, or a part of them, whose paths count from that folder."""
+    if isinstance(value, dict):
+        return {beside(key, folder): beside(each, folder) for key, each in value.items()}
+    if isinstance(value, list):
+        return [beside(each, folder) for each in value]
+    return str(folder / value) if isinstance(value, str) and by_path(value) else value
+
+
 def fingerprints(*words: str) -> dict[str, str]:
     """Of the files among them."""
     return {word: read_toml(Path(word)).digest for word in words if by_path(word)}

@@ -24,6 +24,7 @@ from scenarios.acquire.datasets import drawn_objects
 from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, bare_config
 from scenarios.acquire.datasets.disturbances import Disturbances
 from scenarios.acquire.datasets.named_settings import (
+    beside,
     called,
     fingerprints,
     layout_file,
@@ -138,7 +139,7 @@ class Job(msgspec.Struct, frozen=True):
     surface: str  # its name or path, or that of what is held
     motion: StrokeMotion | None  # None: no strokes
     static: int
-    slip: int  # of a cause, static and slip are not told apart
+    slip: int  # of a cause, static and slip are not distinguished
     metadata: Metadata
     acts: Disturbances | None = None
 
@@ -152,7 +153,9 @@ WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 
 def load_dataset_config(path: Path) -> DatasetConfig:
     """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
-    config = load(DatasetConfig, [read_toml(path)])
+    layer = read_toml(path)
+    settings = msgspec.structs.replace(layer, table=beside(layer.table, path.parent))
+    config = load(DatasetConfig, [settings])
     surfaces = [*config.on, *(word for part in config.parts for word in part.on)]
     surfaces += [word for row in config.rows for word in row.percent]
     for cause in config.causes:

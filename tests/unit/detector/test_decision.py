@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from detector.decision import (
     DecisionRule,
     RuleSettings,
-    event_starts,
     log_odds,
     registered_events,
 )
@@ -113,7 +112,6 @@ def test_slip_stays_registered_until_enough_quiet_samples_on_all_fingers() -> No
 def test_events_of_a_stream_countable_by_hand() -> None:
     p = np.array([0, 1, 1, 1, 0, 0, 0, 1, 0, 1, 1, 0, 1, 0, 0, 0, 1, 1], float)[:, None]
     assert registered_events(p, RuleSettings(release=3)).tolist() == [[2, 6], [10, 15], [17, 18]]
-    assert event_starts(p * 40, 20.0, RuleSettings(release=3)).tolist() == [2, 10, 17]
 
 
 CUSUM = {"kind": "cusum", "limit": 4.0, "drift": 0.5}

@@ -12,7 +12,7 @@ from scenarios.acquire.fingertip_fit import FitSetup, Search
 from scenarios.acquire.signal_statistics import signal_statistics
 from scenarios.acquire.strokes import StrokeSettings
 from scenarios.campaign.config import load_config
-from scenarios.world.contact_settings import GROSS_SLIP_MPS
+from scenarios.world.settings import GROSS_SLIP_MPS
 
 FELT = Path(__file__).parents[5] / "shared" / "data" / "takktile_felt.csv"
 

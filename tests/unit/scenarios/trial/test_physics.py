@@ -6,7 +6,7 @@ from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.tap.tap import tap
 from scenarios.trial.config import contact_table
-from scenarios.world.world_settings import ContactLevels
+from scenarios.world.settings import ContactLevels
 
 
 def config(*assignments: str, name: str = "can", rig: str = "simulated") -> RunConfig:

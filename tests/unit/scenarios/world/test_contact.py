@@ -13,9 +13,8 @@ from scenarios.world.contact import (
     initial_state,
     parameters,
 )
-from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import ContactSettings, Level
 
 COUNT_M = 0.00077
 
@@ -38,7 +37,7 @@ def travel(a: float, b: float, c: float) -> Floats:
 
 def squeeze(what: GraspObject, pads: ContactSettings, b_n: float, c_n: float) -> Floats:
     """Travel (3,) at which B and C press with b_n and c_n and the thumb with their sum."""
-    k = finger_stiffness(pads, what)
+    k = finger_stiffness(what)
     return pads.half_aperture_m - what.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
 
 

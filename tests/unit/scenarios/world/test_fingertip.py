@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from scenarios.world import spring_bed as bed
 from scenarios.world.fingertip import Fingertips, Floats
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import FingertipSettings, Surface
 
 QUIET = {
     "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,

@@ -6,14 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import (
     FINGERS,
     Contact,
     Floats,
 )
-from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 from tests.unit.scenarios.world.test_contact import body, squeeze, travel
 
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scenarios.world.fingertip import Fingertips, Floats
-from scenarios.world.fingertip_settings import FingertipSettings, Surface
+from scenarios.world.settings import FingertipSettings, Surface
 
 STILL = {
     "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,

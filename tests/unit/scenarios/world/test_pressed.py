@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios.world.fingertip_settings import FingertipSettings
-from scenarios.world.press_settings import FixedSurface, PressSettings
-from scenarios.world.pressed import PressedPad
+from scenarios.world.pressed_cell import PressedPad
+from scenarios.world.settings import FingertipSettings, FixedSurface, PressSettings
 
 START = (0.5, 0.1, 0.3)
 QUIET = FingertipSettings(crown_radius_mm=100.0)

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
+from scenarios.world.cell import Damage, Pull
+from scenarios.world.settings import DamageSettings, PullSettings
 from tests.unit.scenarios.conftest import judged
 
 MS = 1_000_000

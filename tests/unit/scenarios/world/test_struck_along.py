@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.blow import Blow
 from scenarios.world.contact import (
     Contact,
     Floats,
@@ -17,8 +16,7 @@ from scenarios.world.contact import (
     let_along,
     parameters,
 )
-from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.world_settings import Level
+from scenarios.world.settings import Blow, ContactSettings, Level
 from tests.unit.scenarios.world.test_contact import body, squeeze
 
 MASS_KG = 0.4
@@ -34,7 +32,7 @@ class Struck:
         pads = ContactSettings(normal_loss_s=loss_s, relaxation_fraction=0.0, **fields)
         self.p, self.s, self.n = parameters(pads, CAN), initial_state(), np.zeros(3)
         self.s[laws.HEIGHT] = 1.0
-        self.k = finger_stiffness(pads, CAN)
+        self.k = finger_stiffness(CAN)
         self.travel = np.array(squeeze(CAN, pads, 0.5 * GRIP_N, 0.5 * GRIP_N))
         laws.normal_forces(self.p, CAN.half_width_m, self.travel, self.s, self.n)
         self.from_m = float(self.s[laws.LATERAL])

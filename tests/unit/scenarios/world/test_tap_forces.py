@@ -4,7 +4,7 @@ import pytest
 
 from scenarios.world import laws
 from scenarios.world.contact import Floats, initial_state, parameters
-from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.settings import ContactSettings
 from tests.unit.scenarios.world.test_contact import body, fresh_pads, travel
 
 GRIP = travel(59.2, 55, 55)

@@ -56,10 +56,10 @@ def made(jobs: list[Job], out: Path) -> int:
 
 
 def test_strokes_on_a_surface_and_with_a_layout_of_ones_own(own: Own, tmp_path: Path) -> None:
-    dome = own("surfaces", "sphere", "dome")
-    rows = own("layouts", "eight", "two-rows")
-    words = f'"{dome}" = 1.0, planar = 1.0'
-    path = data_set(tmp_path, words, f'layout = "{rows}"\n')
+    own("surfaces", "sphere", "dome")
+    own("layouts", "eight", "two-rows")
+    words = '"things/dome.toml" = 1.0, planar = 1.0'
+    path = data_set(tmp_path, words, 'layout = "things/two-rows.toml"\n')
     config = load_dataset_config(path)
     jobs = plan(config)
     assert {job.path.split("/")[0] for job in jobs} == {"dome", "planar"}

@@ -20,7 +20,7 @@ from scenarios.acquire.datasets.plan import (
 )
 from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world import fingertip
-from scenarios.world.fingertip_settings import Surface
+from scenarios.world.settings import Surface
 
 SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
 

@@ -1,0 +1,293 @@
+"""What is assumed of hand, pads and fingertips, of what they touch and of what disturbs a scene."""
+
+from enum import IntEnum
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from scenarios.world.objects import Name, within
+
+GRAVITY_MPS2 = 9.81
+GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
+GROSS_TURN_RADPS = 0.2  # and of that label in rotation
+
+
+# Contact levels
+
+LevelName = Literal["L1", "L3", "L4"]
+Step = Annotated[float, Meta(gt=0.0)]
+
+
+class Level(IntEnum):
+    """From the cheapest to the reference. POINTS is that of a study: it costs what SPIN does."""
+
+    SLIDER = 1
+    POINTS = 2
+    SPIN = 3
+    BRUSH = 4
+
+    @property
+    def label(self) -> str:
+        """As a setting names it."""
+        return f"L{int(self)}"
+
+
+def level_named(label: LevelName) -> Level:
+    """The level that a setting names."""
+    return Level(int(label[1:]))
+
+
+class ContactLevels(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Level and longest step, and those while a tap moves the object."""
+
+    level: LevelName
+    step_s: Step
+    blow_level: LevelName
+    blow_step_s: Step
+
+    def __post_init__(self) -> None:
+        _check_levels(self.level, self.blow_level)
+
+
+class ContactTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`config/contact_levels.toml`: levels of a lift, of a tap by its direction, and
+    the least of any run whose object has its weight aside or is pulled."""
+
+    lift: ContactLevels
+    top: ContactLevels
+    side: ContactLevels
+    closing: ContactLevels
+    aside: ContactLevels
+    pull: ContactLevels
+
+
+class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contact levels in place of those that `config/contact_levels.toml` has for a run."""
+
+    # auto: by scenario; L1 where no scenario is known
+    level: Literal["auto", "L1", "L3", "L4"] = "auto"
+    # while a tap moves the object, never less than level; auto: as level, and where that is auto,
+    # by scenario; L4 where none is known
+    blow_level: Literal["auto", "L1", "L3", "L4"] = "auto"
+
+    def __post_init__(self) -> None:
+        if "auto" not in (self.level, self.blow_level):
+            _check_levels(self.level, self.blow_level)
+
+
+def _check_levels(level: str, blow_level: str) -> None:
+    if blow_level < level:
+        raise ValueError(f"blow_level: {blow_level} is less than level, {level}")
+
+
+# Hand and pads
+
+
+class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Compliances of hand and pads; those that nobody varies are constants of ``contact``."""
+
+    half_aperture_m: Annotated[
+        float, within(0.02, 0.1, "open, pad to centre plane; manual: 155 mm")
+    ] = 0.0775
+    pad_half_length_m: Annotated[
+        float, within(0.0, 0.02, "flat pad, along the slip; assumed, 8-12 mm")
+    ] = 0.010
+    shear_stiffness_npm: Annotated[float, within(500.0, 1e6, "tangential; derived, 6-12 N/mm")] = (
+        8000.0
+    )
+    shear_damping_nspm: Annotated[float, within(0.0, 200.0, "tangential; assumed, 5-16 N s/m")] = (
+        12.0
+    )
+    # damping over stiffness along the closing axis, of what a blow along it has struck
+    normal_loss_s: Annotated[float, within(0.0, 0.01, "as in shear; assumed, 0.5-3 ms")] = 1.5e-3
+    relaxation_fraction: Annotated[
+        float, within(0.0, 0.5, "of the normal force; clip 0.05-0.15")
+    ] = 0.1
+    step_s: Annotated[float, within(1e-5, 0.05, "largest integration step")] = 5e-4
+    blow_step_s: Annotated[float, within(1e-6, 0.05, "and while a blow moves the object")] = 1e-4
+
+
+class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What one pad touches."""
+
+    curvature_per_mm: tuple[float, float] = (0.0, 0.0)  # along x and y of the pad; 0 is flat
+    texture_rms_mm: float = 0.1  # irregularity; felt 0.3-0.45, smooth 0.01-0.2
+    texture_length_mm: float = 1.5  # its correlation length; 1-2 mm
+    friction_static: float = 0.85  # of rubber on it
+    friction_kinetic: float = 0.7
+
+
+class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Geometry, rubber and noise of one fingertip, in the press and in the hand alike; those that
+    nobody varies are constants of ``fingertip``.
+
+    CLIP: the middle of the range that the part `compliant` of the paper's set draws from
+    (`config/datasets/paper.toml`; that range is named). The ranges were chosen by hand so that the
+    set's statistics hold the authors' clip; no lift, tap or detector had a say.
+    """
+
+    # place of each barometer on the pad, x and y; none: two rows of three, as in the kit. As many
+    # as `tactile.cells` has a finger
+    taxels_mm: tuple[tuple[float, float], ...] = ()
+    depth_mm: Annotated[
+        float, within(2.0, 10.0, "effective depth of the rubber; CLIP, 2.8-3.5")
+    ] = 3.15
+    crown_radius_mm: Annotated[float, within(10.0, 1000.0, "of the pad's face; CLIP, 18-50")] = 34.0
+    tilt_rad: Annotated[float, within(0.0, 0.2, "deviation, both axes; CLIP, 0.02-0.05")] = 0.035
+    tilt_x_rad: Annotated[
+        float, within(-0.4, 0.4, "mean, rising along x, as the authors' finger leaned")
+    ] = 0.0
+    tilt_y_rad: Annotated[float, within(-0.4, 0.4, "likewise along y")] = 0.0
+    foundation_n_per_mm3: Annotated[float, within(0.02, 2.0, "bed, normal; CLIP, 0.35-0.8")] = 0.575
+    relaxation_share: Annotated[float, within(0.0, 0.5, "of a spring's load; CLIP, 0.04-0.11")] = (
+        0.075
+    )
+    relaxation_s: Annotated[float, within(0.01, 5.0, "time constant of that; CLIP, 0.1")] = 0.1
+    # relaxes ten times slower, and as much again 100 times: rubber relaxes in log time
+    relaxation_slow_share: Annotated[float, within(0.0, 0.3, "of that load; CLIP, 0.04-0.11")] = (
+        0.075
+    )
+    # rms of how much deeper or shallower the pad is held than asked for
+    wander_mm: Annotated[float, within(0.0, 0.1, "CLIP, 0.009-0.022")] = 0.0155
+    wander_fast_s: Annotated[
+        float, within(0.005, 1.0, "memory of its fast half; CLIP, 0.005-0.015")
+    ] = 0.01
+    wander_slow_s: Annotated[float, within(0.05, 10.0, "and of its slow half; CLIP, 0.5-1.5")] = 1.0
+    vibration_mm: Annotated[
+        float, within(0.0, 0.1, "by the mode of an arm that moves; CLIP, 0.002-0.01")
+    ] = 0.006
+    vibration_hz: Annotated[float, within(2.0, 45.0, "of that mode; CLIP, 10-25")] = 17.5
+    vibration_damping: Annotated[float, within(0.005, 1.0, "of that mode; CLIP, 0.04-0.15")] = 0.095
+    sway_mm: Annotated[float, within(0.0, 0.5, "rms of that mode sideways; assumed, 0-0.05")] = 0.01
+    # how restless arm and hand are with an object in them, over how restless while they press; what
+    # of it reaches the pads follows from the object's inertia. Nobody has measured it: the middle
+    # of 0.1-1, over which results should be swept
+    holding_share: Annotated[
+        float, within(0.0, 2.0, "restlessness with an object, over pressing")
+    ] = 0.55
+    noise_counts: Annotated[float, within(0.0, 5.0, "rms before rounding; CLIP, 0.4-0.9")] = 0.65
+    warming_k: Annotated[float, within(-20.0, 20.0, "of the board in the end; assumed, 0-10")] = 5.0
+    warming_s: Annotated[float, within(10.0, 10000.0, "time constant of that; assumed")] = 600.0
+    # codes as the authors' driver read them: 512 + n comes out as 512 - n
+    fold_above_512: bool = False
+    # assumed: bodies reach further above the pads than fingers are long, so the hand comes from the
+    # side and the weight hangs across its fingers. Of a hand from above, tips down: 180
+    slip_direction_deg: Annotated[
+        float, within(-180.0, 180.0, "upwards in the pad's frame, from x")
+    ] = 90.0
+    # load lost for each newton of friction that drags the pad along its x (the finger's length):
+    # height over reach of its joint (a drum brake's shoe). Times friction below 1, or it jams
+    lever_x: Annotated[float, within(-1.0, 1.0, "load over friction along x; CLIP, 0.6-1")] = 0.8
+    lever_y: Annotated[float, within(-1.0, 1.0, "likewise along y; CLIP, -0.5-0.5")] = 0.0
+    lateral_npmm: Annotated[
+        float, within(0.0, 100.0, "sideways, of what presses; 0: rigid; CLIP, 3-10")
+    ] = 6.5
+    lateral_hz: Annotated[float, within(4.0, 40.0, "of what swings on it; CLIP, 8-18")] = 13.0
+    lateral_damping: Annotated[float, within(0.01, 2.0, "of that; CLIP, 0.1-0.3")] = 0.2
+    shift_mm: Annotated[
+        float, within(0.0, 0.1, "rms of small motions sideways; CLIP, 0.001-0.003")
+    ] = 0.002
+    rock_rad: Annotated[float, within(0.0, 0.02, "rms of small rocking; CLIP, 0.0005-0.0015")] = (
+        0.001
+    )
+    jitter_s: Annotated[float, within(0.002, 1.0, "memory of both; CLIP, 0.005-0.03")] = 0.0175
+    spring_mm: Annotated[float, within(0.5, 4.0, "between springs; no finer texture is felt")] = 1.0
+
+
+def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
+    """The same pads with an object in the hand. How the fingers give way sideways is the contact
+    law's there."""
+    restless = ("wander_mm", "vibration_mm", "sway_mm", "shift_mm", "rock_rad")
+    calmer = {name: settings.holding_share * getattr(settings, name) for name in restless}
+    return msgspec.structs.replace(settings, **calmer, lateral_npmm=0.0)
+
+
+# One fingertip pressed on what is fixed
+
+
+class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is pressed on. A radius of 0 is straight along that axis of the fingertip."""
+
+    name: Name
+    description: str = ""
+    radius_x_m: Annotated[float, within(0.0, 1.0, "along the fingertip's x")] = 0.0
+    radius_y_m: Annotated[float, within(0.0, 1.0, "along its y")] = 0.0
+    wall_stiffness_npm: Annotated[float, within(1e3, 1e7, "printed ABS; assumed")] = 1e6
+    texture_rms_m: Annotated[float, within(0.0, 0.001, "sanded print; assumed, 0.05-0.3 mm")] = (
+        0.00015
+    )
+    texture_length_m: Annotated[float, within(0.0002, 0.01, "assumed, 1-2 mm")] = 0.0015
+    friction_kinetic: Annotated[float, within(0.0, 3.0, "urethane on ABS; assumed, 0.5-1.2")] = 0.82
+    friction_ratio: Annotated[float, within(1.0, 3.0, "static over kinetic; assumed, 1.1-1.35")] = (
+        1.2
+    )
+
+
+class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Stiffness between arm and surface, and where the surface is."""
+
+    finger_stiffness_npm: Annotated[float, within(500.0, 1e6, "linkage; assumed, 3-10 N/mm")] = (
+        5000.0
+    )
+    arm_stiffness_npm: Annotated[float, within(1000.0, 1e6, "at the tool; assumed, 20-60 N/mm")] = (
+        40000.0
+    )
+    gap_m: Annotated[float, within(0.0, 0.05, "below the start, to the apex; assumed")] = 0.006
+    off_apex_x_m: Annotated[float, within(-0.02, 0.02, "of the start, tool x; assumed")] = 0.0
+    off_apex_y_m: Annotated[float, within(-0.02, 0.02, "likewise, tool y; assumed")] = 0.0
+    slope_x: Annotated[
+        float, within(-0.1, 0.1, "of the surface along tool x; assumed, -0.02-0.02")
+    ] = 0.0
+    slope_y: Annotated[float, within(-0.1, 0.1, "likewise along tool y")] = 0.0
+    axis_x_m: Annotated[
+        float, within(-0.03, 0.03, "contact from the axis of turns, tool x; assumed, 0-0.01")
+    ] = 0.0
+    axis_y_m: Annotated[float, within(-0.03, 0.03, "likewise, tool y")] = 0.0
+
+
+# What a scene may add
+
+
+class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One tap of a mallet: a half-sine pulse, then a longer one while the hand follows through. The
+    same in a stated scene, in a cell and over a cell's control channel.
+
+    ``top`` strikes downwards, ``side`` across the closing axis, ``closing`` along it, onto the
+    thumb. Struck ``delay_s`` from now. ``offset_m``: from the grip's middle, beside it for a blow
+    on the top, above it for one on the side.
+    """
+
+    impulse_n_s: Annotated[float, within(0.0, 15.0, "assumed, 0.08-0.45 N s")]
+    duration_s: Annotated[float, Meta(gt=0.0, le=0.2, description="assumed, 2-16 ms")]
+    direction: Literal["top", "side", "closing"] = "top"
+    offset_m: Annotated[float, within(-0.5, 0.5)] = 0.0
+    follow_n_s: Annotated[float, within(0.0, 15.0)] = 0.0
+    follow_s: Annotated[float, within(0.0, 1.0)] = 0.0
+    delay_s: Annotated[float, within(0.0, 10.0)] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.follow_n_s > 0.0 and self.follow_s == 0.0:
+            raise ValueError("follow_n_s: a hand follows through for some time: follow_s > 0")
+
+
+class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A downward force on the object once the arm stands still with it in the air."""
+
+    force_n: Annotated[float, within(0.0, 200.0, "downwards, beside the weight; 0: none")] = 0.0
+    after_s: Annotated[float, within(0.0, 60.0, "the arm has stood in the air; assumed")] = 0.2
+    # off the table; more than an arm that pauses to answer slip has risen, where the top is meant
+    above_m: Annotated[float, within(0.0, 1.0, "height of the object then at least")] = 0.005
+    ramp_s: Annotated[float, within(0.001, 10.0, "from nothing to all, and back; assumed")] = 0.1
+    lasts_s: Annotated[float, within(0.0, 60.0, "at its full strength; assumed")] = 0.3
+
+
+class DamageSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is wrong with every fingertip from the beginning of a trial."""
+
+    taxels_lost: Annotated[
+        float, within(0.0, 1.0, "of each fingertip, drawn: their first value stays")
+    ] = 0.0
+    gain_lost: Annotated[float, within(0.0, 1.0, "of every change from rest; the noise stays")] = (
+        0.0
+    )
