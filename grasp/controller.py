@@ -14,27 +14,18 @@ from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Ve
 from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.fault import TRIAL, Fault, lines
 from grasp.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
 from grasp.safe_state import Missing, Pursuit, SafeState
 from grasp.set_down import SetDown, Transition
 from grasp.slip_monitor import SlipMonitor, SlipStatus
 from grasp.slip_response import make_response
 from grasp.state_clock import StateClock
-from grasp.states import (
-    AIRBORNE_STATES,
-    END_STATES,
-    LOWERING_STATES,
-    OPEN_STATES,
-    State,
-    StateMachine,
-    Trigger,
-)
+from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
-OVERLOAD_NS = 30_000_000  # measured force may be so long above the limit in motion; assumed
-ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing answers prolong a hold by this; assumed
-UNTIMED_STATES = END_STATES | {State.START, State.HOLD}
-ARM_STATES = LOWERING_STATES | {State.HOME, State.SHAPE, State.LIFT, State.RETREAT}  # end with it
+ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing ends prolong a hold by this; assumed
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -62,11 +53,12 @@ class GraspController:
         self.machine = StateMachine()
         self.cap_reached = False
         self.alarm_stayed = False  # the hold ended although slip was still registered
-        self.fault_cause = ""
+        self.faults: tuple[Fault, ...] = ()  # why the run ended early
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # else set by `_start`
         self._contact = ContactEstimator(settings.contact_n)
         self._clock = StateClock()
+        self._monitor = RunMonitor(settings, self._clock, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._clock)
         self.response = make_response(settings, plan, self._line)
         self._firm = False  # the grip is being closed to the force cap
@@ -74,24 +66,14 @@ class GraspController:
         self._reset_detector = False
         self._anchor = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
-            State.START: self._start,
-            State.HOME: self._home,
-            State.SHAPE: self._shape,
-            State.TARE: self._tare,
-            State.BRACE: self._brace,
-            State.CLOSE: self._close,
-            State.SETTLE: self._settle,
-            State.BASELINE: self._baseline,
-            State.LIFT: self._lift,
-            State.COMPENSATE: self._compensate,
-            State.HOLD: self._hold,
-            State.DESCEND: self._descend,
-            State.FEEL: self._feel,
-            State.OPEN: self._open,
-            State.RETREAT: self._retreat,
-            State.SET_DOWN: self._end,
-            State.KEPT: self._end,
-        }
+            State.START: self._start, State.HOME: self._home, State.SHAPE: self._shape,
+            State.TARE: self._tare, State.BRACE: self._brace, State.CLOSE: self._close,
+            State.SETTLE: self._settle, State.BASELINE: self._baseline,
+            State.LIFT: self._lift, State.COMPENSATE: self._compensate, State.HOLD: self._hold,
+            State.DESCEND: self._descend, State.FEEL: self._feel,
+            State.OPEN: self._open, State.RETREAT: self._retreat,
+            **dict.fromkeys(END_STATES, self._end),
+        }  # fmt: skip
 
     @property
     def state(self) -> State:
@@ -104,7 +86,7 @@ class GraspController:
 
     @property
     def closings(self) -> int:
-        """How often slip or lost contact was answered by closing."""
+        """How often the fingers closed in response to slip or lost contact."""
         return self.response.closings
 
     @property
@@ -117,13 +99,18 @@ class GraspController:
         return self._pursuit is not None
 
     @property
-    def further(self) -> tuple[str, ...]:
-        """Doubts since the safe state was entered."""
+    def fault_cause(self) -> str:
+        """Why the run ended early, for people; empty if it did not, or the object was lost."""
+        return lines(self.faults)
+
+    @property
+    def further(self) -> tuple[Fault, ...]:
+        """Checks that failed since the safe state was entered."""
         return self._pursuit.further if self._pursuit else ()
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """What of the safe state was not seen when the run ended."""
+        """What of the safe state was not observed when the run ended."""
         return self._pursuit.unreached if self._pursuit else ()
 
     @property
@@ -143,10 +130,10 @@ class GraspController:
             self._set_down.slipping(obs)
         if self._pursuit:
             self._out += self._pursuit.step(obs)
-        elif trouble := self._trouble(obs):
-            self._fail(obs, trouble)
+        elif faults := self._monitor.check(obs, self.state):
+            self._enter_fault(obs, faults)
         elif obs.inputs.stop:
-            self._stop(obs)
+            self._stop(obs, obs.inputs.stop)
         else:
             self._handlers[self.state](obs)
         return Decision(
@@ -157,13 +144,13 @@ class GraspController:
     def aborted(self) -> tuple[Command, ...]:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
         was entered before."""
-        hand: tuple[Command, ...] = (HoldFingers(),)  # where not even that can be told
+        hand: tuple[Command, ...] = (HoldFingers(),)  # where even that fails
         with SuppressBugs():
             hand = self._aborted.of_hand(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def missing(self, obs: Observation) -> Missing:
-        """What of that is not seen; a hand not heard of for as long as makes it stale is not."""
+        """What of that was not observed; a hand whose status is stale was not."""
         safe, stale_ns = self._aborted, self._settings.stale_after_s * 1e9
         if obs.gripper.age_ns(obs.t_ns) > stale_ns:
             inputs = msgspec.structs.replace(obs.inputs, gripper_lost=True)
@@ -172,44 +159,8 @@ class GraspController:
 
     @property
     def _aborted(self) -> SafeState:
-        fault = SafeState(State.FAULT, self.state, self._clock.entered_ns, "")
+        fault = SafeState(State.FAULT, self.state, self._clock.entered_ns)
         return self._pursuit.safe if self._pursuit else fault
-
-    def _trouble(self, obs: Observation) -> str:
-        if obs.inputs.trouble or obs.doubt:
-            return "; ".join(filter(None, (obs.inputs.trouble, obs.doubt)))
-        if obs.tactile_stale and self.state not in OPEN_STATES:
-            return "stale: no fresh fingertip sample"
-        of_states = obs.trouble_of_states(self._settings.stale_after_s * 1e9)
-        return (
-            of_states
-            or self._force_trouble(obs)
-            or self._clock.trouble(obs, self.state)
-            or self._time_trouble(obs)
-        )
-
-    def _force_trouble(self, obs: Observation) -> str:
-        moving = self.state in AIRBORNE_STATES and obs.arm.moving
-        if moving and self._contact.overload_ns > OVERLOAD_NS:
-            return "measured force stays above the limit while the arm moves"
-        return ""
-
-    def _time_trouble(self, obs: Observation) -> str:
-        timeout_s = self._settings.phase_timeout_s
-        if self.state in UNTIMED_STATES or not self._clock.over(timeout_s):
-            return ""
-        if self.state is State.TARE and obs.hand_rests:
-            return f"fingertips_slow: too few samples for rest counts within {timeout_s:g} s"
-        return f"phase {self.state} lasted longer than {timeout_s:g} s: {self._awaited(obs)}"
-
-    def _awaited(self, obs: Observation) -> str:
-        """What the present state is not over without."""
-        if obs.pending:
-            return "a command has not reached its device yet"
-        if not obs.gripper.at_rest:
-            return "the fingers still move"
-        arm = obs.arm.moving or self.state in ARM_STATES
-        return "the arm has not arrived" if arm else "the grip is not what it has to be"
 
     # Approach
 
@@ -226,8 +177,8 @@ class GraspController:
         if math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
             self._go(Trigger.AT_HOME, obs, "run started", self._preshape())
         else:
-            way = self._line.down(0.0, self._settings.lower_speed_mps)
-            self._go(Trigger.AWAY, obs, "run started", way)
+            move = self._line.down(0.0, self._settings.lower_speed_mps)
+            self._go(Trigger.AWAY, obs, "run started", move)
 
     def _home(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stands_at(obs, 0.0):
@@ -236,7 +187,7 @@ class GraspController:
     def _shape(self, obs: Observation) -> None:
         if not obs.hand_rests or not self._line.stands_at(obs, 0.0):
             return
-        if obs.gripper.requested != self._plan.preshape_counts:  # lost on its way
+        if obs.gripper.requested != self._plan.preshape_counts:  # the command was lost
             self._out.append(self._preshape())
         else:
             self._go(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
@@ -252,44 +203,43 @@ class GraspController:
     def _brace(self, obs: Observation) -> None:
         """B and C first: the thumb, closing last, is the only one that presses, and it carries
         what both of them bear."""
-        if obs.hand_rests and self._positioned(obs):
+        if self._grip_rests(obs):
             cause = "fingers B and C rest at their positions"
             self._go(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
 
     def _close(self, obs: Observation) -> None:
         """The thumb to its position, and for a firm grip further until it stops at the cap."""
-        if not obs.hand_rests:
+        if not self._grip_rests(obs):
             return
+        cause = "fingers rest at their positions"
         if self._firm:
-            if self._stopped_on_contact(obs):
-                self._gripped(obs, "the thumb stopped at the force cap")
-        elif self._positioned(obs):
-            cause, self._firm = "fingers rest at their positions", self._settings.firm
-            if self._firm:
-                self._go(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
-            else:
-                self._gripped(obs, cause)
+            self._gripped(obs, "the thumb stopped at the force cap")
+        elif self._settings.firm:
+            self._firm = True
+            self._go(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
+        else:
+            self._gripped(obs, cause)
 
     def _gripped(self, obs: Observation, cause: str) -> None:
         self._go(Trigger.GRIPPED, obs, cause)
         self._reset_detector = True
 
     def _settle(self, obs: Observation) -> None:
-        if self._stands(obs) and self._lasted(obs, self._settings.relax_s):
+        if self._grip_rests(obs) and self._lasted(obs, self._settings.relax_s):
             self._go(Trigger.SETTLED, obs, "pads relaxed")
             self._reset_detector = True
             self.monitor.arm()
 
     def _baseline(self, obs: Observation) -> None:
         s = self._settings
-        if not self._stands(obs):
+        if not self._grip_rests(obs):
             return
         if self._contact.thumb_lost:
             nothing = "the thumb feels nothing at its position: no object, or a narrower one"
             self._fail(obs, nothing)
         elif self._lasted(obs, s.listen_s):
-            way = self._line.move(s.lift_height_m, s.lift_speed_mps)
-            self._go(Trigger.READY, obs, "the detector has listened", way)
+            move = self._line.move(s.lift_height_m, s.lift_speed_mps)
+            self._go(Trigger.READY, obs, "the detector has listened", move)
             self._anchor = True
 
     # In the air
@@ -361,7 +311,7 @@ class GraspController:
             self._go(Trigger.STEADY, obs, cause, *resume)
 
     def _hold(self, obs: Observation) -> None:
-        """Ends a while after the last response to slip, or where alarms that no closing can answer
+        """Ends a while after the last response to slip, or where alarms that no closing can end
         come and go, a while after the arm first came to the top."""
         s, set_down = self._settings, obs.inputs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
@@ -403,8 +353,8 @@ class GraspController:
         if obs.hand_rests and not obs.gripper.is_open:
             self._fail(obs, f"the fingers stopped at {obs.gripper.positions} counts: not open")
         elif obs.hand_rests:
-            way = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
-            self._go(Trigger.OPENED, obs, "fingers open", way)
+            move = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
+            self._go(Trigger.OPENED, obs, "fingers open", move)
 
     def _retreat(self, obs: Observation) -> None:
         if obs.hand_rests and self._line.stands_at(obs, self._set_down.clear_m):
@@ -420,19 +370,22 @@ class GraspController:
         self._enter_safe_state(Trigger.LOSE, obs, cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:
-        """Enter the safe state of the present state."""
-        self.fault_cause = cause
-        self._enter_safe_state(Trigger.FAIL, obs, cause)
+        """What became of the grasp is a fault."""
+        self._enter_fault(obs, (Fault("grasp_failed", TRIAL, cause),))
 
-    def _stop(self, obs: Observation) -> None:
-        self.fault_cause = obs.inputs.stop
-        self._enter_safe_state(Trigger.STOP, obs, obs.inputs.stop)
+    def _enter_fault(self, obs: Observation, faults: tuple[Fault, ...]) -> None:
+        self.faults = faults
+        self._enter_safe_state(Trigger.FAIL, obs, lines(faults))
+
+    def _stop(self, obs: Observation, why: Fault) -> None:
+        self.faults = (why,)
+        self._enter_safe_state(Trigger.STOP, obs, why.line)
 
     def _enter_safe_state(self, trigger: Trigger, obs: Observation, cause: str) -> None:
         self._go(trigger, obs, cause)
         before = self.machine.before
         half_closed = before is State.COMPENSATE and obs.first_stage
-        safe = SafeState(self.state, before, obs.t_ns, cause, half_closed)
+        safe = SafeState(self.state, before, obs.t_ns, self.faults, half_closed)
         self._pursuit = Pursuit(safe, self._settings, self.response)
         self._out += self._pursuit.ask(obs)
 
@@ -461,23 +414,21 @@ class GraspController:
     def _grip(self, targets: Counts3) -> MoveFingers:
         return MoveFingers(targets, self._settings.grip_speed_mps, self._settings.grip_force_n)
 
-    def _stands(self, obs: Observation) -> bool:
-        """Whether the fingers rest in the grip that is wanted; a fault if that is another."""
-        good = self._stopped_on_contact if self._firm else self._positioned
-        return obs.hand_rests and good(obs)
-
-    def _positioned(self, obs: Observation) -> bool:
-        """False, and a fault, when a finger at rest did not end by position."""
-        if name := obs.gripper.not_at_target:
-            self._fail(
-                obs,
+    def _grip_rests(self, obs: Observation) -> bool:
+        """Whether the fingers rest in the grip that is wanted; a fault where they ended otherwise:
+        short of a position on contact, or in a firm grip on nothing."""
+        if not obs.hand_rests:
+            return False
+        if self._firm:
+            met = obs.gripper.thumb_latched
+            fault = "" if met else "the thumb closed as far as it goes and met nothing"
+        elif name := obs.gripper.not_at_target:
+            fault = (
                 f"finger {name} stopped on contact short of its position: it is latched and "
-                "could not be closed further at this force",
+                "could not be closed further at this force"
             )
-        return not name
-
-    def _stopped_on_contact(self, obs: Observation) -> bool:
-        """False, and a fault, when the thumb at rest did not end on the object."""
-        if not obs.gripper.thumb_latched:
-            self._fail(obs, "the thumb closed as far as it goes and met nothing")
-        return obs.gripper.thumb_latched
+        else:
+            return True
+        if fault:
+            self._fail(obs, fault)
+        return not fault

@@ -21,26 +21,15 @@ class GripPlan(msgspec.Struct, frozen=True):
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Speeds, heights and patience of a grasp. The figures without a source are assumed."""
+    """Speeds, heights and patience of a grasp. Figures without a source are assumed."""
 
-    preshape_margin_counts: Annotated[
-        int, Meta(ge=2, le=60, description="fingers wait this far short of the grip positions")
-    ] = 15
-    thumb_back_counts: Annotated[
-        int, Meta(ge=0, le=100, description="the thumb, which closes last, waits further back")
-    ] = 15
-    approach_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the fingers in free air")
-    ] = 0.11
-    grip_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the fingers onto the object")
-    ] = 0.022
-    grip_force_n: Annotated[
-        float, Meta(gt=0.0, le=60.0, description="force setting while moving to the grip positions")
-    ] = 10.0
-    closing_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
-    ] = 0.11
+    # How far short of the grip positions the fingers wait, and the thumb, which closes last, beside
+    preshape_margin_counts: Annotated[int, Meta(ge=2, le=60, description="short of grip")] = 15
+    thumb_back_counts: Annotated[int, Meta(ge=0, le=100, description="thumb further back")] = 15
+    approach_speed_mps: Annotated[float, Meta(ge=0.022, le=0.11, description="in free air")] = 0.11
+    grip_speed_mps: Annotated[float, Meta(ge=0.022, le=0.11, description="to the object")] = 0.022
+    grip_force_n: Annotated[float, Meta(gt=0.0, le=60.0, description="of the first grasp")] = 10.0
+    closing_speed_mps: Annotated[float, Meta(ge=0.022, le=0.11, description="for slip")] = 0.11
     closing: Annotated[
         Literal["two_stage", "constant"],
         Meta(
@@ -48,17 +37,11 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "slowly; or at one speed (the paper's). With guard.cap_mode = each_motor at one speed"
         ),
     ] = "two_stage"
-    relax_s: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
-    ] = 0.3
-    listen_s: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="the detector listens before the arm lifts")
-    ] = 0.3
-    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="paper: not stated")] = 0.2
-    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="paper: not stated")] = 0.1
-    lift_acceleration_mps2: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="paper: not stated")
-    ] = 0.5
+    relax_s: Annotated[float, Meta(ge=0.02, le=5.0, description="for the pads to relax")] = 0.3
+    listen_s: Annotated[float, Meta(ge=0.02, le=5.0, description="baseline of detector")] = 0.3
+    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
+    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
+    lift_acceleration_mps2: Annotated[float, Meta(ge=0.05, le=5.0, description="assumed")] = 0.5
     answer: Annotated[
         Literal["stop_and_jump", "jump", "stop_and_step"],
         Meta(
@@ -67,66 +50,31 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "`stop_and_step` the hand presses no harder there than it has to"
         ),
     ] = "stop_and_jump"
-    margin_steps: Annotated[
-        int, Meta(ge=0, le=20, description="beyond the force found; without, a third fall at 2 N")
-    ] = 2
-    answer_stop_mps2: Annotated[
-        float,
-        Meta(
-            ge=0.1, le=9.0,
-            description="of that stop; below gravity, as on the way up it takes load off the grip; "
-            "a lab begins with 1 (docs/hardware.md)",
-        ),
-    ] = 8.0  # fmt: skip
+    # without any, a third of objects fall at a pull of 2 N
+    margin_steps: Annotated[int, Meta(ge=0, le=20, description="beyond the force found")] = 2
+    # below gravity, as on the way up it takes load off the grip; a lab begins with 1
+    answer_stop_mps2: Annotated[float, Meta(ge=0.1, le=9.0, description="for slip")] = 8.0
     lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="of the arm")] = 0.05
-    landing_speed_mps: Annotated[
-        float,
-        Meta(
-            ge=0.005, le=0.1,
-            description="of the arm where the object may stand already, or faster, to need 0.8 of "
-            "phase_timeout_s; in the 0.1 s of a late decision it goes 0.5 mm, 1 N on a steep flank",
-        ),
-    ] = 0.005  # fmt: skip
-    retreat_m: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
-    ] = 0.05
-    stop_deceleration_mps2: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
-    ] = 1.0
-    hold_s: Annotated[
-        float, Meta(ge=0.0, le=600.0, description="at the top, before it is set down")
-    ] = 1.0
+    # in the 0.1 s of a late decision the arm goes 0.5 mm, 0.5-1 N on a steep flank
+    landing_speed_mps: Annotated[float, Meta(ge=0.005, le=0.1, description="lower.feel")] = 0.005
+    retreat_m: Annotated[float, Meta(ge=0.0, le=0.5, description="up from the object")] = 0.05
+    stop_deceleration_mps2: Annotated[float, Meta(ge=0.1, le=10.0, description="safe stop")] = 1.0
+    hold_s: Annotated[float, Meta(ge=0.0, le=600.0, description="at the top of the lift")] = 1.0
     cap_patience_s: Annotated[
-        float,
-        Meta(
-            ge=0.05, le=5.0,
-            description="slip may be registered so long after the mask of the last closing; as "
-            "long as the detector remembers, where that is longer",
-        ),
-    ] = 0.3  # fmt: skip
+        float, Meta(ge=0.05, le=5.0, description="with slip at the cap, or the detector's memory")
+    ] = 0.3
     hold_by_clock: Annotated[
         bool,
-        Meta(
-            description="a hold ends after hold_s whatever the slip status says, and slip at the "
-            "force cap is borne: there is no cap_reached (the paper's loop, section V-C, has none)"
-        ),
+        Meta(description="hold for hold_s whatever slips: no cap_reached (paper, section V-C)"),
     ] = False
-    contact_n: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="measured force from which on there is contact")
-    ] = 0.3
-    stale_after_s: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
-    ] = 0.1
+    contact_n: Annotated[float, Meta(ge=0.05, le=5.0, description="least force of contact")] = 0.3
+    stale_after_s: Annotated[float, Meta(ge=0.02, le=1.0, description="oldest device state")] = 0.1
     phase_timeout_s: Annotated[
-        float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
+        float, Meta(ge=1.0, le=600.0, description="of a state other than approach.start and hold")
     ] = 30.0
     keep: Annotated[bool, Meta(description="keep holding at the top, set nothing down")] = False
-    firm: Annotated[
-        bool, Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)")
-    ] = False
-    reactions: Annotated[
-        bool, Meta(description="respond to slip; off in the twin run that judges false starts")
-    ] = True
+    firm: Annotated[bool, Meta(description="close to the cap before the lift (paper, V-B)")] = False
+    reactions: Annotated[bool, Meta(description="respond to slip; off in open-loop twins")] = True
 
     @property
     def unread(self) -> dict[str, str]:

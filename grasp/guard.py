@@ -3,7 +3,7 @@
 Three forces are kept apart. *Commanded*: the calibrated static force of what goes to the gripper;
 never above the limit, whatever the controller asks. *Measured*: estimated from the fingertips,
 20-80 ms late; it can only stop further closing, it cannot limit a rigid contact. *True*: known in
-simulation alone, and never seen here.
+simulation alone, and never used here.
 
 One finger (A, the thumb) opposes two, so it carries their sum. With `every_finger` the thumb
 therefore closes alone while B and C hold; with `each_motor` all three close and each motor keeps
@@ -41,52 +41,26 @@ def limit_in_words(limit_n: float, cap_mode: CapMode) -> str:
 
 
 class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The force limit and what is known of the hand that must keep it."""
+    """The force limit and what is known of the hand that must keep it. Figures without a source are
+    assumed."""
 
-    force_limit_n: Annotated[
-        float, Meta(gt=0.0, le=60.0, description="of any finger (paper, section V-B: 10 N)")
-    ] = 10.0
+    force_limit_n: Annotated[float, Meta(gt=0.0, le=60.0, description="paper, section V-B")] = 10.0
     cap_mode: CapMode = "every_finger"
-    overshoot_n: Annotated[
-        float,
-        Meta(
-            ge=0.1, le=20.0, description="true force may pass the limit by this on a rigid object"
-        ),
-    ] = 1.0
+    # by which true force may pass the limit on a rigid object
+    overshoot_n: Annotated[float, Meta(ge=0.1, le=20.0, description="past the limit")] = 1.0
     contact_stiffness_npm: Annotated[
-        float,
-        Meta(
-            ge=100.0,
-            le=1e5,
-            description="force rise a metre of thumb travel on a rigid object: the worst case, "
-            "where the object states none of its own; assumed, 600-10000 N/m",
-        ),
+        float, Meta(ge=100.0, le=1e5, description="of objects that state none; 600-10000 N/m")
     ] = 2500.0
-    tip_mass_kg: Annotated[
-        float,
-        Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed"),
-    ] = 0.1
+    # of finger and motor, at the tip
+    tip_mass_kg: Annotated[float, Meta(ge=0.001, le=5.0, description="moving inertia")] = 0.1
     travel_bound: Annotated[
         bool, Meta(description="also bound closing by position: F0 + stiffness x travel = limit")
     ] = False
     counts_per_newton: Annotated[
-        float,
-        Meta(
-            ge=1.0,
-            le=5000.0,
-            description="sum over a fingertip's taxels; assumed, from the "
-            "simulated fingertip: calibrate on hardware",
-        ),
+        float, Meta(ge=1.0, le=5000.0, description="of a fingertip's sum: calibrate on hardware")
     ] = 160.0
-    measured_margin_n: Annotated[
-        float,
-        Meta(
-            ge=0.0,
-            le=50.0,
-            description="measured force may pass the limit by this before further "
-            "closing stops; the estimate's own error",
-        ),
-    ] = 5.0
+    # by which measured force may pass the limit before closing stops: the estimate's own error
+    measured_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
 
     @property
     def full_grip_n(self) -> Vector3:

@@ -20,7 +20,7 @@ class LiftLine:
         return obs.arm.position_m[2] - self.home[2]
 
     def stands_at(self, obs: Observation, height_m: float) -> bool:
-        """Whether the arm stands there, and nothing that was told is on its way."""
+        """Whether the arm stands there, and no command is on its way."""
         away_m = abs(self.height_m(obs) - height_m)
         return not obs.pending and not obs.arm.moving and away_m < AT_HEIGHT_M
 

@@ -6,11 +6,12 @@ and of what a step concludes only which commands go where.
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost, SuppressAll
+from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import (
     Applied,
     Arm,
@@ -21,7 +22,7 @@ from drivers.interfaces import (
     TactileSensor,
     Vector3,
 )
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Clock, Deadlines, stopwatch_ns
 from grasp.commands import (
     CloseFast,
@@ -35,15 +36,20 @@ from grasp.commands import (
     describe,
 )
 from grasp.controller import Decision
-from grasp.loop_settings import LoopSettings
+from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
+from grasp.loop_settings import STOP_S, LoopSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import State
 from grasp.step import GraspStep, StepResult
+
+TIMED_OUT = "the run did not end in time"
+LONGER = "where it was only slow, give it longer (loop.deadline_s)"
 
 # No settings, since no result depends on them: a command due this soon is sent before anyone
 # watches (half of the shortest period), and how often an acknowledgement is looked for meanwhile.
 SOON_NS = 1_000_000
 POLL_NS = 100_000
+ABORT_REPEAT_NS = 50_000_000  # between two requests where no step can be taken
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -121,6 +127,10 @@ class _Waiting(msgspec.Struct, frozen=True):
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
+    stop_s = STOP_S
+    abort_s = 3.0  # for arm and hand to stand where no step can be taken any more; assumed
+    spared_s = 0.002  # of a period, for those who watch, though an acknowledgement is late; assumed
+
     def __init__(
         self,
         devices: Devices,
@@ -130,21 +140,20 @@ class ControlLoop:
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
         self.timing = Timing()
-        self.errors: dict[str, GraspError] = {}  # the first of each device, in their order
+        self.errors: dict[str, Fault] = {}  # the first of each device, in their order
         self.set_down = False  # whoever runs the experiment asks for it, once it is held
         self._devices = devices
         self._clock = clock
         self._step = step
         self._on_tick = on_tick
-        self._settings = settings
         self._period_ns = round(settings.period_s * 1e9)
         self._delay_ns = round(settings.decision_delay_s * 1e9)
         self._deadlines = Deadlines(clock.now_ns, self._period_ns)
         self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
         self._last: Tick | None = None
-        self._trouble = ""
-        self._stop = ""
+        self._new_errors: tuple[Fault, ...] = ()  # since the last step
+        self._stop: Fault | None = None
         self._gripper_lost = False
         self._late_ns = self._took_ns = self._arm_ns = 0
         # only a gripper with a thread of its own can act while no step comes
@@ -159,12 +168,12 @@ class ControlLoop:
         start_ns, controller = self._clock.now_ns, self._step.controller
         end_ns = start_ns + round(deadline_s * 1e9)
         self._deadlines = Deadlines(start_ns, self._period_ns)  # what came before it is no lateness
-        with interruption.watched():
+        with signals.deferred():
             while not controller.finished and self._clock.now_ns < end_ns + controller.excused_ns:
-                interruption.check()
+                signals.check()
                 self.tick()
         if not controller.finished:
-            self.stop("the run did not end in time")
+            self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
 
     def tick(self) -> Tick:
         """One period: wait for the next sample, step, send what was decided, then hand on."""
@@ -191,61 +200,77 @@ class ControlLoop:
         admitted = self._step.admit(command, self._gripper_state())
         self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
-    def stop(self, cause: str) -> bool:
+    def stop(self, why: Fault) -> None:
         """The run shall end now: forget what was queued, but a closing that answers slip, and tick
         until the safe state is reached in which a grip is kept. No signal cuts this short, but
         where a device hangs in it: raises Interruption then.
-
-        False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
         controller = self._step.controller
-        stopped = not controller.finished and not controller.in_safe_state
-        if stopped:
+        if not controller.finished and not controller.in_safe_state:
             answering = controller.state is State.COMPENSATE
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
-        self._stop = cause
+        self._stop = why
         self._pursue_safe_state()
-        return stopped and controller.fault_cause == cause
 
-    def fail(self, cause: str) -> None:
-        """A bug of ours ends a run as a fault does: the controller is told of trouble, and its safe
-        state is pursued. Raises what the bug raises where that cannot be."""
+    def fail(self, bug: Fault) -> None:
+        """A bug of ours ends a run as any other fault does: its safe state is pursued. Raises what
+        the bug raises where that cannot be."""
         self._queue.clear()
-        self._trouble = cause
+        self._new_errors = (bug,)
         self._pursue_safe_state()
 
     def _pursue_safe_state(self) -> None:
-        end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
-        with interruption.watched():
+        end_ns = self._clock.now_ns + round(self.stop_s * 1e9)
+        with signals.deferred():
             while not self._step.controller.finished and self._clock.now_ns < end_ns:
-                interruption.goes()
+                signals.check(end=False)
                 self.tick()
         self._prepare_fallback(None)
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is told by itself, whatever
-        becomes of the others, and again until what it says afterwards is what it was told. Returns
-        how they were left; None where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: each device is commanded by itself,
+        whatever becomes of the others, until it reports that it obeys. Returns how they were left;
+        None where there was no step at all."""
         self._queue.clear()
-        end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
+        end_ns = self._clock.now_ns + round(self.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
-        stop_due, hand_due, taken, told_ns = True, bool(hand), True, 0
-        with interruption.watched():  # whatever hangs is cut by a signal, and the next one told
-            while True:
-                if stop_due:
-                    self._tell(stop)
-                if hand_due:
-                    taken = self._tell(*hand)
-                told_ns = told_ns or self._clock.now_ns
-                self._look_after(round(self._settings.abort_repeat_s * 1e9))
-                stop_due, rests = not self._arm_stands(told_ns), self._hand_rests(told_ns)
-                # a closing that was taken is not begun anew while it lasts
-                again = rests or not taken or HoldFingers() in hand
-                hand_due = bool(hand) and again and self._hand_is_not_as_told()
-                if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
-                    self._prepare_fallback(None)
-                    return self._left()
+        stop_due, hand_due, taken, began_ns = True, bool(hand), True, 0
+        while True:
+            if stop_due:
+                self._command_now(stop)
+            if hand_due:
+                taken = self._command_now(*hand)
+            began_ns = began_ns or self._clock.now_ns
+            self._clock.sleep_until_ns(self._clock.now_ns + ABORT_REPEAT_NS)
+            for pump in (self._pump_gripper, self._pump_arm):
+                signals.check(end=False)
+                with suppress(BaseException):
+                    pump(self._clock.now_ns)
+            arm, gripper, left = self._arm_now(), self._gripper_now(), self._left()
+            stands = arm is not None and arm.t_ns > began_ns and not arm.moving
+            rests = gripper is not None and gripper.t_ns > began_ns and gripper.at_rest
+            missing = bool(hand)
+            with suppress(BaseException):
+                seen = None if left is None else self._step.controller.missing(left.observation)
+                missing = missing and (seen is None or bool(seen.hand))
+            # a closing that was taken is not begun again while it lasts
+            again = rests or not taken or HoldFingers() in hand
+            stop_due, hand_due = not stands, missing and again
+            if (stands and rests and not hand_due) or self._clock.now_ns >= end_ns:
+                self._prepare_fallback(None)
+                return left
+
+    def _command_now(self, command: Command) -> bool:
+        """Whether the device took it."""
+        signals.check(end=False)
+        before = len(self._issued)
+        with suppress(BaseException):
+            now_ns, admitted = self._clock.now_ns, command
+            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
+                admitted = self._step.admit(command, self._gripper_state())
+            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
+        return len(self._issued) > before and not self._issued[-1].refused
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
         """What the hand's own thread is to do should no further step come."""
@@ -256,48 +281,14 @@ class ControlLoop:
         else:
             self._set_fallback(partial(_to_gripper, command), describe(command))
 
-    def _tell(self, command: Command) -> bool:
-        """At once; whether the device took it."""
-        before = len(self._issued)
-        interruption.goes()
-        with SuppressAll():
-            now_ns, admitted = self._clock.now_ns, command
-            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
-                admitted = self._step.admit(command, self._gripper_state())
-            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
-        return len(self._issued) > before and not self._issued[-1].refused
-
-    def _look_after(self, moment_ns: int) -> None:
-        """At arm and hand, each whatever becomes of the other."""
-        interruption.goes()
-        self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
-        for pump in (self._pump_gripper, self._pump_arm):
-            interruption.goes()
-            with SuppressAll():
-                pump(self._clock.now_ns)
-
-    def _hand_is_not_as_told(self) -> bool:
-        with SuppressAll():
-            left = self._left()
-            return left is not None and bool(self._step.controller.missing(left.observation).hand)
-        return True
-
-    def _arm_stands(self, since_ns: int) -> bool:
-        arm = self._arm_now()
-        return arm is not None and arm.t_ns > since_ns and not arm.moving
-
-    def _hand_rests(self, since_ns: int) -> bool:
-        hand = self._gripper_now()
-        return hand is not None and hand.t_ns > since_ns and hand.at_rest
-
     def _arm_now(self) -> ArmState | None:
-        with SuppressAll():
+        with suppress(BaseException):  # it may be another package's
             state = self._devices.arm.state
             return state if isinstance(state, ArmState) else None
         return None
 
     def _gripper_now(self) -> GripperState | None:
-        with SuppressAll():
+        with suppress(BaseException):
             state = self._devices.gripper.state
             return state if isinstance(state, GripperState) else None
         return None
@@ -333,13 +324,13 @@ class ControlLoop:
         self._clock.sleep_until_ns(t_ns)
 
     def _pump(self, now_ns: int) -> None:
-        self._guarded("tactile board", lambda: self._devices.tactile.pump(now_ns))
+        self._guarded(FINGERTIPS, lambda: self._devices.tactile.pump(now_ns))
         self._pump_gripper(now_ns)
         self._pump_arm(now_ns)
 
     def _pump_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
-        self._guarded("arm", lambda: self._devices.arm.pump(now_ns))
+        self._guarded(ARM, lambda: self._devices.arm.pump(now_ns))
 
     def _pump_arm_before(self) -> None:
         """A command acts from where and when the arm was asked last."""
@@ -348,14 +339,14 @@ class ControlLoop:
             self._pump_arm(now_ns)
 
     def _pump_gripper(self, now_ns: int) -> None:
-        error = self._guarded("gripper", lambda: self._devices.gripper.pump(now_ns))
+        error = self._guarded(GRIPPER, lambda: self._devices.gripper.pump(now_ns))
         if error is None:
             self._gripper_lost = False
         elif isinstance(error, LinkLost):
             self._gripper_lost = True
 
     def _guarded(self, device: str, action: Callable[[], None]) -> GraspError | None:
-        """Do it; an expected error becomes trouble for the next step, never an exception here."""
+        """Do it; an expected error is an input of the next step, never an exception here."""
         try:
             action()
         except GraspError as error:
@@ -364,11 +355,12 @@ class ControlLoop:
         return None
 
     def note(self, device: str, error: GraspError) -> str:
-        """Tell the next step of trouble with a device; returns it in a line."""
-        self.errors.setdefault(device, error)
-        text = f"{error.kind}: {error.message}"
-        self._trouble = self._trouble or text
-        return text
+        """Tell the next step what a driver raised; returns it in a line."""
+        fault = Fault.of(device, error)
+        self.errors.setdefault(device, fault)
+        if not any(e.device == device and e.code == fault.code for e in self._new_errors):
+            self._new_errors += (fault,)
+        return f"{fault.code}: {fault.message}"
 
     def _gripper_state(self) -> GripperState:
         state = self._devices.gripper.state
@@ -376,14 +368,14 @@ class ControlLoop:
         return state
 
     def _gather(self, now_ns: int) -> StepInput:
-        """What the devices say now. Trouble is told once."""
+        """What the devices say now. Errors are told once."""
         tactile, arm = self._devices.tactile, self._devices.arm.state
         frame = tactile.frame
         assert arm is not None  # noqa: S101  (a rig opens with it read)
         if frame is not None:
             self.timing.frame_age_ns.append(now_ns - frame.sampled_ns)
             self.timing.repeated_frames += frame.missed > 0
-        trouble, self._trouble = self._trouble, ""
+        errors, self._new_errors = self._new_errors, ()
         return StepInput(
             t_ns=now_ns,
             frame=frame,
@@ -391,7 +383,7 @@ class ControlLoop:
             gripper=self._gripper_state(),
             arm=arm,
             pending=bool(self._queue),
-            trouble=trouble,
+            errors=errors,
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
             stop=self._stop,
@@ -413,7 +405,7 @@ class ControlLoop:
         if self._clock.virtual or not self._queue:
             return
         self._advance_to(self._clock.now_ns + SOON_NS)
-        end_ns = self._deadlines.last_ns + self._period_ns - round(self._settings.spared_s * 1e9)
+        end_ns = self._deadlines.last_ns + self._period_ns - round(self.spared_s * 1e9)
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
 
@@ -465,5 +457,5 @@ def _to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
 
 def _addressee(command: Command) -> str:
     if isinstance(command, GripperCommand):
-        return "gripper"
-    return "arm" if isinstance(command, MoveArm | StopArm) else "tactile board"
+        return GRIPPER
+    return ARM if isinstance(command, MoveArm | StopArm) else FINGERTIPS

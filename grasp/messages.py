@@ -14,6 +14,7 @@ from detector.auxiliary_outputs import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
 from grasp.controller import Decision
+from grasp.fault import Fault
 from grasp.loop import Issued, Tick
 from grasp.observation import Observation, StepInput
 from grasp.states import PhaseChange
@@ -50,7 +51,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
-    """One control step: what it was told beside the device states, and what it concluded."""
+    """One control step: its inputs beside the device states, and what it concluded."""
 
     phase: str
     probabilities: list[float]
@@ -62,14 +63,19 @@ class ControlMessage(msgspec.Struct, frozen=True):
     measured_n: Vector3
     rest_taken: bool
     pending: bool
-    trouble: str
+    errors: tuple[Fault, ...]
     gripper_lost: bool
     commands: list[Command]
     set_down: bool = False
-    stop: str = ""
+    stop: Fault | None = None
     late_ns: int = 0
     took_ns: int = 0
-    doubt: str = ""
+    faults: tuple[Fault, ...] = ()
+    reported: tuple[Fault, ...] = ()  # checks that failed in report mode
+
+
+# fields that it shares with the inputs of a step
+INPUTS = [name for name in ControlMessage.__struct_fields__ if hasattr(StepInput, name)]
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -130,26 +136,15 @@ def arm_message(arm: ArmState) -> ArmMessage:
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
-    inputs, slip = obs.inputs, decision.slip
     return ControlMessage(
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
-        armed=slip.armed,
-        masked=slip.masked,
-        registered=slip.registered,
-        event=slip.event,
-        finger=slip.finger,
+        **msgspec.structs.asdict(decision.slip),
+        **{name: getattr(obs.inputs, name) for name in INPUTS},
         measured_n=obs.measured_n,
-        rest_taken=inputs.rest_taken,
-        pending=inputs.pending,
-        trouble=inputs.trouble,
-        gripper_lost=inputs.gripper_lost,
         commands=list(decision.commands),
-        set_down=inputs.set_down,
-        stop=inputs.stop,
-        late_ns=inputs.late_ns,
-        took_ns=inputs.took_ns,
-        doubt=obs.doubt,
+        faults=obs.faults,
+        reported=obs.reported,
     )
 
 
@@ -200,18 +195,6 @@ def recorded_input(
     gripper: GripperState,
     arm: ArmState,
 ) -> StepInput:
-    """What a recorded step was told."""
-    return StepInput(
-        t_ns=t_ns,
-        frame=frame,
-        rest_taken=control.rest_taken,
-        gripper=gripper,
-        arm=arm,
-        pending=control.pending,
-        trouble=control.trouble,
-        gripper_lost=control.gripper_lost,
-        set_down=control.set_down,
-        stop=control.stop,
-        late_ns=control.late_ns,
-        took_ns=control.took_ns,
-    )
+    """The inputs of a recorded step."""
+    others = {name: getattr(control, name) for name in INPUTS}
+    return StepInput(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)

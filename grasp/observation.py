@@ -1,4 +1,4 @@
-"""What one step is told, and what it makes of it before anything is decided."""
+"""The inputs of one step, and what follows from them before anything is decided."""
 
 import msgspec
 import numpy as np
@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 from detector.auxiliary_outputs import Motion
 from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast
+from grasp.fault import ARM, GRIPPER, Fault, stale
 
 
 class StepInput(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
+    """All inputs of one step; ``frame`` is None until the fingertips have sent one.
 
-    ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
-    of what went wrong in device exchanges since the last step, empty when all is well.
+    ``pending``: a command of an earlier step has not reached its device yet. ``errors``: what the
+    drivers raised since the last step.
     ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
-    ``stop``: the run shall end now, and why; empty while it may go on.
+    ``stop``: the run shall end now, and why; None while it may go on.
     ``late_ns``: how much later than it should this step, its devices read, began; ``took_ns``: how
     long the one before took. Both are 0 in virtual time, which stands still while we compute.
     """
@@ -26,10 +27,10 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     gripper: GripperState
     arm: ArmState
     pending: bool = False
-    trouble: str = ""
+    errors: tuple[Fault, ...] = ()
     gripper_lost: bool = False
     set_down: bool = False
-    stop: str = ""
+    stop: Fault | None = None
     late_ns: int = 0
     took_ns: int = 0
 
@@ -37,19 +38,21 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """All that the controller may know: the step's inputs, and what follows from them.
 
-    ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``doubt``: what a
-    device says that cannot be believed; empty when all can. ``measured_n``: estimated force of each
-    finger; ``felt_n``: of those taxels alone that would feel it end, none of them at a rail or
-    stuck. ``overloaded``: measured force is above the limit and its margin. ``last_close``: the
-    closing that was admitted last. ``reach_counts``: how far each finger may close at any speed;
-    None where that is not known. ``thumb_end``: the last count that the guard lets the thumb have;
-    None where force alone ends a closing. ``motion``: the kind of slip, where some is detected and
-    the detector can tell; recorded and shown, and nothing is decided by it.
+    ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``faults``:
+    ``inputs.errors``, and the plausibility checks that failed; ``reported``: those that end no run.
+    ``measured_n``: estimated force of each finger; ``felt_n``: of those taxels alone that would
+    feel it end, none of them at a rail or stuck. ``overloaded``: measured force is above the limit
+    and its margin. ``last_close``: the closing that was admitted last. ``reach_counts``: how far
+    each finger may close at any speed; None where that is not known. ``thumb_end``: the last count
+    that the guard lets the thumb have; None where force alone ends a closing.
+    ``motion``: the kind of slip, where some is detected and the detector can tell; recorded and
+    shown, and nothing is decided by it.
     """
 
     inputs: StepInput
     probabilities: NDArray[np.float64]
-    doubt: str = ""
+    faults: tuple[Fault, ...] = ()
+    reported: tuple[Fault, ...] = ()
     measured_n: Vector3 = (0.0, 0.0, 0.0)
     felt_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
@@ -84,20 +87,24 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
         """The fingertips have missed too many samples."""
         return self.frame is not None and self.frame.stale
 
-    def trouble_of_states(self, old_ns: float) -> str:
+    def device_fault(self, old_ns: float) -> Fault | None:
         """What the states of gripper and arm say is wrong, themselves older than ``old_ns`` first;
-        empty if nothing."""
+        None if nothing."""
         if self.gripper.age_ns(self.t_ns) > old_ns:
-            return "stale: gripper status too old"
+            return stale(GRIPPER, "gripper status too old")
         if self.arm.age_ns(self.t_ns) > old_ns:
-            return "stale: arm state too old"
+            return stale(ARM, "arm state too old")
         if self.gripper.fault:
-            return f"gripper fault: {self.gripper.fault_text}"
-        return "arm stopped by its safety system" if self.arm.stopped_by_safety else ""
+            text = f"gripper fault: {self.gripper.fault_text}"
+            return Fault("gripper_fault", GRIPPER, text, "clear the fault of the hand first")
+        if self.arm.stopped_by_safety:
+            text = "arm stopped by its safety system"
+            return Fault("arm_safety_stop", ARM, text, "release the stop at the arm's pendant")
+        return None
 
     @property
     def hand_rests(self) -> bool:
-        """The fingers stand, and nothing that they were told is on its way."""
+        """The fingers stand, and no command is on its way."""
         return not self.pending and self.gripper.at_rest
 
     @property
@@ -126,7 +133,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
             return False
         if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
             return True
-        if close is None:  # only a step to the cap latches a thumb that nobody has told to close
+        if close is None:  # only a step to the cap latches a thumb that no closing was sent to
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(

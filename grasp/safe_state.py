@@ -4,23 +4,21 @@ A fault, a person who stops, an object that is lost: by the phase in which it ha
 in docs/architecture.md, "Safe states". Pursuit asks for one until it is seen.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import msgspec
 
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
+from grasp.fault import ARM, IMPLAUSIBLE, Fault
+from grasp.monitors.checks import not_believed
 from grasp.observation import Observation
 from grasp.slip_response.base import SlipResponse
 from grasp.state_clock import REPEAT_NS
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
 
 SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
-
-
-def doubts_arm(cause: str) -> bool:
-    """Whether a cause, whose parts are joined by "; ", says that the arm cannot be believed."""
-    return any(part.startswith("arm_") for part in cause.split("; "))
 
 
 class Missing(NamedTuple):
@@ -32,20 +30,20 @@ class Missing(NamedTuple):
 
 class SafeState(msgspec.Struct, frozen=True):
     """One that was entered: its phase (lost, stopped or fault), the phase before, when, and the
-    cause, whose parts are joined by "; ". ``half_closed``: the first stage of an answer to slip was
-    asked for, and its second was not yet."""
+    faults that led to it or were found since. ``half_closed``: the first stage of an answer to slip
+    was asked for, and its second was not yet."""
 
     phase: State
     before: State
     since_ns: int
-    cause: str
+    faults: tuple[Fault, ...] = ()
     half_closed: bool = False
 
     @property
-    def arm_is_doubted(self) -> bool:
+    def arm_not_believed(self) -> bool:
         """Whether the arm cannot be believed, whatever else is wrong: then neither can its
         standing."""
-        return doubts_arm(self.cause)
+        return not_believed(self.faults, ARM)
 
     @property
     def closes_hand(self) -> bool:
@@ -84,7 +82,7 @@ class SafeState(msgspec.Struct, frozen=True):
         """What is not seen of an arm that stands; one not heard of for ``stale_ns`` is not seen."""
         if seen.arm.age_ns(seen.t_ns) > stale_ns:
             return ("the arm is not heard: whether it stands is unknown",)
-        if self.arm_is_doubted:
+        if self.arm_not_believed:
             return ("the arm cannot be believed: whether it stands is unknown",)
         return ("the arm still moves",) if seen.pending or seen.arm.moving else ()
 
@@ -103,7 +101,7 @@ class Pursuit:
     """A safe state is reached when it is seen; until then it is asked for again and again.
 
     ``over``: all of it was seen, or waited for long enough. ``unreached``: what was not seen last.
-    ``further``: doubts since it was entered; they are told, and change nothing that is asked for.
+    ``further``: checks that failed since; they are told, and change nothing that is asked for.
     """
 
     def __init__(
@@ -114,12 +112,12 @@ class Pursuit:
         self.safe = safe
         self.over = False
         self.unreached: tuple[str, ...] = ()
-        self.further: tuple[str, ...] = ()
+        self.further: tuple[Fault, ...] = ()
         self._asked_ns = 0  # paces the requests
 
     def step(self, seen: Observation) -> tuple[Command, ...]:
         """What to ask for now."""
-        self._doubt_further(seen.doubt)
+        self._take_further(seen.faults)
         stale_ns = self._settings.stale_after_s * 1e9
         arm, hand = self.safe.missing_of_arm(seen, stale_ns), self.safe.missing_of_hand(seen)
         self.unreached = (*arm, *hand)
@@ -138,15 +136,15 @@ class Pursuit:
         """What is not as it shall be, or has just been entered."""
         self._asked_ns = seen.t_ns
         safe = self.safe
-        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
+        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_not_believed
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
         tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
         return (*arm, *safe.of_hand(self._response.closing(seen))) if tell_hand else arm
 
-    def _doubt_further(self, doubt: str) -> None:
-        told = {part.partition(":")[0] for part in self.safe.cause.split("; ")}
-        parts = (part for part in doubt.split("; ") if part)
-        if new := tuple(part for part in parts if part.partition(":")[0] not in told):
+    def _take_further(self, faults: Iterable[Fault]) -> None:
+        known = {fault.code for fault in self.safe.faults}
+        checks = (fault for fault in faults if fault.kind == IMPLAUSIBLE)
+        if new := tuple(fault for fault in checks if fault.code not in known):
             self.further += new
-            cause = "; ".join((self.safe.cause, *new))
-            self.safe = msgspec.structs.replace(self.safe, cause=cause)
+            faults = (*self.safe.faults, *new)
+            self.safe = msgspec.structs.replace(self.safe, faults=faults)

@@ -1,4 +1,4 @@
-"""SetDown: the way down, from where the arm turns to where the hand lets go.
+"""SetDown: from the top of the lift to where the hand lets go.
 
 How far an object slipped is not known, so neither is how high the arm is when it stands. Closed
 fingers that slide down over an object that stands and widens are driven apart, and feel it.
@@ -28,7 +28,7 @@ STEP_M = 5e-4  # down, to see whether the object stands; assumed
 SHORTEST_M = 2e-4  # of such a step
 CERTAIN = 3  # times CHECK_N is what a step aims at
 MOST_SHARE = 0.15  # of the least grip, tighter in all; a textured face makes less of it in sliding
-TRIES = 8  # steps without an answer
+TRIES = 8  # inconclusive steps
 
 
 class Transition(msgspec.Struct, frozen=True):
@@ -52,7 +52,7 @@ class Step(Enum):
 
 class SetDown:
     """States `lower.descend` and `lower.feel`; `lost` where what the hand holds may stand and
-    nothing tells where.
+    it is not known where.
 
     What is remembered: how high the arm was when slip was last in progress, what the grip was when
     the arm last began to go down and the least that it was so, where it tightened last and how
@@ -140,7 +140,7 @@ class SetDown:
     def _near_m(self) -> float:
         """Higher than this no object stands: it rose with the hand from when slip had ended, so it
         has slipped no more than the arm had risen by then, which is all of that where the arm
-        stopped while the object still stood; with a margin for what nobody heard."""
+        stopped while the object still stood; with a margin for what no detector noticed."""
         if self._slipped_m <= 0.0:
             return 0.0
         return min(self._slipped_m + MARGIN_M, self._settings.lift_height_m)
@@ -164,8 +164,8 @@ class SetDown:
 
     def _quickly(self, cause: str) -> Transition:
         self._take_grip()
-        way = self._line.down(self._near_m, self._settings.lower_speed_mps)
-        return Transition(Trigger.LOWER, cause, (way,))
+        move = self._line.down(self._near_m, self._settings.lower_speed_mps)
+        return Transition(Trigger.LOWER, cause, (move,))
 
     def _slowly(self, obs: Observation, cause: str) -> Transition:
         self._step = Step.CREEP
@@ -185,17 +185,17 @@ class SetDown:
         return Transition(Trigger.FEEL, "the arm has stood for long enough", (step,))
 
     def _step_m(self, braking_m: float, rise_n: float) -> float:
-        """As short as will tell, where the grip went on tightening while the arm braked."""
+        """As short as is conclusive, where the grip went on tightening while the arm braked."""
         if braking_m <= 0.0 or rise_n <= RISE_N:
             return STEP_M
-        telling_m = CERTAIN * CHECK_N * braking_m / (rise_n - RISE_N)
-        return min(max(telling_m, SHORTEST_M), STEP_M)
+        conclusive_m = CERTAIN * CHECK_N * braking_m / (rise_n - RISE_N)
+        return min(max(conclusive_m, SHORTEST_M), STEP_M)
 
     def _judge(self, obs: Observation, grip_n: float) -> Transition:
         """A grip in the air takes no notice of a step down; where it does, the object stands: a
         flank tightens it, a textured face may loosen it, and it stays tight; but not where none can
         stand: codes that drift tighten a grip, too. One that has tightened much, though no step
-        tells, may go no further."""
+        was conclusive, goes no further."""
         rise_n = grip_n - self._grip_n
         tight = grip_n - self._least_n >= RISE_N
         high = self._line.height_m(obs) > self._near_m + AT_HEIGHT_M

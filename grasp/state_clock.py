@@ -5,12 +5,10 @@ at full pace: where it is waited for, time-outs count that. It is waited for in 
 what is in the hand can come down no other way.
 """
 
-from drivers.interfaces import LEAST_SPEED_FRACTION
 from grasp.observation import Observation
 from grasp.states import LOWERING_STATES, State
 
 SLOWED_STATES = frozenset({State.HOME, State.LIFT, State.RETREAT}) | LOWERING_STATES
-RISING_STATES = frozenset({State.BASELINE, State.LIFT})  # about to, or doing so
 # No arm is waited for without end: slower than this it counts as going at this, and once it has
 # been so for a while as one that stands.
 LEAST_PACE = 0.05
@@ -33,7 +31,7 @@ class StateClock:
         self.still_ns: int | None = None
         self.excused_ns = 0.0
         self._before_ns: int | None = None
-        self._asked_ns = 0  # when the device was last told what the state waits for
+        self._asked_ns = 0  # when what the state waits for was last asked for
         self._lasted_ns = 0.0  # at the pace of the arm
         self._slow_ns = 0.0  # for so long the slider has let the arm stand
 
@@ -53,6 +51,11 @@ class StateClock:
         stands = slowed and fraction < LEAST_PACE
         self._slow_ns = self._slow_ns + self.passed_ns if stands else 0.0
 
+    @property
+    def arm_stands(self) -> bool:
+        """Whether the slider has let the arm stand for so long that it is not waited for."""
+        return self._slow_ns >= STANDS_NS
+
     def restart(self, t_ns: int) -> None:
         """Another state begins."""
         self.entered_ns = self._asked_ns = t_ns
@@ -69,11 +72,3 @@ class StateClock:
         if due:
             self._asked_ns = t_ns
         return due
-
-    def trouble(self, obs: Observation, state: State) -> str:
-        """What the slider makes impossible; empty if nothing."""
-        percent = 100.0 * obs.arm.speed_fraction
-        said = f"the arm's speed slider is at {percent:.3g} %"
-        if state in RISING_STATES and obs.arm.speed_fraction < LEAST_SPEED_FRACTION:
-            return f"{said}, and no lift goes on below {100.0 * LEAST_SPEED_FRACTION:g} %"
-        return f"{said}: it comes to no end" if self._slow_ns >= STANDS_NS else ""

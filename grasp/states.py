@@ -32,7 +32,7 @@ class State(StrEnum):
     OPEN = "release.open"  # fingers on their way open
     RETREAT = "release.retreat"  # the arm on its way clear of the object
     SET_DOWN = "done.set_down"  # the object stands, and the arm is clear of it
-    KEPT = "done.kept"  # held long enough, and nobody wants it set down
+    KEPT = "done.kept"  # held long enough, and it is not to be set down
     LOST = "lost"  # the hand closed and met nothing: the arm stops, nothing is set down
     STOPPED = "stopped"  # by a person: the arm stops, a grip is kept
     FAULT = "fault"
@@ -70,7 +70,7 @@ CLOSING_STATES = frozenset({State.BRACE, State.CLOSE})  # onto the object
 GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all is touched, and nothing moves yet
 CONTACT_STATES = AIRBORNE_STATES | CLOSING_STATES | GRIPPED_STATES
 UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # nothing is to move, or any more
-OPEN_STATES = UNMOVED_STATES | {State.OPEN, State.RETREAT}  # nobody has to feel anything
+OPEN_STATES = UNMOVED_STATES | {State.OPEN, State.RETREAT}  # no contact is expected
 END_STATES = frozenset({State.SET_DOWN, State.KEPT})  # all went well, and nothing more will follow
 SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # nothing leads out of them
 # no rest counts have been taken, or a run has ended before it took any

@@ -2,7 +2,7 @@
 
 A loop on devices, a run in virtual time and the replay of a recording all feed this unit and none
 of them repeats anything of it. No clock is read, nothing sleeps, nothing does I/O: what a step
-concludes follows from what it is told now and was told before.
+concludes follows from its inputs and those before.
 """
 
 from collections.abc import Callable
@@ -17,9 +17,10 @@ from drivers.errors import GraspError, SuppressBugs, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
-from grasp.doubt import Doubts, wrong_probabilities
-from grasp.doubt_settings import DoubtSettings
+from grasp.fault import Fault
 from grasp.guard import ForceGuard
+from grasp.monitors.checks import Monitors, failed, no_probabilities
+from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import OPEN_STATES, UNTARED_STATES
 
@@ -50,7 +51,7 @@ class GraspStep:
         detector: Detector,
         controller: GraspController,
         guard: ForceGuard,
-        doubts: Doubts | None = None,
+        monitors: Monitors | None = None,
         motion: Callable[[], Motion | None] = lambda: None,
     ) -> None:
         """``motion``: what kind of slip the detector's latest frame is of."""
@@ -58,12 +59,13 @@ class GraspStep:
         self._motion = motion
         self._detector = detector
         self._guard = guard
-        self._doubts = doubts or Doubts(DoubtSettings())
+        self._monitors = monitors or Monitors(MonitorSettings())
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
         self._felt_n: Vector3 = (0.0, 0.0, 0.0)
         self._last_close: CloseFast | None = None
         self._rested = False  # fingertips' counts are against the rest that this run has taken
-        self._remembers = ""  # why the detector did not forget the past when it was last told to
+        # why the detector did not forget the past when it was last asked to
+        self._remembers: Fault | None = None
 
     def decide(self, inputs: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
@@ -74,7 +76,7 @@ class GraspStep:
         if decision.anchor:
             self._guard.anchor(inputs.gripper.at_least_counts, self._measured_n)
         admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
-        self._doubts.sent(admitted, inputs.arm)
+        self._monitors.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)
 
     @property
@@ -102,25 +104,20 @@ class GraspStep:
 
     def _observe(self, inputs: StepInput) -> Observation:
         state = self.controller.state
-        doubt = self._doubts.of(
-            state,
-            inputs.frame,
-            inputs.gripper,
-            inputs.arm,
-            inputs.pending,
-            inputs.late_ns,
-            inputs.took_ns,
-        )
+        found = self._monitors.check(state, inputs)
+        faults = (*inputs.errors, *filter(self._monitors.stops, found))
+        reported = tuple(fault for fault in found if fault not in faults)
         self._rested = self._rested or state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
-        safe = bool(inputs.stop or inputs.trouble or doubt) or self.controller.in_safe_state
-        probabilities, deaf = self._listen(inputs.frame if self._rested else None, not safe)
-        if state in OPEN_STATES:  # nobody has to feel anything
-            deaf = ""
+        safe = bool(inputs.stop or faults) or self.controller.in_safe_state
+        probabilities, failure = self._ask(inputs.frame if self._rested else None, not safe)
+        if failure is not None and state not in OPEN_STATES:  # somebody has to feel something
+            faults = (*faults, failure)
         return Observation(
             inputs=inputs,
             probabilities=probabilities,
-            doubt=doubt or deaf,
+            faults=faults,
+            reported=reported,
             measured_n=self._measured_n,
             felt_n=self._felt_n,
             overloaded=self._guard.overloaded(self._measured_n),
@@ -130,25 +127,34 @@ class GraspStep:
             motion=self._kind_of_slip(probabilities),
         )
 
-    def _listen(self, frame: TactileFrame | None, ask: bool) -> tuple[NDArray[np.float64], str]:
+    def _ask(
+        self, frame: TactileFrame | None, ask: bool
+    ) -> tuple[NDArray[np.float64], Fault | None]:
         """Probability of slip at each finger, and why there is none. A stale frame is no sample,
         and forgets the past; codes at the end of their range are no force. None: there is no frame,
         or it is counted from the rest of an earlier run, since when the pads were pressed.
         ``ask``: whether the detector may be called."""
         if frame is None:
-            return np.zeros(FINGERS), ""
-        if self._doubts.believes_force:
+            return np.zeros(FINGERS), None
+        if self._monitors.fingertips.believable:
             self._measured_n = self._force_n(frame.counts)
             self._felt_n = self._measured_n
-            if not self._doubts.all_tell:
-                self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
+            if not self._monitors.fingertips.all_tell:
+                self._felt_n = self._force_n(frame.counts * self._monitors.fingertips.can_tell)
         if not ask:
-            return np.zeros(FINGERS), ""
+            return np.zeros(FINGERS), None
         if frame.stale:
             self._forget()
         if frame.stale or self._remembers:
             return np.zeros(FINGERS), self._remembers
-        return self._ask(frame.counts)
+        try:
+            answer = self._detector.update(frame.counts)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as bug:  # a plug-in's code: no bug of it may end a run
+            return np.zeros(FINGERS), _failed(bug)
+        wrong = no_probabilities(answer)
+        return (np.zeros(FINGERS), wrong) if wrong else (answer, None)
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         """Nothing is decided by it, and no bug of it may end a run."""
@@ -170,21 +176,9 @@ class GraspStep:
         except BaseException as bug:
             self._remembers = _failed(bug)
         else:
-            self._remembers = ""
-
-    def _ask(self, counts: NDArray[np.int16]) -> tuple[NDArray[np.float64], str]:
-        """The detector's answer, or what is wrong with it: no bug of a detector may end a run."""
-        try:
-            answer = self._detector.update(counts)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as bug:
-            return np.zeros(FINGERS), _failed(bug)
-        wrong = wrong_probabilities(answer)
-        return (np.zeros(FINGERS), wrong) if wrong else (answer, "")
+            self._remembers = None
 
 
-def _failed(bug: BaseException) -> str:
-    """As a cause of a safe state, of which several are joined by "; "."""
+def _failed(bug: BaseException) -> Fault:
     said = one_line(bug.message) if isinstance(bug, GraspError) else in_words(bug)
-    return f"detector_failed: {said}".replace(";", ",")
+    return failed("detector_failed", how=said)

@@ -21,8 +21,8 @@ from detector.scores.evaluation import (
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import UsageError
+from grasp.cli.detector import check_named
 from grasp.cli.parser import Parser
-from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import contender, read_split
 from scenarios.campaign.config import load_config
 from studies.runner import Study, add_data, markdown

@@ -12,8 +12,8 @@ import msgspec
 
 from detector.interface import DETECTORS
 from detector.scores.sweep import frontier
+from grasp.cli.detector import check_named
 from grasp.cli.parser import Parser
-from grasp.cli.rules import check_named
 from scenarios.benchmark.scoring import contender, read_split
 from scenarios.campaign.config import load_config
 from studies.runner import Study, add_data, markdown

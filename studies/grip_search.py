@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from drivers.errors import UsageError
 from drivers.interfaces import Counts3
-from grasp.cli.options import OBJECT_HELP, add_settings, decimal, whole
+from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, twin_onset_s
-from scenarios.rigs.variation import Draw, draw
+from scenarios.rigs.simulated import Draw, draw
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 from studies.runner import PAPER_OBJECTS, Study, markdown
@@ -84,7 +84,7 @@ def options(parser: Parser) -> None:
     parser.add_argument("--draws", type=whole(1, 10_000), default=default.draws, metavar="N")
     parser.add_argument("--verify", type=whole(0, 10_000), default=5, metavar="N",
                         help="lifts without slip response; each must slip")  # fmt: skip
-    add_settings(parser)
+    share(parser, "config set")
 
 
 def grid(args: argparse.Namespace) -> list[Task]:

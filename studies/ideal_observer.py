@@ -24,7 +24,8 @@ from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
 from drivers.interfaces import PERIOD_S
-from grasp.cli.options import decimal, need, progress, workers
+from grasp.cli.options import decimal, need, workers
+from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build

@@ -28,7 +28,7 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.world_of_seed import cell_settings
+from scenarios.rigs.simulated import cell_settings
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.truth import Truth

@@ -15,7 +15,8 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli.options import add_settings, add_workers, progress, whole, workers
+from grasp.cli.options import share, whole, workers
+from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.files import save_figure, write_whole
 from scenarios.rigs.workers import results
@@ -54,7 +55,7 @@ def add_trials(parser: Parser, seeds: int, objects: Sequence[str] = PAPER_OBJECT
                         help="trials a combination (default: %(default)s)")  # fmt: skip
     parser.add_argument("--first-seed", type=whole(0, 10**9), default=0, metavar="N")
     parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
-    add_settings(parser)
+    share(parser, "config set")
 
 
 def seeds_of(args: argparse.Namespace) -> range:
@@ -78,7 +79,7 @@ def main(name: str, study: Study[Any, Any], words: Sequence[str]) -> int:
                         help="folder of the result; its stored rows are not run again "
                         "(default: %(default)s)")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print rows as JSON lines")
-    add_workers(parser)
+    share(parser, "jobs cluster")
     args = parser.parse_args(words)
     rows = run(study, study.grid(args), args, args.out)
     text = study.table(rows)

@@ -34,7 +34,8 @@ from detector.scores.evaluation import HIGH, LOW, RESAMPLES_OF_A_SET
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
-from grasp.cli.options import need, network_path, whole
+from grasp.cli.detector import network_path
+from grasp.cli.options import need, whole
 from grasp.cli.parser import Parser
 from grasp.files import write_whole
 from scenarios.benchmark.data_sets import read_set, require_whole

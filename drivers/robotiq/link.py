@@ -22,7 +22,7 @@ _MOST_BUGS: Final = 3  # in a row
 _AFTER_BUG_S: Final = 0.01
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
 # After this time the program is taken to hang. The heartbeat (0.15 s) has braked the arm, and a
-# step this late ends the run in a fault (doubt.standstill_s).
+# step this late ends the run in a fault (monitors.standstill_s).
 _UNPOLLED_NS: Final = 1_000_000_000
 _NOT_YET = "the hand has not answered yet: told to it as soon as it has"
 

@@ -1,250 +1,299 @@
 """`grasp calibrate`: what a count of the fingertips, a byte of the hand and a still hold are worth,
-measured on a lab's own devices and written into files for `--config` and `gripper.calibration`."""
+measured on a lab's own devices and written into files, and a fit of the simulated fingertip; `grasp
+tactile`: what the fingertips measure, and how their board is wired."""
 
 import argparse
 import math
-import sys
 import tomllib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
-from grasp import interruption
-from grasp.cli import exits, fingertip
-from grasp.cli.lab import (
-    FINGERS,
-    add_verb,
-    confirm,
-    lab_config,
-    leave_to_move,
-    new_file,
-    tell,
-    tell_mode,
-    tell_weak,
-    will,
-)
-from grasp.cli.options import decimal, whole
-from grasp.cli.output import json_line
-from grasp.cli.parser import Parser, group
-from grasp.cli.places import file_to_write
+import msgspec
+
+from detector.recordings import read
+from drivers.errors import BadFile, ConfigError, UsageError
+from drivers.takktile.emulator.bus import backend
+from drivers.takktile.identify import watch
+from drivers.takktile.link import UsbLink
+from grasp.cli import exits, lab
+from grasp.cli.detector import rule_lines
+from grasp.cli.options import check_new, check_writable, need
+from grasp.cli.output import aside, progress, show
 from grasp.files import write_whole
+from scenarios.campaign.config import load_config, load_for_devices
+from scenarios.lab import calibrate, fingertips, preflight
+from scenarios.lab.hand import guard_of
+from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.wired import ANY_BOARD
 
-HELP = "calibrate counts and force bytes on a scale; fit the simulated fingertip"
-SCALE = "One finger presses on a scale, harder than the limit of a run allows."
-OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
-MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
-LONG_S, SHORTEST_S = 180.0, 30.0
+ON_SCALE = (
+    "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "
+    "over it, and no object in the hand?"
+)
 CLOSED = (255, 255, 255)
-
-
-def add_parser(verbs: Any) -> None:
-    kinds = group(verbs, "calibrate", HELP, "WHAT")
-    force = _kind(
-        kinds, "force", calibrate_force,
-        "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "
-        "they say; with --press the finger presses by itself, a count at a time",
-    )  # fmt: skip
-    _add_scale(force, required=False)
-    force.flag("--press", "the finger presses on the scale")
-    hand = _kind(
-        kinds, "hand", calibrate_hand,
-        "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
-        "a scale, and you type what it says",
-    )  # fmt: skip
-    _add_scale(hand, required=True)
-    hand.option("--presses N", "presses per byte; a byte that presses with less than the manual "
-        "states (15 N for byte 0) gets at least ten", whole(4, 100), default=10)  # fmt: skip
-    hand.option("--bytes BYTE", "force bytes to press with; 0 is always included (default: "
-        "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
-    hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
-        "none; travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
-    noise = _kind(
-        kinds, "noise", calibrate_noise,
-        "the rule on slip that your fingertips allow, without labels: the hand holds something "
-        "still for three minutes and lets it go; never below the rule that is there",
-    )  # fmt: skip
-    noise.option("--detector NAME", "", default="tcn")
-    noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
-    noise.option(
-        "--seconds N", "duration of the hold", decimal(SHORTEST_S + 5, 3600), default=LONG_S
-    )
-    fingertip.add_parser(kinds)
-
-
-def _kind(kinds: Any, name: str, handler: Any, text: str) -> Parser:
-    parser = add_verb(kinds, name, handler, text)
-    parser.option("--out FILE", "new .toml file to write, with date, spread and source",
-        file_to_write, required=True)  # fmt: skip
-    parser.option("--note TEXT", "text to add to the source in the file", default="")
-    return parser
-
-
-def _add_scale(parser: Parser, required: bool) -> None:
-    parser.option("--finger", "", choices=FINGERS, default="A")
-    parser.option("--up-to N",
-        "largest force, N; it may exceed the limit of a run, up to the manual's "
-        f"{MANUAL_MOST_N:g}; by the manual byte 0 may press with {MANUAL_LEAST_N:g}"
-        + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
-        decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
-    parser.flag("--scale", OVER_A_SCALE)
+WATCH_S, REST_S = 3600.0, 5.0
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
-    from scenarios.lab.ready import check_hearing, check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_force as by_weights
-    from scenarios.lab.sessions import press_force
-
-    config = lab_config(args)
-    new_file(args.out)
+    config = lab.load_config(args)
+    check_new(args.out)
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
-    if args.press:
-        asked = "--up-to" if args.up_to is not None else "the limit of a run, without --up-to,"
-        check_force(up_to_n, called=asked)
-    pressing = f"finger {args.finger} by single counts, up to {up_to_n:g} N on the scale"
-    if args.dry_run:
-        if args.press:
-            check_pressing(config, hearing=True)
-            tell_mode(config)
-        else:
-            check_hearing(config)
-        return tell(args, {"would": f"move {pressing if args.press else 'nothing'}"})
-    if not args.press:
-        operator = _operator()
-        with interruption.held():
-            text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
-        return _written(args, text)
-    permit = leave_to_move(config, args, lambda: f"move {pressing}")
-    tell_mode(config)
-    _over_a_scale(args)
-    operator = _operator()
-    will(f"move {pressing}")
-    with interruption.held():
-        text = press_force(config, permit, args.finger, up_to_n, operator, _tell, args.note)
-    return _written(args, text)
+
+    def look() -> str:
+        preflight.check_rest(config)
+        return "move nothing"
+
+    def act(permit: Any, operator: Any) -> str:
+        return calibrate.calibrate_force(config, args.finger, up_to_n, operator, aside, args.note)
+
+    return _measure(args, config, look, look, act, moves=False)
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
-    from scenarios.lab.fit import check_places
-    from scenarios.lab.ready import check_pressing
-    from scenarios.lab.scale import check_force
-    from scenarios.lab.sessions import calibrate_hand as press
+    config = lab.load_config(args)
+    check_new(args.out)
+    calibrate.check_force(args.up_to)
 
-    config = lab_config(args)
-    new_file(args.out)
-    check_force(args.up_to, {0, *args.bytes})
-    if args.places:
-        check_places(args.places)
-    bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
-    way = f", then to {args.places} counts in free air" if args.places else ""
-    pressing = (
-        f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, onto "
-        f"the scale, with {args.up_to:g} N at most by the manual{way}"
-    )
-    if args.dry_run:
-        check_pressing(config, hearing=False)
-        tell_mode(config)
-        return tell(args, {"would": f"move {pressing}"})
-    permit = leave_to_move(config, args, lambda: f"move {pressing}")
-    tell_mode(config)
-    _over_a_scale(args)
-    operator = _operator()
-    will(f"move {pressing}")
-    with interruption.held():
-        text = press(
-            config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
-            operator, _tell, args.note,
-        )  # fmt: skip
-    code = _written(args, text)
-    _tell(_to_use(args, text, config.guard.force_limit_n))
-    return code
-
-
-def _to_use(args: argparse.Namespace, text: str, limit_n: float) -> str:
-    """What a lab's own file says to be driven by this calibration: to be pasted."""
-    least_n = math.ceil(tomllib.loads(text)["calibration"]["least_force_n"])
-    told = "\nfor your own file, in which each section stands once:\n\n"
-    told += f'[gripper]\ncalibration = "{args.out}"'
-    if least_n > limit_n:
-        told += (
-            f"\n[guard]\nforce_limit_n = {least_n}  # this hand cannot keep {limit_n:g}\n"
-            f"[controller]\ngrip_force_n = {least_n}"
+    def plan() -> str:
+        return (
+            f"move finger {args.finger}, {args.presses} times with force byte 0, onto the scale, "
+            f"with {args.up_to:g} N at most by the manual"
         )
-    return told
+
+    def look() -> str:
+        preflight.check_pressing(config)
+        lab.warn_of_mode(config)
+        return plan()
+
+    def act(permit: Any, operator: Any) -> str:
+        return calibrate.calibrate_hand(
+            config, permit, args.finger, args.presses, args.up_to, operator, aside, args.note
+        )
+
+    def how_to_use(text: str) -> str:
+        limit_n = config.guard.force_limit_n
+        least_n = math.ceil(tomllib.loads(text)["calibration"]["least_force_n"])
+        told = "\nfor your own file, in which each section stands once:\n\n"
+        told += f'[gripper]\ncalibration = "{args.out}"'
+        if least_n > limit_n:
+            told += (f"\n[guard]\nforce_limit_n = {least_n}  # this hand cannot keep {limit_n:g}\n"
+                     f"[controller]\ngrip_force_n = {least_n}")  # fmt: skip
+        return told
+
+    return _measure(args, config, plan, look, act, on_scale=True, afterwards=how_to_use)
 
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.benchmark.label_free import tune_unlabelled
-    from scenarios.campaign.config import load_config
-    from scenarios.lab.hand import guard_of
-    from scenarios.lab.ready import active_hand, check_close
-    from scenarios.lab.sessions import held_still
 
-    config = lab_config(args)
+    config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
-    new_file(args.out)
-    tell_weak(config.calibration)
+    check_new(args.out)
+    lab.warn_of_weak_calibration(config.calibration)
     guard_of(config)  # raises where a run would be refused
-    holding = f"the fingers, closed on an object for {args.seconds:g} s, then opened"
-    if args.dry_run:
-        check_close(config, active_hand(config), CLOSED)
-        tell_mode(config)
-        return tell(args, {"would": f"move {holding}; the arm stands"})
-    permit = leave_to_move(config, args, lambda: f"move {holding}")
-    tell_mode(config)
-    operator = _operator()
-    will(f"move {holding}; the arm stands")
-    with interruption.held():
-        counts = held_still(config, permit, args.seconds, operator, _tell)
+
+    def plan() -> str:
+        held = f"closed on an object for {args.seconds:g} s, then opened"
+        return f"move the fingers, {held}; the arm stands"
+
+    def look() -> str:
+        preflight.check_close(config, preflight.active_hand(config), CLOSED)
+        lab.warn_of_mode(config)
+        return plan()
+
+    def act(permit: Any, operator: Any) -> str:
+        counts = calibrate.held_still(config, permit, args.seconds, operator, aside)
         found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
-    return _written(args, _rule_file(args, found, found.rule == judged.rule))
+        return _rule_file(args, found, found.rule == judged.rule)
+
+    return _measure(args, config, plan, look, act)
+
+
+def _measure(
+    args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
+    act: Callable[[Any, Any], str], on_scale: bool = False, moves: bool = True,
+    afterwards: Callable[[str], str] = lambda text: "",
+) -> int:  # fmt: skip
+    """As ``perform``, with a person who answers: ``act`` returns the text of the file, which is
+    written and shown. ``on_scale``: a finger presses on one; ``afterwards``: says how to use it."""
+    operator = lab.TerminalOperator()
+
+    def ask() -> None:
+        if moves:
+            lab.warn_of_mode(config)
+            if on_scale:
+                lab.confirm(ON_SCALE, "scale", args.scale)
+        operator.expect()
+        if moves:
+            lab.say(f"will {plan()}")
+
+    def run(permit: Any) -> lab.Done:
+        text = act(permit, operator)
+        write_whole(args.out, text.encode())
+        if told := afterwards(text):
+            aside(told)
+        return lab.Done(f"{text}{args.out}", {"file": str(args.out), "text": text})
+
+    return lab.perform(args, config, plan, look, run, ask, moves)
 
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
-    from grasp.cli.detector import rule_lines
-    from scenarios.lab.scale import noted, now
-
     low, high = found.interval
-    why = (
-        "the packaged rule is higher and kept: a still hand knows nothing of closing, of lifting "
-        "or of blows" if kept else "higher than the packaged rule"
-    )  # fmt: skip
+    why, how = "higher than the packaged rule", "taken"
+    if kept:
+        why = ("the packaged rule is higher and kept: a still hand knows nothing of closing, of "
+               "lifting or of taps")  # fmt: skip
+        how = "below the packaged rule"
     source = (
-        f"a hold of {found.minutes:.1f} minutes, {now()}, {args.detector}: level {found.level:.2f} "
-        f"({low:.2f} to {high:.2f}, 95 %), {'below the packaged rule' if kept else 'taken'}"
+        f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
+        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %), {how}"
     )
     return (
-        f"# Rule for {args.detector}, {now()}: {found.minutes:.1f} minutes of hold, "
+        f"# Rule for {args.detector}, {calibrate.now()}: {found.minutes:.1f} minutes of hold, "
         f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
         f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {why}.\n"
-        f"[source]\nrule = {noted(source, args.note)}\n"
+        f"[source]\nrule = {calibrate.noted(source, args.note)}\n"
         + "\n".join(rule_lines(found.rule)) + "\n"
     )  # fmt: skip
 
 
-def _over_a_scale(args: argparse.Namespace) -> None:
-    confirm(f"{SCALE} Is that fingertip alone over it, and no object in the hand?", "scale",
-            args.scale)  # fmt: skip
+def tactile_watch(args: argparse.Namespace) -> int:
+    if args.rest:
+        return _measure_rest(args)
+    if args.out is not None:
+        raise UsageError("--out writes the rest codes", "give --rest with it")
+    report, seconds, most = None, 0, args.seconds or WATCH_S
+    with suppress(KeyboardInterrupt):  # the seconds until then are reported
+        for report in fingertips.listen(lab.load_config(args), most):
+            seconds += 1
+            if not args.json and seconds <= most:
+                print(report.in_words(), flush=True)
+    if report is None:
+        return exits.report("interrupted", "interrupted", "", args.json)
+    return show(args, {**msgspec.to_builtins(report), "exit_code": 0}, report.table())
 
 
-def _operator() -> Any:
-    """Raises UsageError where nobody will answer."""
-    from grasp.cli.operator import TerminalOperator
-
-    operator = TerminalOperator()
-    operator.expect()
-    return operator
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+def _measure_rest(args: argparse.Namespace) -> int:
+    check_new(args.out)
+    report, text = fingertips.rest_file(lab.load_config(args), args.seconds or REST_S)
+    if args.out is not None:
+        write_whole(args.out, text.encode())
+    if not args.json:
+        aside(report.in_words())
+    value = {"rest": report.codes, "samples": report.samples, "noise_counts": report.noise_counts}
+    return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
 
 
-def _written(args: argparse.Namespace, text: str) -> int:
-    """Kept, and shown."""
-    write_whole(args.out, text.encode())
-    if args.json:
-        print(json_line({"file": str(args.out), "text": text, "exit_code": exits.SUCCESS}))
-    else:
-        print(text, end="")
-        print(args.out)
-    return exits.SUCCESS
+def tactile_identify(args: argparse.Namespace) -> int:
+    config = load_for_devices("can", HARDWARE, args.config, args.set)
+    named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
+    strongest: dict[tuple[int, int], Any] = {}
+    last, whole = None, False
+    link = UsbLink.find(args.serial or named or None, _bus(args.url or config.usb.url))
+    watched = watch(link, config.tactile, args.seconds, lambda: aside(
+        f"press one pad after the other, for {args.seconds:g} s"), args.least_fall)  # fmt: skip
+    try:
+        with suppress(KeyboardInterrupt):  # what was pressed until then is reported
+            for press in watched:
+                cell = press.row, press.column
+                if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
+                    strongest[cell] = press
+                if not args.json and cell != last:
+                    print(_taxel(press), flush=True)
+                last = cell
+            whole = True
+    finally:
+        watched.close()  # stops the board
+        link.close()
+    if not (whole or strongest):
+        return exits.report("interrupted", "interrupted", "", args.json)
+    presses = sorted(strongest.values(), key=lambda press: -press.fall_counts)
+    code, text = exits.TRIAL_FAILED, "no pad was pressed"
+    if presses:
+        text = f"strongest: {_taxel(presses[0])}, {presses[0].fall_counts} counts below its rest"
+        code = exits.SUCCESS
+    return show(args, {"presses": presses, "exit_code": code}, text, code)
+
+
+def _bus(url: str) -> Any:
+    """pyusb back end: of an emulated board, or None for the machine's own USB."""
+    if not url:
+        return None
+    try:
+        return backend(url)
+    except ValueError as error:
+        raise ConfigError("--url", url, str(error), "tcp://HOST:PORT") from error
+
+
+def _taxel(press: Any) -> str:
+    cell = f"row {press.row}, column {press.column}"
+    if press.finger is None:
+        return f"no finger has this cell in `cells`: {cell}"
+    return f"finger {press.finger} taxel {press.taxel} ({cell})"
+
+
+def calibrate_fingertip(args: argparse.Namespace) -> int:
+    from scenarios.acquire import fingertip_fit as fitting
+    from scenarios.acquire.signal_statistics import signal_statistics
+
+    if args.figure:
+        need("charts", "matplotlib")
+    if args.check and args.out:
+        raise UsageError("--out writes fitted values, but --check fits none",
+                         "leave out --out or --check")  # fmt: skip
+    recording = read(args.recording)
+    if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
+        raise BadFile(args.recording, "needs one fingertip with samples of slip and of rest",
+                      "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
+    if args.out:
+        check_writable(args.out, fitting.WRITTEN)
+    real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
+    setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
+    simulated = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
+    rows = fitting.compare(real, simulated)
+    misfit = fitting.misfit(real, fitting.mean(simulated))
+    if args.out:
+        write_whole(args.out, fitting.as_toml(fitted, args.recording.name).encode())
+    if args.figure:
+        _draw(args.figure, setup, recording)
+    parameters = fitting.parameter_values(setup)
+    value = {"recording": args.recording.name, "misfit": misfit, "statistics": rows,
+             "parameters": parameters, "fitted": not args.check}  # fmt: skip
+    lines = ["real; simulated, with the range of 80 % of clips:"]
+    for row in rows:
+        far = "" if row.within_aim else "; beyond the aim"
+        lines.append(f"  {row.name:<32}{row.real:9.3g}; {row.simulated:.3g} [{row.low:.3g}, "
+                     f"{row.high:.3g}]{far}")  # fmt: skip
+    lines += [f"misfit {misfit:.2f} (1: on average just within the aims)", "", "parameters, with "
+              "the range searched:"]  # fmt: skip
+    lines += [
+        f"  {name:<32}{value:9.3g} [{low:g}, {high:g}]" for name, value, low, high in parameters
+    ]
+    return show(args, value, "\n".join(lines))
+
+
+def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
+    from scenarios.acquire.fingertip_fit import FitSetup, Search, fit
+
+    search = Search(seed=args.seed)
+    if args.rounds is not None:
+        search = msgspec.structs.replace(search, close_rounds=args.rounds)
+    with progress("fitting", hidden=args.json) as bar:
+
+        def report(done: int, total: int, best: float) -> None:
+            bar(done, total, f"fitting, misfit {best:.2f}")
+
+        return fit(real, FitSetup(), search, report)
+
+
+def _draw(out: Path, setup: Any, recording: Any) -> None:
+    from scenarios.acquire.fingertip_fit import JUDGE_SEED
+    from scenarios.acquire.strokes import simulate
+    from scenarios.report.export import draw_clips, simulated
+
+    clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
+    real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)
+    draw_clips(out, [real, *simulated(clips)[:2]])

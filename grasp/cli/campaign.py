@@ -1,56 +1,42 @@
-"""`grasp campaign`: experiments by the hundred, in parallel, none of them lost."""
+"""`grasp campaign`: a grid of trials in parallel, and its summary as the paper's Table IV."""
 
 import argparse
+import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from detector.scores.quantiles import Quantiles
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, progress, whole, workers
-from grasp.cli.parser import group, verb
-from grasp.cli.places import file_with_folders
+from grasp.cli.options import workers
+from grasp.cli.output import print_json, progress
+from grasp.settings import file_of
+from scenarios.campaign.config import load_config
+from scenarios.campaign.run import default_path, run
+from scenarios.campaign.spec import CampaignSpec, read_spec
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.summary import (
+    TABLE_IV,
+    TRIALS,
+    Cell,
+    Summary,
+    Variant,
+    paper_rate,
+    summarize,
+    wilson,
+)
 
-if TYPE_CHECKING:
-    from scenarios.campaign.spec import CampaignSpec
-
-MOST_REPETITIONS = 10_000
-HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
-
-
-def add_parser(verbs: Any) -> None:
-    actions = group(verbs, "campaign", HELP)
-    _add_run(actions)
-
-
-def _add_run(actions: Any) -> None:
-    run = verb(actions, "run", run_campaign, "run the trials of a campaign file", ". Runs every "
-        "trial of a campaign file and writes each as a row of an SQLite file when it finishes. "
-        "Exit code 0 when every trial ran, whatever its verdict; 1 if any errored; 130 when "
-        "interrupted, with all finished rows kept.")  # fmt: skip
-    run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
-    add_workers(run)
-    run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
-        file_with_folders)  # fmt: skip
-    run.option("--detector NAME", "use this instead of the detectors of the campaign file")
-    run.option("--profile NAME", "use this instead of the profiles of the campaign file")
-    run.option("--config FILE", "TOML over the packaged settings and the campaign's `config`, for "
-        "every trial; several: later ones on top", Path, action="append")  # fmt: skip
-    run.option("--set SECTION.KEY=VALUE", "one setting, for every trial; may be repeated; `grasp "
-        "config` lists them", action="append", default=[])  # fmt: skip
-    run.option(
-        "--repetitions N", "use this instead of the campaign file's", whole(1, MOST_REPETITIONS)
-    )
-    run.flag("--resume", "continue an existing file: run the missing and errored trials")
-    run.flag("--json", "the summary as one JSON object, nothing else")
+TITLES = {"lift": "object lift", "tap": "mallet tap"}
+WIDTH_WITHOUT_TERMINAL = 160
 
 
-def _spec(args: argparse.Namespace) -> "CampaignSpec":
-    import msgspec
-
-    from grasp.settings import file_of
-    from scenarios.campaign.spec import read_spec
-
+def _spec(args: argparse.Namespace) -> CampaignSpec:
     changes = {
         "detectors": (args.detector,) if args.detector is not None else None,
         "profiles": (args.profile,) if args.profile is not None else None,
@@ -60,19 +46,15 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
     spec = read_spec(file_of("campaigns", args.campaign))
     own = (*spec.config, *map(str, args.config or ()))
     spec = msgspec.structs.replace(spec, config=own, **wanted)
-    _check_set(spec, args.set)
+    if args.set:
+        _check_set(spec, args.set)
     return msgspec.structs.replace(spec, settings=(*spec.settings, *args.set))
 
 
-def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
+def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
     """Raises ConfigError that names `--set` for a wrong one, UsageError for what the campaign
     itself sets in each trial: it would be ignored."""
-    from scenarios.campaign.config import load_config
-
-    if not assignments:
-        return
-    for assignment in assignments:
-        key = assignment.partition("=")[0].strip()
+    for key in (assignment.partition("=")[0].strip() for assignment in assignments):
         if key in spec.sweep:
             raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")
     detector = next(iter(spec.detectors), None)
@@ -80,14 +62,12 @@ def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
     load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
 
 
-def run_campaign(args: argparse.Namespace) -> int:
-    from scenarios.campaign.run import default_path, run
-
+def campaign_run(args: argparse.Namespace) -> int:
     spec = _spec(args)
     out, last = args.out or default_path(spec), None
     with progress(spec.name, hidden=args.json) as bar:
 
-        def show(at: Any) -> None:
+        def report(at: Any) -> None:
             nonlocal last
             last = at
             good = f", {at.successes / at.new:.0%} succeeded" if at.new else ""
@@ -95,29 +75,102 @@ def run_campaign(args: argparse.Namespace) -> int:
             bar(at.new, at.total - at.done + at.new, f"{spec.name}{good}{wrong}")
 
         try:
-            ended = run(spec, out, workers(args), args.resume, show)
+            ended = run(spec, out, workers(args), args.resume, report)
         except KeyboardInterrupt:
             kept = "interrupted before any trial ended"
             if last is not None:
                 kept = f"{last.done} of {last.total} trials are in {out}"
             return exits.report("interrupted", kept, "continue with --resume", args.json)
-    print_summary(out, args.json)
+    show_summary(args, out)
     if not args.json:
         print(out)
     return exits.TRIAL_FAILED if ended.errors else exits.SUCCESS
 
 
-def print_summary(path: Path, as_json: bool) -> None:
-    """Print Table IV of a campaign file."""
-    import msgspec
-
-    from grasp.cli.campaign_view import print_summary as print_tables
-    from scenarios.campaign.store import CampaignStore
-    from scenarios.campaign.summary import summarize
-
+def show_summary(args: argparse.Namespace, path: Path) -> int:
+    """Show Table IV of a campaign's file."""
     with CampaignStore.open(path) as store:
         found = summarize(store.spec.name, store.rows())
-    if as_json:
-        print(msgspec.json.encode(found).decode())
+    if args.json:
+        print_json(found)
     else:
-        print_tables(found)
+        print_summary(found)
+    return exits.SUCCESS
+
+
+def print_summary(summary: Summary) -> None:
+    """Table IV, one table a scenario: each variant beside the paper."""
+    width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
+    console = Console(width=width, highlight=False)
+    for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
+        table = Table(
+            "variant", "object", "paper, n = 20", "this", "registered after onset, ms",
+            "moved, mm" if scenario == "tap" else "slip, mm", title=TITLES[scenario],
+            caption="ms and mm: 50, 90 and 99 % of all trials; inf: that many did not get there",
+        )  # fmt: skip
+        for variant in (v for v in summary.variants if v.scenario == scenario):
+            swept = "" if variant.swept == "{}" else f"\n{variant.swept}"
+            heading = f"{variant.profile}, {variant.detector}{swept}"
+            for i, cell in enumerate(variant.cells):
+                table.add_row(
+                    "" if i else heading, cell.object, _paper(scenario, cell.object), _shown(cell),
+                    _three(cell.detection_latency_ms), _three(cell.slip_distance_mm),
+                )  # fmt: skip
+            rates = [paper_rate(scenario, cell.object) for cell in variant.cells]
+            known = [rate for rate in rates if rate is not None]
+            paper = f"{sum(known) / len(known):.1%}" if known else "-"
+            table.add_row("", "average", paper, _average(variant), end_section=True)
+        console.print(table)
+    console.print(
+        f"{_plural(summary.trials, 'trial')}, {_plural(summary.errors, 'error')}, "
+        f"{summary.cpu_s:g} s of CPU time"
+    )
+    if len(summary.versions) > 1:
+        console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
+
+
+def _plural(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _paper(scenario: str, name: str) -> str:
+    """The rate of the paper, and for lifts the parts within 6 and 12 cm."""
+    rate = paper_rate(scenario, name)
+    if rate is None:
+        return "-"
+    known, text = TABLE_IV[name], _rate(rate, wilson(round(rate * TRIALS), TRIALS))
+    far = scenario == "lift" and known.far
+    return f"{text}  {known.near * 5}+{known.far * 5}" if far else text
+
+
+def _average(variant: Variant) -> str:
+    text = f"{variant.average:.1%}"
+    if any(cell.apart for cell in variant.cells):
+        text += f"\n{variant.average_of_all:.1%} of all, those apart counted as failed"
+    return text
+
+
+def _rate(rate: float, interval: tuple[float, float]) -> str:
+    if math.isnan(rate):
+        return "   -"  # nothing was judged
+    return f"{rate:4.0%} ({interval[0] * 100:.0f}-{interval[1] * 100:.0f})"
+
+
+def _shown(cell: Cell) -> str:
+    text = _rate(cell.rate, cell.interval)
+    if cell.within_6cm is not None and cell.within_12cm:
+        parts = (cell.within_6cm, cell.within_12cm)
+        text += "  " + "+".join(f"{100 * part / cell.trials:.0f}" for part in parts)
+    text += f"  n {cell.trials}"
+    if cell.apart:
+        text += f" of {cell.trials + sum(cell.apart.values())}: {cell.rate_of_all:.0%} of all"
+    text += f", {_plural(cell.errors, 'error')}" if cell.errors else ""
+    good = ("held", "registered", *cell.apart)
+    lost = {name: n for name, n in cell.outcomes.items() if not name.startswith(good)}
+    text += "".join(f"\n{n} {name}" for name, n in lost.items())
+    text += "".join(f"\n{n} {name}, apart" for name, n in cell.apart.items())
+    return text + (f"\n{cell.alarms_stayed} held, alarm stayed" if cell.alarms_stayed else "")
+
+
+def _three(q: Quantiles | None) -> str:
+    return "-" if q is None else f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"

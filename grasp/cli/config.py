@@ -3,181 +3,111 @@ user's files."""
 
 import argparse
 import json
-import shlex
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import ConfigError, GraspError, UsageError
-from grasp.cli import exits
-from grasp.cli.output import json_line
-from grasp.cli.parser import verb
-from grasp.cli.rules import check_weights, tell_untuned
-from grasp.cli.run import add_trial_options
+import msgspec
 
-HELP = "show the resolved settings, check files of your own"
+from drivers.errors import GraspError, UsageError
+from grasp import settings
+from grasp.cli import exits
+from grasp.cli.detector import check_weights, warn_of_untuned_rule
+from grasp.cli.output import show
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
+from scenarios.campaign.config import RunConfig, load_config, load_for_devices
+from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
+from scenarios.rigs.calibration import own_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import check_read, trial_layers
+
 FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
-def add_parser(verbs: Any) -> None:
-    parser = verb(verbs, "config", run, HELP, ". Prints every setting with its value, its allowed "
-        "range and its source. With FILE (your own .toml: an object, surface, calibration, rig, "
-        "campaign, data set, or settings for --config) it checks that file alone instead. Opens no "
-        "device and runs no trial, but loads the detectors of a campaign. Exit code 2 if a file is "
-        "wrong.")  # fmt: skip
-    parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
-    add_trial_options(parser, rig="emulated")
-    parser.flag("--json", "the resolved settings as one JSON object")
-
-
-def run(args: argparse.Namespace) -> int:
-    from grasp.settings import by_path
-
-    if not any(by_path(word) for word in args.section):
+def config(args: argparse.Namespace) -> int:
+    if not any(settings.by_path(word) for word in args.section):
         return _show(args)
     if args.json:
         raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
-    code = exits.SUCCESS
+    default = settings.named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
+    code, detector = exits.SUCCESS, args.detector or str(default)
     for word in args.section:
         try:
-            print(f"{word}: {_checked(word)}")
+            print(f"{word}: {_checked(word, detector)}")
         except GraspError as error:
             code = exits.report(error.kind, error.message, error.remedy, as_json=False)
     return code
 
 
-def _checked(word: str) -> str:
-    """What a file is; raises ConfigError, or what its own reader raises, where it is wrong."""
-    from grasp.settings import by_path, fingerprint, read_toml
-    from scenarios.acquire.config import load_acquire_config
-    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
-    from scenarios.campaign.config import load_config, load_for_devices
-    from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
-
-    if not by_path(word):
+def _checked(word: str, detector: str) -> str:
+    """What a file is; raises ConfigError, or what its own reader raises, where it is wrong.
+    ``detector``: with which settings are read."""
+    if not settings.by_path(word):
         raise UsageError(f"{word} is no .toml file", "give the path of one")
     path = Path(word)
-    keys = set(read_toml(path).table)
-    whose = fingerprint(path.read_bytes())
-    if keys == {"object"} and "name" in read_toml(path).table["object"]:
-        config = load_config(word, "simulated")
-        return f"an object for --object, {config.object.name!r}; fingerprint {whose}"
+    table = settings.read_toml(path).table
+    return f"{_kind(path, table, detector)}; fingerprint {settings.fingerprint(path.read_bytes())}"
+
+
+def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
+    keys, word = table.keys(), str(path)
+    if keys == {"object"} and "name" in table["object"]:
+        return f"an object for --object, {load_config(word, 'simulated').object.name!r}"
     if keys == {"surface"}:
-        name = load_acquire_config(word, "simulated").surface.name
-        return f"a surface for --surface, {name!r}; fingerprint {whose}"
+        surface = load_acquire_config(word, "simulated").surface
+        return f"a surface for --surface, {surface.name!r}"
     if keys == {"calibration"}:
         load_for_devices("can", "simulated", None, [f"gripper.calibration={word}"])
-        return f"a calibration for gripper.calibration; fingerprint {whose}"
+        return "a calibration for gripper.calibration"
     if "rig" in keys:
-        like = load_for_devices("can", word).rig
-        return f"a rig for --rig, opened as {like}; fingerprint {whose}"
+        return f"a rig for --rig, opened as {load_for_devices('can', word).rig}"
     if keys & {"objects", "scenarios"} and keys <= set(CampaignSpec.__struct_fields__):
-        places = combinations(read_spec(path))
-        return f"a campaign of {len(places)} places; fingerprint {whose}"
+        return f"a campaign of {len(combinations(read_spec(path)))} places"
     if keys & {"rows", "causes"} and keys <= set(DatasetConfig.__struct_fields__):
-        jobs = plan(load_dataset_config(path))
-        return f"a data set of {len(jobs)} recordings; fingerprint {whose}"
-    return f"settings for --config, {_settings(path)}; fingerprint {whose}"
-
-
-def _settings(path: Path) -> str:
-    """Which sections; each must be one of a trial or of an acquisition."""
-    from grasp.settings import read_toml
-    from scenarios.acquire.config import AcquireConfig, load_acquire_config
-    from scenarios.campaign.config import RunConfig, load_for_devices
-
-    sections = read_toml(path).table
-    pressed = sections.keys() & (set(AcquireConfig.__struct_fields__))
-    if pressed - set(RunConfig.__struct_fields__):  # checks what a trial does not know
+        return f"a data set of {len(plan(load_dataset_config(path)))} recordings"
+    acquiring = keys & set(AcquireConfig.__struct_fields__)
+    if acquiring - set(RunConfig.__struct_fields__):  # checks what a trial does not know
         load_acquire_config("planar", "simulated", path)
-    if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
-        return f"of an acquisition: {', '.join(sections)}"
-    load_for_devices("can", "simulated", path)
-    return ", ".join(sections) + _read_by(path)
-
-
-def _read_by(path: Path) -> str:
-    """With which detectors all that is set for the rule is read, where it is not with the default
-    one. Raises UsageError where that, or what is set for the answer to slip, is read with none: a
-    run that is told no more would refuse it."""
-    from detector.interface import DETECTORS
-    from scenarios.campaign.config import load_config, load_for_devices
-    from scenarios.rigs.calibration import own_layers
-    from scenarios.trial.layers import check_read
-
-    default = load_config("can", "simulated").detector_name
-    readers, refused = [], None
-    for name in sorted(DETECTORS, key=lambda name: (name != default, name)):
-        config = load_for_devices("can", "simulated", path, detector=name)
-        try:
-            check_read(config.rule, config.controller, own_layers(path, ()))
-            readers.append(name)
-        except ConfigError as error:
-            refused = refused or error
-    if refused is None or default in readers:
-        return ""
-    if readers:
-        return f" (read with {', '.join(readers)}, not with {default}: {refused.key})"
-    layered = f"grasp config --config THAT.toml --config {shlex.quote(str(path))}"
-    raise UsageError(
-        f"{refused.message}; so alone no run takes it",
-        f"{refused.remedy.removeprefix('allowed: ')}; beside THAT file, which does: `{layered}`",
-    )
-
-
-def _whence(source: str | None) -> str:
-    """Who set a value; of a packaged file where it lies in `config`."""
-    from grasp.settings import config_dir
-
-    if source is None:
-        return "default"
-    path = Path(source)
-    inside = path.is_relative_to(config_dir())
-    return f"from {path.relative_to(config_dir()) if inside else source}"
+        if keys <= acquiring:
+            return f"settings for --config, of an acquisition: {', '.join(keys)}"
+    config = load_for_devices("can", "simulated", path, detector=detector)
+    check_read(config.rule, config.controller, own_layers(path, ()))
+    return f"settings for --config, {', '.join(keys)}"
 
 
 def _show(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from grasp.settings import allowed, sources_of
-    from scenarios.campaign.config import load_config
-    from scenarios.trial.layers import trial_layers
-
     chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = load_config(*chosen)
     check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     for word in args.section:
-        _check_section(word, sections, config)
+        if word not in sections:
+            hint = settings.meant(word, sections)
+            raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")
     shown = args.section or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):
-        tell_untuned(config, layers)
-    if args.json:
-        print(json_line({name: table[name] for name in shown}))
-        return exits.SUCCESS
-    sources = sources_of(layers)
-    for name in shown:
-        print(f"[{name}]")
-        for key, value in table[name].items():
-            place = f"{name}.{key}"
-            told = FINGERPRINT if name == "files" else allowed(type(config), place)
-            print(f"{key} = {json.dumps(value)}  # {told}; {_whence(sources.get(place))}")
-        print()
-    return exits.SUCCESS
+        warn_of_untuned_rule(config, layers)
+
+    def text() -> str:
+        sources, lines = settings.sources_of(layers), []
+        for name in shown:
+            lines.append(f"[{name}]")
+            for key, value in table[name].items():
+                place = f"{name}.{key}"
+                told = FINGERPRINT if name == "files" else settings.allowed(type(config), place)
+                lines.append(f"{key} = {json.dumps(value)}  # {told}; {_from(sources.get(place))}")
+            lines.append("")
+        return "\n".join(lines)
+
+    return show(args, {name: table[name] for name in shown}, text)
 
 
-def _check_section(word: str, sections: list[str], config: Any) -> None:
-    """Raises UsageError for a section that the settings do not have."""
-    from grasp.settings import meant
-
-    if word in sections:
-        return
-    if word == "detector":
-        remedy = (
-            f"see [{config.detector_section}] and [rule] for the chosen {config.detector_name}; "
-            "`grasp detector card` lists all detectors"
-        )
-        raise UsageError("no section 'detector'", remedy)
-    hint = meant(word, sections)
-    raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")
+def _from(source: str | None) -> str:
+    """Who set a value; of a packaged file its path in `config`."""
+    if source is None:
+        return "default"
+    path = Path(source)
+    inside = path.is_relative_to(settings.config_dir())
+    return f"from {path.relative_to(settings.config_dir()) if inside else source}"

@@ -1,105 +1,48 @@
-"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. `grasp
-doctor HOST...`: list the devices that answer at these addresses."""
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing."""
 
 import argparse
 from typing import Any
 
-from drivers.errors import one_line
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
-from grasp.cli.output import json_line
-from grasp.cli.parser import verb
+from grasp.cli.output import show
 
-HELP = "check this machine and the devices, or which devices answer at addresses; moves nothing"
-_MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
-
-
-def add_parser(verbs: Any) -> None:
-    parser = verb(verbs, "doctor", doctor, HELP, ". Reads only.")
-    parser.option("hosts HOST", "query only these, on the known ports, and print the settings for "
-        "a --config file. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
-        "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
-        nargs="*")  # fmt: skip
-    parser.option("--timeout S", "each HOST answers a question within S seconds", decimal(0.05, 10),
-        default=1.0)  # fmt: skip
-    parser.option("--rig NAME", "also ask the devices of this rig (one of config/rigs, or a .toml "
-        "file)")  # fmt: skip
-    parser.option("--object NAME",
-        f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
-        default="can")  # fmt: skip
-    parser.option("--profile NAME", "likewise: one of config/profiles", default="default")
-    parser.option("--detector NAME", "likewise, as of `grasp run lift` (default: the profile's)")
-    add_settings(parser)
-    add_runs(parser)
-    parser.flag("--json", "one JSON object on standard output, nothing else")
+MARKS = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def doctor(args: argparse.Namespace) -> int:
-    if args.hosts:
-        return _find(args)
+    from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.doctor import examine
+    from scenarios.trial.execution import make_guard
 
     def load(rig: str, detector: str | None) -> Any:
-        from scenarios.campaign.config import load_config, load_for_devices
-
         if detector is None:  # the run that is named
             named = args.object, rig, args.detector, args.config, args.set, args.profile
             return load_config(*named)
         return load_for_devices(args.object, rig, args.config, args.set, detector)
 
-    def would_run(config: Any) -> None:
-        from scenarios.trial.execution import make_guard
-
+    def check_run(config: Any) -> None:
         make_guard(config)
         config.make_detector(3)
 
     own = (args.detector,) if args.detector else ()
-    checks = examine(args.rig, args.config, load, would_run, own, args.runs)
-    failed = [c for c in checks if c.status == "fail"]
-    code = _code(failed)
-    if args.json:
-        print(json_line({"healthy": not failed, "checks": [c._asdict() for c in checks],
-                          "exit_code": code}))  # fmt: skip
-        return code
-    width = max(len(c.name) for c in checks)
-    for check in checks:
-        print(f"{_MARK[check.status]}  {check.name:<{width}}  {check.detail}")
-        if check.remedy:
-            print(f"      {'':<{width}}  -> {check.remedy}")
-    doubtful = sum(check.status == "warn" for check in checks)
-    well = f"nothing stands against a run; {doubtful} to look at" if doubtful else "all well"
-    if args.rig is None:
-        well += " on this machine; no device was asked (--rig hardware asks a lab's)"
-    print(f"{len(failed)} to mend; first: {failed[0].name}" if failed else well)
-    return code
-
-
-def _code(failed: list[Any]) -> int:
-    """A configuration that cannot be read is a usage error here as everywhere, and so is a folder
-    of recordings in which nothing can be written."""
+    checks = examine(args.rig, args.config, load, check_run, own, args.runs)
+    failed = [check for check in checks if check.status == "fail"]
+    code = exits.DEVICE if failed else exits.SUCCESS
     if any(check.name in ("configuration", "disk") for check in failed):
-        return exits.USAGE
-    return exits.DEVICE if failed else exits.SUCCESS
+        code = exits.USAGE  # as everywhere
 
+    def text() -> str:
+        width, lines = max(len(check.name) for check in checks), []
+        for check in checks:
+            lines.append(f"{MARKS[check.status]}  {check.name:<{width}}  {check.detail}")
+            if check.remedy:
+                lines.append(f"      {'':<{width}}  -> {check.remedy}")
+        warned = sum(check.status == "warn" for check in checks)
+        well = f"nothing prevents a run; {warned} to look at" if warned else "all well"
+        if args.rig is None:
+            well += " on this machine; no device was queried (--rig hardware queries a lab's)"
+        end = f"{len(failed)} to fix; first: {failed[0].name}" if failed else well
+        return "\n".join([*lines, end])
 
-def _find(args: argparse.Namespace) -> int:
-    """Query the named addresses and the USB bus only."""
-    import msgspec
-
-    from scenarios.lab.find import ask, settings_of, usb_boards
-
-    found = []
-    for each in (*ask(args.hosts, args.timeout), *usb_boards()):
-        found.append(each)
-        if not args.json:
-            answer = "yes " if each.answered else "no  "
-            print(one_line(f"{answer}  {each.device} at {each.where}: {each.said}"))
-    answered = any(each.answered for each in found)
-    code = exits.SUCCESS if answered else exits.DEVICE
-    if args.json:
-        print(json_line({"asked": msgspec.to_builtins(found), "exit_code": code}))
-    elif answered:
-        print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
-    else:
-        exits.report_line("no device answers: check power, cables and addresses")
-    return code
+    found = [check._asdict() for check in checks]
+    return show(args, {"healthy": not failed, "checks": found, "exit_code": code}, text, code)

@@ -1,72 +1,195 @@
-"""`grasp emulate`: the emulated cell for other people's clients."""
+"""`grasp emulate`: the emulated cell for other people's clients, and what a person who stands
+beside it types."""
 
 import argparse
+import json
+import os
 import secrets
-import sys
+import signal
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
+import msgspec
+
 from drivers.addresses import cannot_listen, check_free, check_host
-from drivers.errors import UsageError
+from drivers.errors import ConfigError, UsageError
+from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_settings, seed, whole
-from grasp.cli.parser import verb
+from grasp.cli.output import aside
+from grasp.cli.view import turned_text
+from scenarios.campaign.config import load_for_devices
+from scenarios.rigs.cell_faults import all_in_words
+from scenarios.rigs.emulated_cell import (
+    CellOrder,
+    EmulatedCell,
+    Listening,
+    end_on_signals,
+    serve,
+)
+from scenarios.tap.config import TapConfig
+from scenarios.tap.mallet import swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
-HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
-
-
-def add_parser(verbs: Any) -> None:
-    parser = verb(verbs, "emulate", emulate, HELP, ". Prints its endpoints as one JSON line when "
-        "it is ready and ends on SIGINT or SIGTERM. An object appears between the fingers once the "
-        "hand is activated. Standard input takes the actions of an operator, one per line: place "
-        "(the object on the table), take (it away), scale (what each fingertip presses with), home "
-        "(the arm, to where it began, its tool turned as it was), look, tap [top|side|closing], "
-        "press FINGER TAXEL [NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), "
-        "fault NAME [SETTING=VALUE ...], fault help.")  # fmt: skip
-    parser.option("--host ADDRESS", "loopback address, e.g. 127.0.0.2 (default: a free one; never "
-        "127.0.0.1, where ur_rtde skips a check)")  # fmt: skip
-    parser.option("--gripper-port PORT", "Modbus TCP port (default: a free one; 502 needs "
-        "privileges)", whole(0, 65_535), default=0)  # fmt: skip
-    parser.flag("--beyond-loopback", "let --host be any address of this machine, e.g. in a "
-        "container; what the control and fault channels are asked then needs the token that is "
-        "printed with the endpoints")  # fmt: skip
-    parser.option("--profile", "the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 "
-        "Hz", choices=("cb3", "e-series"), default="cb3")  # fmt: skip
-    parser.flag("--rtu", "put the gripper on a serial line too, a pseudo-terminal that is printed "
-        "with the endpoints")  # fmt: skip
-    parser.option("--object NAME", OBJECT_HELP, default="can")
-    parser.option("--seed N", "random seed", seed, default=0)
-    add_settings(parser)
+DIRECTIONS = ("top", "side", "closing")
+KNOWN = (
+    f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
+    "press FINGER TAXEL [NEWTONS] | lay FINGER NEWTONS | fault NAME [SETTING=VALUE ...] | "
+    "fault help"
+)
+STDIN = 0
+POLL_S = 0.05
+PRESS_S = 1.0  # of a pad
 
 
 def emulate(args: argparse.Namespace) -> int:
-    from grasp.cli.emulate_words import Words
-    from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.emulated_cell import CellOrder, Listening, end_on_signals, serve
-
-    _check_host(args.host, args.beyond_loopback, args.gripper_port)
+    check_address(args.host, args.beyond_loopback, args.gripper_port)
     there = Listening(
         host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
         token=secrets.token_hex(16) if args.beyond_loopback else "",
     )  # fmt: skip
     period = f"arm_model.period_s={PERIODS_S[args.profile]}"
     config = load_for_devices(args.object, "emulated", args.config, [period, *args.set])
-    print("cell: starts; the first time, the world is compiled", file=sys.stderr, flush=True)
-    words = Words(config.for_tap(), args.seed)
+    aside("cell: starts; the first time, the world is compiled")
+    console = Console(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:
-        serve(order, there, ended, words.listen)
+        serve(order, there, ended, console.listen)
     except OSError as error:
         raise cannot_listen(args.host or "loopback", error) from None
     return exits.SUCCESS
 
 
-def _check_host(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
-    """Before the world is compiled, which takes a while."""
-    from drivers.ur.emulator.server import PORTS
-
+def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
+    """Check where to listen before the world is compiled, which takes a while."""
     if host is not None:
         check_host(host, beyond_loopback)
         check_free(host, (*PORTS, gripper_port))
     elif beyond_loopback:
         raise UsageError("--beyond-loopback needs --host", "name the address to listen on")
+
+
+class Console:
+    """Executes lines of standard input, where that is a terminal or a pipe, until it ends."""
+
+    def __init__(self, config: TapConfig, seed: int) -> None:
+        """``config`` says how hard the mallet strikes; that is searched here, where nobody waits
+        for a device's reply."""
+        self._typed = _is_typed()
+        self._taps: dict[str, Any] = {}
+        for direction in DIRECTIONS if self._typed else ():
+            tap = msgspec.structs.replace(config.tap, direction=direction)
+            try:
+                found = swing(msgspec.structs.replace(config, tap=tap), seed)
+                self._taps[direction] = msgspec.to_builtins(found.blow)
+            except ConfigError as none_found:  # what falls by itself is tapped by nobody
+                self._taps[direction] = none_found
+
+    def listen(self, cell: EmulatedCell) -> None:
+        """Begin to execute; returns at once."""
+        if not self._typed:
+            return
+        # sent to the background: reading from the terminal fails then, instead of stopping us
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+        if os.isatty(STDIN):
+            _say(f"what a person does, a line each: {KNOWN}")
+        threading.Thread(target=self._run, args=(cell,), name="console", daemon=True).start()
+
+    def _run(self, cell: EmulatedCell) -> None:
+        for line in _lines():
+            if line.strip():
+                _say(self._execute(cell, line.split()))
+
+    def _execute(self, cell: EmulatedCell, words: list[str]) -> str:
+        if words in (["fault"], ["fault", "help"]):
+            return f"faults:\n{all_in_words()}"
+        try:
+            reply = cell.obey(self._request(words))
+        except (ValueError, KeyError, msgspec.MsgspecError) as error:
+            return f"{error.args[0] if error.args else error}: {KNOWN}"
+        while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
+            time.sleep(POLL_S)
+            reply = cell.obey({"verb": "home"})
+        if words[0] == "press":
+            time.sleep(PRESS_S)  # done is who has let go
+        if "error" in reply:
+            return str(reply["error"])
+        if words[0] in ("look", "scale"):
+            return (_look_text if words[0] == "look" else _scale_text)(reply["truth"])
+        return f"done: {reply['told']}" if "told" in reply else "done"
+
+    def _request(self, words: list[str]) -> dict[str, Any]:
+        match words:
+            case ["fault", name, *pairs]:
+                settings = (pair.partition("=") for pair in pairs)
+                return {"verb": "fault", "name": name, **{k: _value(v) for k, _, v in settings}}
+            case ["tap"] | ["tap", ("top" | "side" | "closing")]:
+                found = self._taps[words[-1] if words[1:] else "top"]
+                if isinstance(found, ConfigError):
+                    raise ValueError(str(found))
+                return {"verb": "tap", **found}
+            case ["press", finger, taxel, *newtons] if len(newtons) < 2:
+                force = {"newtons": _value(newtons[0])} if newtons else {}
+                return {"verb": "press", "finger": finger.upper(), "taxel": _value(taxel), **force,
+                        "seconds": PRESS_S}  # fmt: skip
+            case ["lay", finger, newtons]:
+                return {"verb": "lay", "finger": finger.upper(), "newtons": _value(newtons)}
+            case ["look"] | ["scale"]:
+                return {"verb": "truth"}
+            case ["place"] | ["take"] | ["home"]:
+                return {"verb": words[0]}
+        raise ValueError(f"{' '.join(words)!r} is not known")
+
+
+def _scale_text(truth: dict[str, Any]) -> str:
+    """What scales under the fingertips would say."""
+    fingers = zip("ABC", truth["normal_n"], strict=True)
+    return "pressed with " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
+
+
+def _look_text(truth: dict[str, Any]) -> str:
+    """What a person sees of an object."""
+    held = "held" if max(truth["normal_n"]) > 0 else "not touched"
+    moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
+    turned = turned_text(truth["turn_rad"])
+    return (
+        f"the object is {held}, {truth['height_m'] * 1e3:.0f} mm above the table, "
+        f"{moved_mm:.1f} mm from its mark{', ' if turned else ''}{turned}"
+    )
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _is_typed() -> bool:
+    """Whether somebody may type: not for standard input from nowhere, or a terminal in front of
+    which another program runs."""
+    try:
+        mode = os.fstat(STDIN).st_mode
+        if not os.isatty(STDIN):
+            return stat.S_ISFIFO(mode)
+        return os.tcgetpgrp(STDIN) == os.getpgrp()
+    except OSError:  # closed
+        return False
+
+
+def _lines() -> Iterator[str]:
+    """As they come. Not through sys.stdin, whose lock a thread that waits would hold at the end."""
+    typed = b""
+    with suppress(OSError):
+        while some := os.read(STDIN, 4096):
+            *lines, typed = (typed + some).split(b"\n")
+            for line in lines:
+                yield line.decode(errors="replace")
+
+
+def _say(text: str) -> None:
+    with suppress(OSError):
+        aside(f"cell: {text}")

@@ -6,8 +6,8 @@ import sys
 from typing import Any
 
 from drivers.errors import one_line
-from grasp import interruption
-from grasp.cli.output import json_line
+from grasp import signals
+from grasp.cli.output import print_json, standard_output
 
 SUCCESS = 0
 TRIAL_FAILED = 1
@@ -28,7 +28,7 @@ _CODE_OF_KIND = {
     "device_fault": DEVICE,
     "refused": SAFETY_STOP,
     "stale": SAFETY_STOP,
-    "doubted": SAFETY_STOP,
+    "implausible": SAFETY_STOP,
     "safety_stop": SAFETY_STOP,
     "could_not_record": INTERNAL,
     "internal": INTERNAL,
@@ -82,11 +82,11 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
     name or what a file holds, does nothing to a terminal."""
     code = code_of(kind)
     if code == INTERRUPTED:
-        code = SIGNALLED + interruption.number()
+        code = SIGNALLED + signals.number()
     with contextlib.suppress(OSError):  # a terminal that was closed: nobody reads it
         if as_json:
             error = {"kind": kind, "message": message, "remedy": remedy}
-            print(json_line({"error": error, "exit_code": code, **extra}), flush=True)
+            print_json({"error": error, "exit_code": code, **extra})
         else:
             said, how = one_line(message, MOST_SAID), one_line(remedy, MOST_SAID)
             print(f"grasp: {said}" + (f" ({how})" if how else ""), file=sys.stderr)
@@ -96,5 +96,5 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
 def nobody_reads() -> int:
     """Standard output is gone: say no more there; 0, or the code of the signal that ended the
     run."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return SIGNALLED + interruption.number() if interruption.asked() else SUCCESS
+    os.dup2(os.open(os.devnull, os.O_WRONLY), standard_output().fileno())
+    return SIGNALLED + signals.number() if signals.asked() else SUCCESS

@@ -1,57 +1,33 @@
-"""What verbs of a lab's own devices share: options, settings, questions, how they end."""
+"""What commands of a lab's own devices share: settings, dry runs, permission to move,
+warnings, and questions to the person at the terminal."""
 
 import argparse
+import os
+import select
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
+from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
+from drivers.ur.link.preflight import judge_speed, look
+from grasp import signals
 from grasp.cli import exits
-from grasp.cli.options import add_confirmation, add_settings, motion_permit
-from grasp.cli.output import json_line
-from grasp.cli.parser import Parser, verb
+from grasp.cli.output import print_json
+from scenarios.campaign.config import load_for_devices
+from scenarios.rigs.calibration import weak_claim
+from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.permission import HARDWARE, arm_address, permit
 
-FINGERS = ("A", "B", "C")
+TYPED_BYTES = 4096  # at most; the kernel cuts what is typed there too
+READS = 4  # at once
 
-
-def add_lab(parser: Parser, moves: bool) -> None:
-    """`--rig`, settings and `--json`; of what ``moves`` something, `--confirm-motion` and
-    `--dry-run` too."""
-    parser.option("--rig NAME", "hardware, or a .toml file of a similar rig",
-        default="hardware")  # fmt: skip
-    add_settings(parser)
-    parser.flag("--json", "one JSON object on standard output, nothing else")
-    if moves:
-        add_confirmation(parser)
-        parser.flag("--dry-run", "print what would move, and move nothing")
+say = exits.report_line  # on standard error: what will move, or what became of what was stopped
 
 
-def add_verb(
-    verbs: Any, name: str, handler: Callable[..., int], text: str, moves: bool = True
-) -> Parser:
-    """Add a command for a lab's devices, with their common options."""
-    parser = verb(verbs, name, handler, text)
-    add_lab(parser, moves)
-    return parser
-
-
-def tell(args: argparse.Namespace, told: dict[str, Any], code: int = exits.SUCCESS) -> int:
-    """Print what was done, or would be done; returns ``code``."""
-    if args.json:
-        print(json_line({**told, "exit_code": code}))
-    else:
-        for key, text in told.items():
-            print(f"would {text}" if key == "would" else text)
-    return code
-
-
-def lab_config(args: argparse.Namespace) -> Any:
+def load_config(args: argparse.Namespace) -> Any:
     """Settings for a lab's own devices; raises UsageError for a rig that has none."""
-    from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.permission import HARDWARE
-
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:
         raise UsageError(
@@ -61,26 +37,91 @@ def lab_config(args: argparse.Namespace) -> Any:
     return config
 
 
-def leave_to_move(config: Any, args: argparse.Namespace, plan: Callable[[], str]) -> Any:
-    """As ``motion_permit``; a refusal says what would move, as far as the settings know it."""
+class Done(NamedTuple):
+    """What a command did: in words, for --json if that is more, and its exit code."""
+
+    text: str
+    value: dict[str, Any] | None = None
+    code: int = exits.SUCCESS
+
+
+def print_done(args: argparse.Namespace, done: Done, key: str = "done") -> int:
+    """Print what was done, or would be done; returns the exit code."""
+    if args.json:
+        value = {key: done.text} if done.value is None else done.value
+        print_json({**value, "exit_code": done.code})
+    elif done.text:
+        print(f"would {done.text}" if key == "would" else done.text)
+    return done.code
+
+
+def perform(
+    args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
+    act: Callable[[Any], Done], before: Callable[[], object] = lambda: None, moves: bool = True,
+) -> int:  # fmt: skip
+    """Run a command that moves a lab's devices, or its dry run.
+
+    ``plan``: what would move as far as the settings say, told with a refusal. ``look``: queries the
+    devices for a dry run and returns what would move; raises what the motion would. ``before``:
+    warns and asks. ``act``: moves, with the permit; of what does not move, without.
+    """
+    if args.dry_run:
+        return print_done(args, Done(look()), "would")
+    permit = motion_permit(config, args, plan) if moves else None
+    before()
+    with signals.deferred():
+        done = act(permit)
+    return print_done(args, done)
+
+
+def motion_permit(
+    config: Any, args: argparse.Namespace, plan: Callable[[], str] | None = None
+) -> Any:
+    """Permission to move real devices; None where the rig has none. Raises UsageError without
+    `--confirm-motion`, after it has said what would move."""
     try:
-        return motion_permit(config, args)
+        return permit(config, args.confirm_motion, args.config, args.set, args.rig)
     except UsageError:
-        with suppress(GraspError):
-            say(f"would {plan()}")
+        if plan is not None:
+            with suppress(GraspError):
+                say(f"would {plan()}")
         raise
 
 
-def will(what: str) -> None:
-    """On standard error, before it moves."""
-    say(f"will {what}")
+# Warnings on standard error
 
 
-def new_file(path: Path) -> None:
-    """Raises UsageError where something is there already: asked before a person has done the
-    work."""
-    if path.exists():
-        raise UsageError(f"{path} is there already", "name another file: none is overwritten")
+def warn_of_weak_calibration(calibration: Any) -> None:
+    """What a calibration claims against the manual, if it does."""
+    if calibration is not None and (claim := weak_claim(calibration)):
+        say(claim)
+
+
+def warn_of_slow_arm(config: Any) -> None:
+    """What the arm's speed slider makes of its speeds; what refuses a run, or does not answer, is
+    reported by whoever opens the arm."""
+    if config.devices.arm:
+        return
+    with suppress(GraspError):
+        _, now = look(arm_address(config), config.ur.step_timeout_s)
+        slider = judge_speed(now.speed_fraction)
+        if slider.status == "warn":
+            say(f"{slider.detail} ({slider.remedy})")
+
+
+def warn_of_mode(config: Any, opened: bool = False) -> None:
+    """What it means that a hand is not in basic mode. That scissor mode keeps it from closing is
+    reported by whoever opens the hand, unless it is ``opened`` only."""
+    if config.devices.gripper:
+        return
+    with suppress(GraspError):
+        _, now = read_gripper(config)
+        mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
+        if strange := other_than_basic(mode):
+            say(f"the hand is {strange} ({TO_BASIC})")
+
+
+# The person at the terminal
 
 
 def confirm(question: str, word: str, given: bool) -> None:
@@ -88,52 +129,64 @@ def confirm(question: str, word: str, given: bool) -> None:
     anything else, and where nobody can be asked."""
     if given:
         return
-    option = f"--{word}"
     if sys.stdin is None or not sys.stdin.isatty():
-        raise UsageError(f"nobody is there to be asked: {question}", f"if so, add {option}")
+        raise UsageError(f"nobody is there to be asked: {question}", f"if so, add --{word}")
     print(f"{question} Type {word}: ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() != word:
         raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when it is so")
 
 
-def tell_weak(calibration: Any) -> None:
-    """On standard error what a calibration claims against the manual, if it does."""
-    from scenarios.rigs.calibration import weak_claim
+class TerminalOperator:
+    """Asks on standard error and reads answers on standard input; neither ever blocks."""
 
-    if calibration is not None and (claim := weak_claim(calibration)):
-        exits.report_line(claim)
+    def __init__(self) -> None:
+        self.typed = b""  # and not yet polled
+        self._gone = False
 
+    def expect(self) -> None:
+        """Before anything moves: raises UsageError where the input has ended, as of a script, so
+        that nobody would answer."""
+        if not self._read():
+            told = "nobody is there to be asked: standard input has ended"
+            raise UsageError(told, "start it at a terminal: nothing was moved")
 
-def tell_slow(config: Any) -> None:
-    """On standard error what the arm's speed slider makes of its speeds; what refuses a run, or
-    does not answer, is told by whoever opens the arm."""
-    from drivers.ur.link.preflight import judge_speed, look
-    from scenarios.rigs.permission import arm_address
+    def say(self, text: str) -> None:
+        """Ask; what was typed before the question is no answer to it."""
+        self._read()
+        self.typed = b""
+        self._print(text)
 
-    if config.devices.arm:
-        return
-    with suppress(GraspError):
-        _, now = look(arm_address(config), config.ur.step_timeout_s)
-        slider = judge_speed(now.speed_fraction)
-        if slider.status == "warn":
-            exits.report_line(f"{slider.detail} ({slider.remedy})")
+    def poll(self) -> str | None:
+        """A line, once it is there. A terminal that closed counts as Ctrl-C, once: nobody is
+        left."""
+        if self._gone:
+            return None
+        ended = b"\n" not in self.typed and not self._read()
+        if ended and b"\n" not in self.typed:
+            self._gone = True
+            self._print("standard input has ended")
+            raise KeyboardInterrupt
+        line, newline, rest = self.typed.partition(b"\n")
+        if not newline:
+            return None
+        self.typed = rest
+        return line.decode(errors="replace")
 
+    def _print(self, text: str) -> None:
+        with suppress(OSError):  # the terminal was closed
+            print(f">>> {text}", file=sys.stderr, flush=True)
 
-def tell_mode(config: Any, opened: bool = False) -> None:
-    """On standard error, of a hand that is not in basic mode, what that means. That scissor mode
-    keeps it from closing is told by whoever opens the hand, unless it was ``opened`` only."""
-    from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
-    from scenarios.rigs.device_checks import read_gripper
-
-    if config.devices.gripper:
-        return
-    with suppress(GraspError):
-        _, now = read_gripper(config)
-        mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
-        if strange := other_than_basic(mode):
-            exits.report_line(f"the hand is {strange} ({TO_BASIC})")
-
-
-def say(text: str) -> None:
-    """On standard error: what will move, or what became of something that was stopped."""
-    exits.report_line(text)
+    def _read(self) -> bool:
+        """Take what is there; False at the end of the input. Never much at once: a program that
+        types without end must not keep whoever looks after the arm."""
+        for _ in range(READS):
+            try:
+                if not select.select([sys.stdin], [], [], 0)[0]:
+                    break
+                some = os.read(sys.stdin.fileno(), TYPED_BYTES)
+            except (OSError, TypeError, ValueError):  # the terminal was closed, or there is none
+                return False
+            if not some:
+                return False
+            self.typed = (self.typed + some)[-TYPED_BYTES:]
+        return True

@@ -1,28 +1,22 @@
-"""Options that several verbs share."""
+"""Options that several commands share, and readers of the values of options."""
 
 import argparse
 import math
 import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli.parser import Parser
+from grasp.files import against_writing, cannot, nearest
 
 if TYPE_CHECKING:
-    from scenarios.rigs.config import AnyRigConfig
-    from scenarios.rigs.permission import MotionPermit
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
-RUNS = "runs"
-LINES = 10  # where there is no terminal: a line for each tenth
+PICTURES = (".svg", ".png", ".pdf")
 OBJECT_HELP = (
     "one of config/objects (ball, box, can, cardboard, foam, football; kept for testing: book, "
     "bottle, jar, mug, orange, sponge), or the path of a .toml file of one's own"
@@ -55,7 +49,61 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
     return number
 
 
-seed = whole(0, 2**63 - 1)
+def file_to_write(text: str) -> Path:
+    """Reads the name of a file, in a folder that is there and can be written."""
+    return _writable(Path(text), _problem(Path(text), Path(text).parent))
+
+
+def file_with_folders(text: str) -> Path:
+    """As ``file_to_write``, where missing folders are made."""
+    return _writable(Path(text), _problem(Path(text), nearest(Path(text).parent)))
+
+
+def folder_to_fill(text: str) -> Path:
+    """Reads the name of a folder, one that is there or can be made."""
+    return _writable(Path(text), against_writing(nearest(Path(text))))
+
+
+def picture(text: str) -> Path:
+    """Reads the name of a file of a kind that can be drawn."""
+    if Path(text).suffix not in PICTURES:
+        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
+    return file_to_write(text)
+
+
+def _writable(path: Path, problem: str) -> Path:
+    if problem:
+        raise argparse.ArgumentTypeError(f"{str(path)!r}: {problem}")
+    return path
+
+
+def _problem(path: Path, folder: Path) -> str:
+    """Why a file cannot be written in a folder; empty if it can."""
+    try:
+        if path.is_dir():
+            return "is a folder"
+        if path.exists() and not path.is_file():  # /dev/stdout
+            return ""
+    except OSError as error:
+        return cannot(error, folder)
+    return against_writing(folder)
+
+
+def check_writable(path: Path, begins: str = "") -> None:
+    """Raises UsageError where no file can be written, or one is there that does not begin as this
+    program's own files, before anything moves or is computed."""
+    problem = _problem(path, path.parent)
+    if begins and path.is_file() and not path.read_bytes().startswith(begins.encode()):
+        problem = "is there already"
+    if problem:
+        raise UsageError(f"{path}: {problem}", "name another file")
+
+
+def check_new(path: Path | None) -> None:
+    """Raises UsageError where something is there already, before a person has done the work."""
+    if path is not None and path.exists():
+        raise UsageError(f"{path} is there already", "name another file: none is overwritten")
 
 
 def need(extra: str, *packages: str) -> None:
@@ -66,114 +114,43 @@ def need(extra: str, *packages: str) -> None:
         raise UsageError(f"this needs {' and '.join(missing)}", remedy)
 
 
-@contextmanager
-def progress(
-    doing: str, hidden: bool = False, every_s: float = math.inf
-) -> "Iterator[Callable[..., None]]":
-    """A moving bar with the time left on standard error, a line for each tenth where that is no
-    terminal, and after ``every_s`` without one; yields what takes done, total and what is done
-    now."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    if not hidden and not sys.stderr.isatty():
-        yield _lines(doing, every_s)
-        return
-    with Progress(console=Console(stderr=True), transient=True, disable=hidden) as bar:
-        task = bar.add_task(doing, total=None)
-        yield lambda done, total, text=doing: bar.update(
-            task, completed=done, total=total, description=text
-        )
-
-
-def _lines(doing: str, every_s: float) -> Callable[..., None]:
-    start_s, shown, last = time.monotonic(), 0, 0
-    told_s = start_s
-
-    def show(done: int, total: int, text: str = doing) -> None:
-        nonlocal start_s, shown, last, told_s
-        now_s = time.monotonic()
-        if done < last:  # the next of several
-            start_s, shown = now_s, 0
-        last = done
-        silent = done < 1 or now_s - told_s < every_s
-        if LINES * done // max(1, total) <= shown and silent:
-            return
-        shown, told_s = LINES * done // total, now_s
-        left_s = (now_s - start_s) * (total - done) / done
-        print(f"{text}: {done} of {total}, {left_s:.0f} s left", file=sys.stderr)
-
-    return show
+seed = whole(0, 2**63 - 1)
+_FLAG = {"action": "store_true"}
+# what `share` adds: option and value, help, more
+SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "json": ("--json", "one JSON object on standard output, nothing else", _FLAG),
+    "config": ("--config FILE", "TOML over the packaged settings; several: later ones on top "
+        "(default: $GRASP_CONFIG)", {"type": Path, "action": "append"}),
+    "set": ("--set SECTION.KEY=VALUE", "one setting; may be repeated; `grasp config` lists them",
+        {"action": "append", "default": []}),
+    "rig": ("--rig NAME", "emulated (real protocols to a cell in another process), simulated "
+        "(virtual time), hardware, or a .toml file based on one of these", {"default": "emulated"}),
+    "seed": ("--seed N", "random seed", {"type": seed, "default": 0}),
+    "object": ("--object NAME", f"{OBJECT_HELP} (default: %(default)s)", {"default": "can"}),
+    "profile": ("--profile NAME", "one of config/profiles: how detector, decision and reaction are "
+        "set together", {"default": "default"}),
+    "detector": ("--detector NAME", "one of config/detectors, one that an installed package "
+        "offers, or one of your own: FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
+    "runs": ("--runs DIR", "folder of recordings", {"type": Path, "default": "runs"}),
+    "jobs": ("--jobs N", "worker processes (default: one per core)",
+        {"type": whole(1, MOST_JOBS), "default": len(os.sched_getaffinity(0))}),
+    "cluster": ("--cluster ADDRESS", "use the workers of this Dask scheduler instead, e.g. "
+        "tcp://10.0.0.1:8786 (needs the extra `cluster`)", {}),
+    "confirm": ("--confirm-motion", "required for every motion of the hardware rig: confirms that "
+        "the cell is clear and a person watches", _FLAG),
+    "dry": ("--dry-run", "on real devices: query them, print what would move, and move nothing",
+        _FLAG),
+}  # fmt: skip
 
 
-def one_by_one(
-    names: Sequence[str], doing: str, hidden: bool
-) -> Iterator[tuple[str, Callable[[int, int], None]]]:
-    """The names one by one, each with what takes how much of the work on it is done, of how much:
-    a bar or lines of its own."""
-    with progress(doing, hidden) as show:
-        for name in names:
-            yield name, partial(show, text=f"{doing} {name}")
-
-
-def add_runs(parser: Parser, kind: Callable[[str], Path] = Path) -> None:
-    """`--runs DIR`. ``kind``: what reads it, and the folder that nobody named too: a text."""
-    parser.option("--runs DIR", "folder of recordings", kind, default=RUNS)
-
-
-def add_settings(parser: Parser, of: str = "") -> None:
-    """`--config FILE`, `--set SECTION.KEY=VALUE`. ``of``: what they are for, if not for all."""
-    parser.option("--config FILE",
-        f"{of}TOML over the packaged settings; several: later ones on top (default: "
-        "$GRASP_CONFIG)", Path, action="append")  # fmt: skip
-    parser.option("--set SECTION.KEY=VALUE",
-        f"{of}one setting; may be repeated; `grasp config` lists them", action="append",
-        default=[])  # fmt: skip
-
-
-def no_settings(parser: Parser) -> None:
-    """Of verbs that show what was made before: `--config` and `--set` would change nothing."""
-    parser.refuse(
-        "--config", "--set", because="what was recorded keeps the settings that it was made with"
-    )
-
-
-def add_confirmation(parser: Parser) -> None:
-    """`--confirm-motion`, of the verbs that may move real devices."""
-    parser.flag("--confirm-motion", "required for every motion of the hardware rig: confirms that "
-        "the cell is clear and a person watches")  # fmt: skip
-
-
-def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPermit | None":
-    """Leave to move real devices, by what `add_settings` and `add_confirmation` read; None where
-    the rig has none. For verbs made for a lab alone."""
-    from scenarios.rigs.permission import permit
-
-    return permit(config, args.confirm_motion, args.config, args.set, args.rig)
-
-
-def network_path(word: str) -> Path:
-    """The weights of a packaged network or of a file; raises UsageError for a name that is none."""
-    from detector.network_file import is_weights, packaged_networks, weights_path
-    from grasp.settings import meant
-
-    known = packaged_networks()
-    if not is_weights(word) and word not in known:
-        told = f"{word!r} is no network of this project{meant(word, known)}"
-        raise UsageError(told, f"one of {', '.join(known)}, or a file that ends in .onnx")
-    return weights_path(word)
-
-
-def add_workers(parser: Parser) -> None:
-    """`--jobs N`: worker processes on this machine; `--cluster ADDRESS`: a Dask cluster's."""
-    parser.option("--jobs N", "worker processes (default: one per core)", whole(1, MOST_JOBS),
-        default=len(os.sched_getaffinity(0)))  # fmt: skip
-    parser.option("--cluster ADDRESS", "use the workers of this Dask scheduler instead, e.g. "
-        "tcp://10.0.0.1:8786 (needs the extra `cluster`)")  # fmt: skip
+def share(parser: Parser, names: str) -> None:
+    """Add shared options, in this order."""
+    for option, text, given in (SHARED[name] for name in names.split()):
+        parser.option(option, text, **given)
 
 
 def workers(args: argparse.Namespace) -> "Workers":
-    """Who works, by what `add_workers` read."""
+    """Who works, by the shared options."""
     from scenarios.rigs.workers import Workers
 
     return Workers(args.jobs, args.cluster)

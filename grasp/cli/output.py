@@ -1,24 +1,123 @@
-"""Standard input, output and error: all three there; and under --json JSON and nothing else on
+"""How results and progress are printed: lines for a person; under --json, JSON and nothing else on
 standard output, whatever a library prints."""
 
+import argparse
 import contextlib
 import errno
-import io
-import json
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
 from drivers.errors import UnreadError
 
 GONE = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a terminal that was closed
+PROGRESS_LINES = 10  # where there is no terminal: a line for each tenth
+_results: TextIO | None = None  # standard output, while --json has all else go to standard error
+
+
+def json_line(value: Any) -> str:
+    """In one line; a number that is none, as the infinite delay of a miss, is null."""
+    import msgspec
+
+    return msgspec.json.encode(value, enc_hook=_builtin).decode()
+
+
+def _builtin(value: Any) -> Any:
+    """Of a type that msgspec does not know: a path, a number of NumPy."""
+    return str(value) if isinstance(value, os.PathLike) else value.item()
+
+
+def standard_output() -> TextIO:
+    """Where results are printed."""
+    return _results or sys.stdout
+
+
+def print_json(value: Any) -> None:
+    """Print a result in one line."""
+    print(json_line(value), file=standard_output(), flush=True)
+
+
+def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], code: int = 0) -> int:
+    """Print a result: ``value`` under --json, else ``text``; returns ``code``."""
+    if args.json:
+        print_json(value)
+    elif text := text if isinstance(text, str) else text():
+        print(text)
+    return code
+
+
+def listing(result: Any) -> str:
+    """The fields of a result, a line each, under the names that they have in JSON too; numbers with
+    four digits, and with the 95 % interval that ``intervals`` has of them."""
+    import msgspec
+
+    fields = msgspec.structs.asdict(result) if isinstance(result, msgspec.Struct) else dict(result)
+    intervals = fields.pop("intervals", {})
+    lines = []
+    for name, value in fields.items():
+        if value is not None:
+            low_high = f" [{_text(intervals[name])}]" if name in intervals else ""
+            lines.append(f"  {name:<30}{_text(msgspec.to_builtins(value))}{low_high}")
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(each)}" for name, each in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(each) for each in value)
+    return str(value)
+
+
+def aside(text: str) -> None:
+    """A line on standard error, of what is done now."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def progress(
+    doing: str, hidden: bool = False, every_s: float = math.inf
+) -> Iterator[Callable[..., None]]:
+    """A moving bar with the time left on standard error, a line for each tenth where that is no
+    terminal, and after ``every_s`` without one; yields what takes done, total and what is done
+    now."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    if not hidden and not sys.stderr.isatty():
+        yield _progress_lines(doing, every_s)
+        return
+    with Progress(console=Console(stderr=True), transient=True, disable=hidden) as bar:
+        task = bar.add_task(doing, total=None)
+        yield lambda done, total, text=doing: bar.update(
+            task, completed=done, total=total, description=text
+        )
+
+
+def _progress_lines(doing: str, every_s: float) -> Callable[..., None]:
+    start_s = shown_s = time.monotonic()
+    shown = 0
+
+    def show(done: int, total: int, text: str = doing) -> None:
+        nonlocal shown, shown_s
+        now_s, tenth = time.monotonic(), PROGRESS_LINES * done // max(1, total)
+        if done < 1 or (tenth <= shown and now_s - shown_s < every_s):
+            return
+        shown, shown_s = tenth, now_s
+        left_s = (now_s - start_s) * (total - done) / done
+        aside(f"{text}: {done} of {total}, {left_s:.0f} s left")
+
+    return show
 
 
 def open_standard_streams() -> None:
-    """Those that whoever started us had closed lead nowhere: else the next file opened, a recording
-    say, would get such a number, and whatever is printed."""
+    """Open those that whoever started us had closed, on nothing: the next file that is opened, say
+    a recording, would get such a number, and whatever is printed."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
@@ -27,108 +126,62 @@ def open_standard_streams() -> None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
 
 
-class _Known:
-    """A standard stream of which it is known that what is raised is its own: output raises
-    UnreadError then, and what is said beside it is said to nobody."""
+class _Stream:
+    """A standard stream whose errors cannot be taken for a device's: without a reader standard
+    output raises UnreadError, and standard error nothing."""
 
-    def __init__(self, stream: TextIO, aside: bool) -> None:
-        self._stream, self._aside = stream, aside
+    def __init__(self, stream: TextIO, silent: bool) -> None:
+        self._stream, self._silent = stream, silent
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        return self._done(lambda: self._stream.write(text)) or 0
+        return self._guarded(lambda: self._stream.write(text)) or 0
 
     def flush(self) -> None:
-        self._done(self._stream.flush)
+        self._guarded(self._stream.flush)
 
-    def _done(self, action: Callable[[], int | None]) -> int | None:
+    def _guarded(self, action: Callable[[], int | None]) -> int | None:
         try:
             return action()
         except OSError as error:
             if error.errno not in GONE:
                 raise
-            if not self._aside:
+            if not self._silent:
                 raise UnreadError(*error.args) from None
             return None
 
 
 @contextlib.contextmanager
-def known_streams() -> Iterator[None]:
-    """Within, standard output and error raise nothing that could be taken for a device's."""
-    out, err = cast(TextIO, _Known(sys.stdout, False)), cast(TextIO, _Known(sys.stderr, True))
+def guarded_streams() -> Iterator[None]:
+    """Within, errors of standard output and error are known for theirs."""
+    out, err = cast(TextIO, _Stream(sys.stdout, False)), cast(TextIO, _Stream(sys.stderr, True))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         yield
 
 
-def json_line(value: Any) -> str:
-    """An answer in one line. A number that is none (a miss is a delay without end) is null, since
-    JSON knows no infinity."""
-    return json.dumps(_finite(value), allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    return [_finite(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-class _OnlyJson(io.TextIOBase):
-    """Lines that hold a JSON object or array go on, all others to standard error."""
-
-    def __init__(self, out: TextIO) -> None:
-        self._out = out
-        self._line = ""
-
-    def writable(self) -> bool:
-        return True
-
-    def fileno(self) -> int:
-        return self._out.fileno()
-
-    def write(self, text: str) -> int:
-        *lines, self._line = (self._line + text).split("\n")
-        for line in lines:
-            print(line, file=self._out if _is_answer(line) else sys.stderr)
-        return len(text)
-
-    def flush(self) -> None:
-        self._out.flush()
-
-
-def _is_answer(line: str) -> bool:
-    if not line.startswith(("{", "[")):
-        return False
-    try:
-        json.loads(line)
-    except (ValueError, RecursionError):
-        return False
-    return True
-
-
 @contextlib.contextmanager
 def only_json() -> Iterator[None]:
-    """Within, what is no JSON goes to standard error: Python's prints, and those of libraries and
-    processes that write to the descriptor itself."""
+    """Within, ``print_json`` alone writes to standard output. What else is printed goes to standard
+    error, also by libraries and processes that write to the descriptor itself."""
+    global _results  # noqa: PLW0603  (there is one standard output)
     out = sys.stdout
     with contextlib.ExitStack() as stack:
         if _is_descriptor_1(out):
             out.flush()
             kept = os.dup(1)
             os.dup2(2, 1)
-            stack.callback(_put_back, kept)
-            kept_out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
-            out = cast(TextIO, _Known(kept_out, False))
-        stack.enter_context(contextlib.redirect_stdout(_OnlyJson(out)))
-        yield
-
-
-def _put_back(kept: int) -> None:
-    os.dup2(kept, 1)
-    os.close(kept)
+            stack.callback(os.close, kept)
+            stack.callback(os.dup2, kept, 1)
+            file = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
+            out = cast(TextIO, _Stream(file, False))
+        _results = out
+        try:
+            with contextlib.redirect_stdout(sys.stderr):
+                yield
+        finally:
+            _results = None
 
 
 def _is_descriptor_1(stream: TextIO) -> bool:

@@ -1,21 +1,28 @@
-"""The parser of every verb: errors reported as all others are, help in groups, examples."""
+"""Parser of every command: errors reported as all others are, help in groups, examples, and the
+words that a shell completes."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
 
-# what an option is about, where it is not about the verb's own matter
-ABOUT = {
+# headings in the help of what is not a command's own matter
+HEADINGS = {
     "rig and settings": ("--rig", "--profile", "--detector", "--config", "--set",
                          "--confirm-motion", "--seed"),
     "what is shown and kept": ("--runs", "--out", "--resume", "--report", "--view", "--pace",
-                               "--json", "--verbose"),
-    "who works": ("--jobs", "--cluster"),
+                               "--json"),
+    "workers": ("--jobs", "--cluster"),
 }  # fmt: skip
-TITLES = {option: title for title, options in ABOUT.items() for option in options}
+HEADING_OF = {option: heading for heading, options in HEADINGS.items() for option in options}
 EXAMPLES = "examples:\n"  # an epilog that begins so keeps its lines
+COMPLETING = "_ARGCOMPLETE"  # the variable by which a shell asks for completions
+# arguments that name a file of config/<kind>
+NAMED = {
+    "object": "objects", "objects": "objects", "detector": "detectors", "rig": "rigs",
+    "profile": "profiles", "surface": "surfaces", "campaign": "campaigns",
+}  # fmt: skip
 
 
 class Formatter(argparse.HelpFormatter):
@@ -26,22 +33,23 @@ class Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises usage errors, so that they are reported as every other error is; the parser of a verb
-    those of its own options, so that the help it names is the verb's."""
+    """Raises usage errors, also for unknown options, so that the help they name is the command's
+    own."""
 
     def __init__(self, *args: Any, **given: Any) -> None:
-        self._titled: dict[str, Any] = {}
-        self._why_not: dict[str, str] = {}
+        self._headed: dict[str, Any] = {}
+        self._commands: Any = None
+        self._sections: dict[str, list[argparse.Action]] = {}
         super().__init__(*args, **{"formatter_class": Formatter, **given})
 
     def add_argument(self, *args: Any, **given: Any) -> argparse.Action:
-        """In the group of options that it belongs to."""
-        title = next((TITLES[word] for word in args if word in TITLES), None)
-        if title is None:
+        """Under the heading that it belongs to."""
+        heading = next((HEADING_OF[word] for word in args if word in HEADING_OF), None)
+        if heading is None:
             return super().add_argument(*args, **given)
-        if title not in self._titled:
-            self._titled[title] = self.add_argument_group(title)
-        action: argparse.Action = self._titled[title].add_argument(*args, **given)
+        if heading not in self._headed:
+            self._headed[heading] = self.add_argument_group(heading)
+        action: argparse.Action = self._headed[heading].add_argument(*args, **given)
         return action
 
     def flag(self, name: str, text: str) -> None:
@@ -66,78 +74,93 @@ class Parser(argparse.ArgumentParser):
             given["type"] = reads
         self.add_argument(*words, help=text, **given)
 
-    def refuse(self, *options: str, because: str) -> None:
-        """Say why it does not take what other verbs take."""
-        self._why_not |= dict.fromkeys(options, because)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        namespace, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            reasons = [self._why_not.get(word.partition("=")[0]) for word in unknown]
-            why = next((f": {reason}" for reason in reasons if reason), "")
-            self.error(f"`{self.prog}` does not take {' '.join(unknown)}{why}")
-        for action in self._actions:
-            if action.nargs in ("+", "*"):
-                self._check_once(action, getattr(namespace, action.dest, None) or ())
-        return namespace, unknown
-
-    def _check_once(self, action: argparse.Action, values: Sequence[object]) -> None:
-        """What is listed twice would be counted twice."""
-        for value in dict.fromkeys(values):
-            if values.count(value) > 1:
-                name = "/".join(action.option_strings) or action.metavar or action.dest
-                self.error(f"argument {name}: {value} twice")
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(message, f"see `{self.prog} --help`")
-
-    def arguments(self) -> list[argparse.Action]:
-        """All that it takes, but verbs."""
-        return [a for a in self._actions if not isinstance(a, argparse._SubParsersAction)]  # noqa: SLF001
-
-    def verbs(self) -> dict[str, "Parser"]:
-        """Its own verbs by name; none where it is a verb itself."""
-        for action in self._actions:
-            if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001  (no public way)
-                return dict(action.choices)
-        return {}
-
-    def listed(self) -> list[argparse.Action]:
-        """Its verbs as the help lists them."""
-        every = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]  # noqa: SLF001
-        return [verb for action in every for verb in action._choices_actions]  # noqa: SLF001
-
-
-class RootParser(Parser):
-    """Lists its verbs by what they are for."""
-
-    def __init__(self, *args: Any, groups: Mapping[str, Sequence[str]], **given: Any) -> None:
-        self._groups = groups
-        super().__init__(*args, **given)
+    def command(
+        self, name: str, text: str, more: str = "", examples: Sequence[str] = (), section: str = ""
+    ) -> "Parser":
+        """Add a command. ``text``: its line in lists; ``more``: what its own help adds.
+        ``section``: of a help that lists commands in sections."""
+        if self._commands is None:
+            self._commands = self.add_subparsers(
+                metavar="COMMAND", required=True, parser_class=Parser
+            )
+        if section:
+            listed = argparse.Action([], name, help=text)
+            self._sections.setdefault(section, []).append(listed)
+        parser: Parser = self._commands.add_parser(name, help=text, description=text + more)
+        if examples:
+            parser.epilog = EXAMPLES + "\n".join(f"  {line}" for line in examples)
+        parser.set_defaults(command=parser.prog.partition(" ")[2])
+        return parser
 
     def format_help(self) -> str:
+        """With its commands in sections, if they have any."""
+        if not self._sections:
+            return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
-        told = {verb.dest: verb for verb in self.listed()}
-        for title, names in self._groups.items():
-            formatter.start_section(title)
-            formatter.add_arguments([told[name] for name in names])
+        for section, listed in self._sections.items():
+            formatter.start_section(section)
+            formatter.add_arguments(listed)
             formatter.end_section()
         formatter.add_text(self.epilog)
         return formatter.format_help()
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        namespace, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+        for action in self._actions:
+            if action.nargs in ("+", "*"):
+                values = getattr(namespace, action.dest, None) or ()
+                for value in dict.fromkeys(values):
+                    if values.count(value) > 1:  # it would be counted twice
+                        name = "/".join(action.option_strings) or action.metavar or action.dest
+                        self.error(f"argument {name}: {value} twice")
+        return namespace, unknown
 
-def group(
-    verbs: Any, name: str, text: str, metavar: str = "ACTION", dest: str = argparse.SUPPRESS
-) -> Any:
-    """A verb that has verbs of its own: where they are added."""
-    parser = verbs.add_parser(name, help=text, description=text)
-    return parser.add_subparsers(dest=dest, metavar=metavar, required=True)
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message, f"see `{self.prog} --help`")
+
+    def commands(self) -> "dict[str, Parser]":
+        """Its commands by name; none where it is one that does something."""
+        return {} if self._commands is None else dict(self._commands.choices)
+
+    def arguments(self) -> list[argparse.Action]:
+        """All that it takes but commands."""
+        return [action for action in self._actions if action is not self._commands]
+
+    def leaves(self) -> "Iterator[Parser]":
+        """All commands below it that do something, itself if it has none below."""
+        for parser in self.commands().values():
+            yield from parser.leaves()
+        if self._commands is None:
+            yield self
 
 
-def verb(verbs: Any, name: str, does: Callable[..., int], text: str, more: str = "") -> Parser:
-    """A verb that does something. ``more``: what its own help says after the line of the list."""
-    parser: Parser = verbs.add_parser(name, help=text, description=text + more)
-    parser.set_defaults(handler=does)
-    return parser
+def complete(parser: Parser) -> None:
+    """Answer a shell, and end the process. In ~/.bashrc: `eval "$(register-python-argcomplete
+    grasp)"`."""
+    import argcomplete
+
+    for leaf in parser.leaves():
+        for action in leaf.arguments():
+            if action.dest in NAMED and action.choices is None:
+                action.completer = _names_of(NAMED[action.dest])  # type: ignore[attr-defined]
+    argcomplete.autocomplete(parser)
+
+
+def _names_of(kind: str) -> Callable[..., list[str]]:
+    """Names of config/<kind>, and the files that one of the user's own may be in."""
+
+    def names_and_files(prefix: str, **_: object) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        from detector.plugins import offered
+        from grasp.settings import names
+
+        if kind != "detectors":
+            return [*names(kind), *FilesCompleter(("toml",))(prefix)]
+        return [*names(kind), *offered(), *FilesCompleter(("toml", "py", "onnx"))(prefix)]
+
+    return names_and_files

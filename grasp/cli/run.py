@@ -1,209 +1,248 @@
-"""`grasp run SCENARIO`: one lift, a series of taps or an acquisition, live and recorded."""
+"""`grasp run SCENARIO`: one lift, a series of taps or an acquisition, live and recorded; and its
+dry run, which queries real devices and moves nothing."""
 
 import argparse
 import json
+import time
 from typing import Any
 
-from grasp.cli import dry, exits, first
-from grasp.cli.lab import tell_mode, tell_slow, will
-from grasp.cli.options import (
-    OBJECT_HELP,
-    add_confirmation,
-    add_runs,
-    add_settings,
-    decimal,
-    motion_permit,
-    seed,
-)  # fmt: skip
-from grasp.cli.parser import Parser, group, verb
-from grasp.cli.places import folder_to_fill
-from grasp.cli.rules import check_weights, rule_of_weights, tell_untuned
-from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
+from drivers.errors import DeviceFault, UsageError
+from drivers.interfaces import FINGER_NAMES
+from grasp import signals
+from grasp.cli import exits
+from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
+from grasp.cli.lab import TerminalOperator, motion_permit, say, warn_of_mode, warn_of_slow_arm
+from grasp.cli.live import Display
+from grasp.cli.output import show
+from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
+from scenarios.acquire import acquire
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.force_calibration import counts_per_newton
+from scenarios.acquire.press import motion
+from scenarios.campaign.config import EXPERIMENTS, load_config
+from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
+from scenarios.rigs.calibration import in_words
+from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
+from scenarios.rigs.permission import HARDWARE, check_devices
+from scenarios.rigs.rig import calibration
+from scenarios.trial.execution import make_guard
+from scenarios.trial.layers import trial_layers
 
-HELP = "run a scenario"
-SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
-
-
-def add_parser(verbs: Any) -> None:
-    scenarios = group(verbs, "run", HELP, "SCENARIO", dest="scenario")
-    _add_lift(scenarios)
-    _add_tap(scenarios)
-    _add_acquire(scenarios)
-
-
-def _add_lift(scenarios: Any) -> None:
-    parser = verb(scenarios, "lift", run, "lift an object held too weakly")
-    add_trial_options(parser, rig="emulated")
-    parser.flag("--keep", "keep holding the object instead of setting it down")
-    parser.flag("--first", "a lab's first lift: close in free air, then lift a soft object, at "
-        "half speed and the least force, with a question before each")  # fmt: skip
-    add_series_options(parser, "lift")
-    dry.add_dry_run(parser)
-    _add_common(parser)
+ENOUGH = "q"
+POLL_S = 0.05
 
 
-def _add_tap(scenarios: Any) -> None:
-    parser = verb(scenarios, "tap", run, "strike an object held at the force cap")
-    add_trial_options(parser, rig="emulated")
-    parser.option("--direction DIR", "direction of the taps: top, side (across the closing axis), "
-        "alternate (the two in turn), or closing (along that axis; default: "
-        "alternate)")  # fmt: skip
-    add_series_options(parser, "tap")
-    parser.refuse("--taps", because="it is called --trials")
-    dry.add_dry_run(parser)
-    _add_common(parser)
-    parser.set_defaults(keep=False, first=False)
-
-
-def _add_acquire(scenarios: Any) -> None:
-    """It uses neither an object nor a detector."""
-    parser = verb(scenarios, "acquire", run,
-        "press one fingertip on a fixed surface and stroke it, for labelled slip data",
-    )  # fmt: skip
-    parser.option("--surface NAME", "one of config/surfaces: planar, sphere, cylinder-x, "
-        "cylinder-y, or the path of a .toml file", default="planar")  # fmt: skip
-    parser.option("--direction DIR", "degrees in the fingertip's plane in steps of 45, or cw or "
-        "ccw", default="0")  # fmt: skip
-    parser.option("--speed MPS", "commanded speed of a stroke, m/s; a rotation turns at 1 rad/s",
-        decimal(0.004, 0.2), default=SPEED_MPS)  # fmt: skip
-    parser.option("--seconds S", "length of the recording", decimal(1, 3600), default=SECONDS)
-    _add_rig(parser, rig="emulated")
-    dry.add_dry_run(parser)
-    _add_common(parser)
-
-
-def _add_common(parser: Parser) -> None:
-    add_runs(parser, folder_to_fill)
-    parser.option("-v --verbose", "write a log with wall-clock times to --runs; for simulated "
-        "lifts and taps print the contact level too", action="store_true")  # fmt: skip
-    parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it if "
-        "there is a display, and prints its address on standard error")  # fmt: skip
-    parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
-        "possible (default: real in a terminal and with --view, max otherwise)",
-        choices=("real", "max"))  # fmt: skip
-    parser.flag("--json", "one JSON object on standard output, nothing else")
-    add_confirmation(parser)
-
-
-def add_trial_options(parser: Parser, rig: str) -> None:
-    """Options that choose what is run; `grasp config` knows them too."""
-    parser.option("--object NAME", f"{OBJECT_HELP} (default: %(default)s)", default="can")
-    parser.option("--profile NAME", "one of config/profiles: how detector, decision and reaction "
-        "are set together", default="default")  # fmt: skip
-    parser.option("--detector NAME", "one of config/detectors, one that an installed package "
-        "offers, or one of your own: FILE.py:NAME or FILE.onnx (default: the "
-        "profile's)")  # fmt: skip
-    _add_rig(parser, rig)
-
-
-def _add_rig(parser: Parser, rig: str) -> None:
-    parser.option("--rig NAME", "emulated (real protocols to a cell in another process), simulated "
-        "(virtual time), hardware, or a .toml file based on one of these",
-        default=rig)  # fmt: skip
-    parser.option("--seed N", "random seed, 0 or more (default: 0)", seed, default=0)
-    add_settings(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    from scenarios.campaign.config import EXPERIMENTS, load_config
-    from scenarios.trial.execution import make_guard
-    from scenarios.trial.layers import trial_layers
-
-    if args.scenario == "acquire":
-        return _acquire(args)
+def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
-    thing = first.object_of(args)
+    thing = SOFT if args.first and args.object == "can" else str(args.object)
     chosen = (thing, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)
     if args.dry_run:
-        return dry.run(config, args)
+        return _dry_run(config, args)
     permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     if permit is not None:
-        for line in dry.plan(config, args):
-            will(line)
-        tell_slow(config)
-        tell_mode(config)
+        for line in plan(_as_run(config, args), args):
+            say(f"will {line}")
+        warn_of_slow_arm(config)
+        warn_of_mode(config)
     if args.first:
-        config = first.begin(config, permit, args)
+        config = _begin_first(config, permit, args)
         make_guard(config)
     check_weights(config)
 
     def begin() -> None:
         if not args.json and (rule := rule_of_weights(config)):
             print(rule)
-        tell_untuned(config, trial_layers(*chosen))
+        warn_of_untuned_rule(config, trial_layers(*chosen))
 
-    return run_trials(args, EXPERIMENTS[args.scenario].own(config), permit, begin)
+    scenario = EXPERIMENTS[args.scenario].own(config)
+    return run_trials(args, scenario, permit, begin)
+
+
+def run_tap(args: argparse.Namespace) -> int:
+    return run_lift(args)
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
-    """Leave to move what the rig has, if it is known which devices are meant."""
-    from scenarios.rigs.permission import check_devices
-
-    leave = motion_permit(config, args)
+    """Permission to move what the rig has, if it is known which devices are meant; says where
+    measured figures are from."""
+    permit = motion_permit(config, args)
     check_devices(config)
-    if leave is not None:
-        for line in _sources(config):
-            exits.report_line(line)
-    return leave
+    if permit is not None:  # an acquisition has neither calibration nor source
+        if (hand := getattr(config, "calibration", None)) is not None:
+            say(in_words(hand))
+        if (source := getattr(config, "source", None)) is not None:
+            for line in source.in_words():
+                say(line)
+    return permit
 
 
-def _sources(config: Any) -> list[str]:
-    """How figures that are not of the manual's making were come by: a line each."""
-    from scenarios.rigs.calibration import in_words
-
-    hand = getattr(config, "calibration", None)
-    source = getattr(config, "source", None)  # an acquisition has neither
-    return [*([] if hand is None else [in_words(hand)]), *(source.in_words() if source else ())]
-
-
-def _acquire(args: argparse.Namespace) -> int:
-    from grasp.cli.live import Display, viewed
-    from scenarios.acquire import acquire
-    from scenarios.acquire.config import load_acquire_config
-    from scenarios.acquire.press import motion
-    from scenarios.report.live.feed import LiveAcquisition
-
+def run_acquire(args: argparse.Namespace) -> int:
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     if args.dry_run:
-        return dry.acquire(config, course, args)
+        return _dry_acquisition(config, course, args)
     permit = _permit(config, args)
     if permit is not None:
-        for line in dry.press_plan(config, course, args.seconds):
-            will(line)
-        tell_slow(config)
-    title = f"acquisition on {config.surface.name} · seed {args.seed}"
-    with (
-        logged(args, config.surface.name, config.rig) as log,
-        Display(config.rig, quiet=args.json) as display,
-        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as live,
-    ):
+        for line in press_plan(config, course, args.seconds):
+            say(f"will {line}")
+        warn_of_slow_arm(config)
+    with Display(config.rig, quiet=args.json) as display:
         display.setting_up(hand=False)
-
-        def show(sample: Any) -> None:
-            display.sample(sample)
-            if log is not None:
-                log.sample(sample)
-            if live is not None:
-                live.watch(sample)
-
-        finished = acquire.run(
-            config, course, args.seed, args.seconds, args.runs, paced(args), show, permit
-        )
-        if live is not None:
-            live.feed.say(finished.in_short())
-        if log is not None:
-            log_end(log, f"seed {finished.seed}: {finished.in_short()}", finished.failure)
-    failure = finished.failure
+        done = acquire.run(
+            config, course, args.seed, args.seconds, args.runs, is_paced(args), display.sample,
+            permit,
+        )  # fmt: skip
+        display.ended(done.in_short(), note=False)
+    if done.failure is None:
+        return show(args, done, done.as_text)
     if not args.json:
-        print(finished.as_text())
-    elif failure is None:
-        print(finished.as_json())
-    if failure is None:
+        print(done.as_text())
+    extra = {"result": json.loads(done.as_json())} if args.json else {}
+    return exits.report_failure(done.failure, args.json, **extra)
+
+
+# A lab's first lift
+
+
+def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
+    """Ask, close in free air, ask again; returns the settings of the gentle lift that follows.
+
+    Raises UsageError on a rig without real devices, and where the person ends it.
+    """
+    if permit is None or args.json or args.trials is not None or args.resume:
+        raise UsageError("--first is one lift by a person on the rig hardware",
+                         "without --json, --trials and --resume; or leave --first out")  # fmt: skip
+    slow = gently(config)
+    TerminalOperator().expect()
+    for line in WHAT_TO_DO:
+        print(f"  {line}")
+    with signals.deferred():
+        _ask("Step 1 of 2, free air: nothing in the hand, the arm stands. The fingers close to "
+             f"where they would grasp ({config.object.name}) and touch nothing")  # fmt: skip
+        moved = close_in_free_air(slow, permit, say)
+        print(f"  {moved.in_words()}, as it should be")
+        controller, guard = slow.controller, slow.guard
+        _ask(f"Step 2 of 2, {config.object.name}: put it, or something as soft, between the "
+             f"fingers. The arm lifts it {controller.lift_height_m * 1e3:.0f} mm at "
+             f"{controller.lift_speed_mps * 1e3:.0f} mm/s, no finger commanded more than "
+             f"{guard.force_limit_n:g} N")  # fmt: skip
+    return slow
+
+
+def _ask(question: str) -> None:
+    """Wait for Enter; raises UsageError where it is not to go on."""
+    operator = TerminalOperator()
+    operator.say(f"{question}: Enter; {ENOUGH}: no more")
+    while (line := operator.poll()) is None:
+        signals.check()
+        time.sleep(POLL_S)
+    if line.strip():
+        raise UsageError("ended by hand: nothing more was moved", "start it again")
+
+
+# What will move, and dry runs
+
+
+def _dry_run(config: Any, args: argparse.Namespace) -> int:
+    """Exits 0 only where that run would start. Raises UsageError on a rig without real devices."""
+    _check_real(config)
+    if args.resume or args.out is not None:
+        raise UsageError("--dry-run looks at devices and settings alone",
+                         "leave --out and --resume out: a dry run opens no file")  # fmt: skip
+    check_devices(config)
+    config = _as_run(config, args)
+    make_guard(config)  # raises where a limit cannot be kept
+    config.make_detector(3)
+    return _print_dry_run(plan(config, args), ask_devices(config, make_guard), args)
+
+
+def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
+    _check_real(config)
+    check_devices(config)
+    counts_per_newton(config, args.seed)  # raises where nobody has measured it
+    return _print_dry_run(
+        press_plan(config, course, args.seconds), ask_pressing_devices(config), args
+    )
+
+
+def _check_real(config: Any) -> None:
+    if config.rig != HARDWARE:
+        told = f"rig {config.rig} moves nothing real"
+        raise UsageError(f"--dry-run is for a lab's own devices: {told}", "leave it out")
+
+
+def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
+    against = [check for check in checks if check.status == "fail"]
+    code = dry_code(against)
+    if not args.json:
+        print("\n".join(f"would {line}" for line in would))
+        for check in checks:
+            if check.status != "ok":
+                say(f"{check.name}: {check.detail} ({check.remedy})")
+    value = {"would": would, "checks": [check._asdict() for check in checks], "exit_code": code}
+    return show(args, value, "would not start" if against else "would start", code)
+
+
+def dry_code(against: list[Any]) -> int:
+    """Of the run that would not start: who drives the cell is asked first, then all devices are
+    opened, and only then the hand is looked at."""
+    if not against:
         return exits.SUCCESS
-    extra = {"result": json.loads(finished.as_json())} if args.json else {}
-    return exits.report_failure(failure, args.json, **extra)
+    codes = [exits.code_of(check.kind or DeviceFault.kind) for check in against]
+    driven = against[0].name == "cell"
+    return codes[0] if driven or exits.DEVICE not in codes else exits.DEVICE
+
+
+def _as_run(config: Any, args: argparse.Namespace) -> Any:
+    """The settings as that run uses them; raises ConfigError for what would be refused."""
+    if args.scenario == "tap":
+        config = EXPERIMENTS["tap"].configure(config.for_tap())
+    elif args.first:
+        config = gently(config)
+    make_guard(config)
+    return config
+
+
+def plan(config: Any, args: argparse.Namespace) -> list[str]:
+    """What moves in a lift or a series of taps, and what is asked, in turn."""
+    controller, limit_n, known = config.controller, config.guard.force_limit_n, calibration(config)
+    closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
+    lift, asked, trials = args.scenario == "lift", is_asked(args), trials_of(args)
+    up_mm = controller.retreat_m * 1e3
+    again = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
+    down = f"lower the arm at {controller.lower_speed_mps * 1e3:.0f} mm/s, open the fingers{again}"
+    lines = [
+        args.first and "close them in free air to where they would grasp, and open them again",
+        asked and f"ask for {config.object.name} to be put between the fingers",
+        f"close the fingers, to {config.object.grip_counts} counts and on, at up to "
+        f"{closing_mmps:.0f} mm/s, no finger commanded more than {limit_n:g} N (byte 0 of this "
+        f"hand: {known.least_force_n:g} N)",
+        f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
+        f"{controller.lift_speed_mps * 1e3:.0f} mm/s"
+        f"{', and stop it where the object slips' if lift else ''}",
+        not lift and "ask for the object to be tapped, the arm standing up there",
+        asked and f"ask how far the object's mark {'slipped' if lift else 'moved'}, mm",
+        "keep holding it" if controller.keep else down,
+        trials > 1 and f"do so {trials} times, each from where the first began",
+    ]
+    return [line for line in lines if line]
+
+
+def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
+    """What moves in an acquisition."""
+    control, session, finger = config.control, config.session, FINGER_NAMES[config.finger]
+    stroke = f"by {control.turn_rad:g} rad at {course.spin_radps:g} rad/s"
+    if not course.spin_radps:
+        stroke = (f"by {control.stroke_m * 1e3:.0f} mm at {course.speed_mps * 1e3:.0f} mm/s along "
+                  f"{course.direction} degrees of the fingertip")  # fmt: skip
+    return [
+        f"lower the arm at {control.approach_mps * 1e3:g} mm/s until finger {finger} feels "
+        f"{control.touch_n:g} N, for {session.touch_timeout_s:g} s at most; the hand does not move",
+        f"press with {control.force_n:g} N, by the arm, {control.depth_m * 1e3:g} mm deep at most",
+        f"stroke there and back {stroke}, for {seconds:g} s",
+        f"stop, and go back to where it began at {session.retreat_mps * 1e3:g} mm/s",
+    ]

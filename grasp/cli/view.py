@@ -6,11 +6,11 @@ which reads one JSON message a line until its input ends.
 
 import math
 import sys
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from detector.auxiliary_outputs import SECTOR_DEG, Motion
+from detector.auxiliary_outputs import SECTOR_DEG
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State
@@ -23,7 +23,6 @@ BAR_CELLS, TEXT_CELLS = 30, 47  # of a bar at most; of a panel's line beside its
 FORCE_FULL_N = 12.0
 LEAST_TURN_DEG = 0.1  # less is not told
 ARROWS = "→↗↑↖←↙↓↘"  # of eight directions, from a fingertip's x to its y
-NO_ARROW = " "
 _STYLE: dict[str, str] = {
     State.COMPENSATE: "bold yellow", State.HOLD: "bold green", State.KEPT: "bold green",
     State.FAULT: "bold red",
@@ -60,8 +59,8 @@ class Glimpse(msgspec.Struct, frozen=True, tag=True):
     probabilities: list[float]
     positions: Counts3
     arm_m: float | None  # None: no number, which JSON cannot say
-    kind: str = ""  # of slip, of the hand
-    ways: str = 3 * NO_ARROW  # that each fingertip slides
+    speed: str = ""  # of slip, of the hand
+    arrows: str = 3 * " "  # where each fingertip slides over the object, in the frame of its pad
     trial: str = ""  # which of several
 
 
@@ -69,42 +68,28 @@ Message = Begin | Busy | Note | Glimpse
 
 
 def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
-    motion = tick.observation.motion if tick.decision.slip.armed else None
+    """What is shown of a tick."""
+    slip = tick.decision.slip
+    status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
+    motion = tick.observation.motion if slip.armed else None
+    speed, arrows = "", ""
+    if motion is not None:
+        speed = f"some {1e3 * motion.hand_mps:.0f} mm/s"
+        arrows = "".join(ARROWS[deg // SECTOR_DEG] for deg in motion.direction_deg)
     return Glimpse(
         t_s=tick.t_ns * 1e-9,
         phase=tick.decision.state.value,
-        slip=status_text(tick),
-        registered=tick.decision.slip.registered,
+        slip=f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-",
+        registered=slip.registered,
         news=news,
         measured_n=tick.measured_n,
         probabilities=tick.observation.probabilities.tolist(),
         positions=tick.gripper.positions,
         arm_m=tick.arm.position_m[2],
-        kind=kind_text(motion),
-        ways=ways_text(motion),
+        speed=speed,
+        arrows=arrows or 3 * " ",
         trial=trial,
     )
-
-
-def status_text(tick: Tick) -> str:
-    """nominal / REGISTERED, as the paper's monitor showed it."""
-    slip = tick.decision.slip
-    if not slip.armed:
-        return "-"
-    text = "REGISTERED" if slip.registered else "nominal"
-    return f"{text} (masked)" if slip.masked else text
-
-
-def kind_text(motion: Motion | None) -> str:
-    """How fast what is held slides in the hand; empty where nobody says."""
-    return "" if motion is None else f"some {1e3 * motion.hand_mps:.0f} mm/s"
-
-
-def ways_text(motion: Motion | None) -> str:
-    """An arrow a finger, in the frame of its own pad: where that slides to, over the object."""
-    if motion is None:
-        return 3 * NO_ARROW
-    return "".join(ARROWS[deg // SECTOR_DEG] for deg in motion.direction_deg)
 
 
 def turned_text(turned_rad: float | None) -> str:
@@ -122,36 +107,19 @@ def sample_line(sample: Any) -> str:
     )
 
 
-class View(Protocol):
-    """Shows messages as they come."""
-
-    def take(self, message: Message) -> None: ...
-
-    def close(self) -> None: ...
-
-
-def make(panel: bool) -> View:
-    return Panel() if panel else Lines()
-
-
 class Lines:
     """One line a message."""
 
     def take(self, message: Message) -> None:
+        # in one write: another process asks its questions on the same terminal
         if isinstance(message, Glimpse):
-            _say(_line(message))
+            sys.stdout.write(f"{_line(message)}\n")
         elif isinstance(message, Busy | Note):
-            _say(message.text)
+            sys.stdout.write(f"{message.text}\n")
+        sys.stdout.flush()
 
     def close(self) -> None:
         sys.stdout.flush()
-
-
-def _say(line: str) -> None:
-    """In one write: another process asks its questions on the same terminal, and print() makes
-    two of a line and its end where Python is unbuffered."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 class Panel:
@@ -163,29 +131,23 @@ class Panel:
 
         self._live = Live(console=Console(), auto_refresh=False)
         self._busy: Status | None = None
-        self._last: Glimpse | None = None
 
     def take(self, message: Message) -> None:
         if isinstance(message, Busy):
-            self._wait(message.text)
+            if self._busy is None:
+                self._busy = self._live.console.status(message.text)
+                self._busy.start()
+            self._busy.update(message.text)
         elif isinstance(message, Note):
             self._live.console.print(message.text, highlight=False)
         elif isinstance(message, Glimpse):
             self._draw(message)
-
-    def _wait(self, text: str) -> None:
-        if self._busy is None:
-            self._busy = self._live.console.status(text)
-            self._busy.start()
-        else:
-            self._busy.update(text)
 
     def _draw(self, seen: Glimpse) -> None:
         self._stop_waiting()
         self._live.start()  # with the first one; does nothing afterwards
         if seen.news:
             self._live.console.print(short_line(seen), highlight=False)
-        self._last = seen
         self._live.update(panel(seen, self._live.console.width), refresh=True)
 
     def _stop_waiting(self) -> None:
@@ -195,10 +157,7 @@ class Panel:
 
     def close(self) -> None:
         self._stop_waiting()
-        if self._live.is_started:
-            if self._last is not None:
-                self._live.update(panel(self._last, self._live.console.width), refresh=True)
-            self._live.stop()
+        self._live.stop()
 
 
 def _line(seen: Glimpse) -> str:
@@ -206,8 +165,8 @@ def _line(seen: Glimpse) -> str:
         f"{name} {force:5.1f} N p {p:4.2f}"
         for name, force, p in zip(FINGER_NAMES, seen.measured_n, seen.probabilities, strict=True)
     )
-    kind = f", {seen.kind}" if seen.kind else ""
-    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {fingers}  slip {seen.slip}{kind}"
+    speed = f", {seen.speed}" if seen.speed else ""
+    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {fingers}  slip {seen.slip}{speed}"
 
 
 def short_line(seen: Glimpse) -> str:
@@ -227,7 +186,7 @@ def panel(seen: Glimpse, width: int) -> Any:
     cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
     rows = zip(
-        FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, seen.ways, strict=True
+        FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, seen.arrows, strict=True
     )
     for name, force_n, p, position, way in rows:
         table.add_row(
@@ -245,7 +204,7 @@ def panel(seen: Glimpse, width: int) -> Any:
         (seen.slip, "bold red" if seen.registered else "green"),
         " ",
     )
-    below = " · ".join(filter(None, (seen.trial, seen.kind)))
+    below = " · ".join(filter(None, (seen.trial, seen.speed)))
     return Frame(table, title=title, title_align="left", subtitle=below or None, expand=False)
 
 
@@ -259,7 +218,7 @@ def main() -> None:
     leave_signals_to_the_run()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
-    shown = make(isinstance(first, Begin) and first.panel)
+    shown = Panel() if isinstance(first, Begin) and first.panel else Lines()
     try:
         for line in sys.stdin.buffer:
             shown.take(decode(line))

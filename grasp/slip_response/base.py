@@ -16,7 +16,7 @@ from grasp.observation import Observation
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
 TOP_UP_SPEED_MPS = 0.022  # of a second stage: the gripper's least (manual)
-STAGE_NS = 500_000_000  # a first stage that is not seen to rest by then is not waited for
+STAGE_NS = 500_000_000  # a first stage that does not rest by then is not waited for
 
 
 class SlipResponse:
@@ -80,7 +80,7 @@ class SlipResponse:
     def closing(self, obs: Observation, lost: bool = False) -> CloseFast:
         """The closing that is due now; the same again while a first stage is under way.
 
-        ``lost``: nothing is felt, so nothing says where contact will be.
+        ``lost``: contact is, so it is not known where the next one will be.
         """
         s, reach = self._settings, obs.reach_counts
         if s.closing == "constant" or lost or reach is None:
@@ -94,7 +94,7 @@ class SlipResponse:
         return CloseFast(cap_n, ALL_FINGERS, reach, s.closing_speed_mps, more=True)
 
     def slow_closing(self) -> CloseFast:
-        """To the cap where nothing is in a hurry, or nobody can see what a first stage does."""
+        """To the cap where there is time, or no observation of a first stage."""
         s = self._settings
         return self._to_cap(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
 

@@ -12,7 +12,7 @@ from grasp.slip_response.close import Close
 
 RESUME_MPS2 = 0.5  # at most, when the arm goes on: a twentieth of gravity
 RESUME_QUIET_NS = 50_000_000  # slip is over for so long when it does; assumed
-USELESS_PAUSE_S = 1.5  # in all of a lift, for alarms that no closing answers; assumed
+USELESS_PAUSE_S = 1.5  # in all of a lift, for alarms that no closing ends; assumed
 
 
 class Pause(msgspec.Struct, frozen=True):

@@ -13,15 +13,15 @@ from grasp.observation import Observation
 from grasp.slip_response.stop_and_close import StopAndClose
 
 STEP_N = 1.5  # more force a step, in whole counts, one at least; assumed
-STEP_TRIES = 5  # steps of a lift; slip after them is answered by a closing to the cap; assumed
+STEP_TRIES = 5  # steps of a lift; slip after them leads to a closing to the cap; assumed
 STEP_PATIENCE_NS = 250_000_000  # longer than a detector needs to notice that slip is over; assumed
-STEP_BELOW_M = 0.03  # of the arm: higher, slip is in the air, and answered by a closing; assumed
+STEP_BELOW_M = 0.03  # of the arm: higher, the object is in the air, and the hand closes; assumed
 MARGIN_AFTER_M = 0.01  # a force is found when it has carried so far; assumed
 OPEN_ENDED = 255  # counts: as far as fingers close
 
 
 class StopAndStep(StopAndClose):
-    """As ``StopAndClose`` where a step is no answer, or not enough."""
+    """As ``StopAndClose`` where a step will not do, or was not enough."""
 
     _found_m: float | None = None  # how high the arm was when force was last found
     _taken = 0
@@ -63,7 +63,7 @@ class StopAndStep(StopAndClose):
         self._stepping = self.adds_margin = False
 
     def _may_step(self, obs: Observation) -> bool:
-        """Whether a step is an answer here: what slips still stands on the table, and the arm's
+        """Whether a step will do: what slips still stands on the table, and the arm's
         stop, which ends slip, fits in the time of a step; the thumb, not latched by the force cap,
         may go a whole step further, and not too many were too small."""
         stops_s = math.hypot(*obs.arm.velocity_mps) / self._settings.answer_stop_mps2

@@ -18,7 +18,7 @@ import numpy as np
 from detector.recordings import SUFFIX, Metadata, Recording, write
 from drivers.errors import CouldNotRecord, GraspError
 from drivers.interfaces import PERIOD_S
-from grasp import interruption
+from grasp import signals
 from grasp.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from grasp.messages import (
     ARM,
@@ -38,9 +38,8 @@ from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.execution import REPORT
 from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
-from scenarios.trial.result import Bug, Failure, versions
+from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
 
@@ -196,7 +195,7 @@ def run(
     Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
     """
     check_runs(runs)
-    with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
+    with signals.deferred(), open_acquire_rig(config, seed, paced, permit) as rig:
         course = msgspec.json.encode(motion).decode()
         known = {**metadata(config, seed, rig.clock), "motion": course}
         name = f"{SCENARIO}-{config.surface.name}"
@@ -211,7 +210,6 @@ def run(
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / PERIOD_S)
             ended, granted = _run_to_end(config, rig, session, samples)
-            interruption.seal()  # what is left is labelling and writing
             return _finish(config, motion, seed, session, folder, ended, granted)
 
 
@@ -235,12 +233,12 @@ def _run_to_end(
             failure = Failure(error.kind, error.message, error.remedy, _left(session))
             return _Ended(AcquireOutcome.FAULT, failure), granted
         except KeyboardInterrupt as stop:
-            cause = f"{interruption.cause(stop)} in phase {session.phase}"
+            cause = f"{signals.cause(stop)} in phase {session.phase}"
             failure = Failure("interrupted", cause, "", _left(session))
             return _Ended(AcquireOutcome.INTERRUPTED, failure), granted
         except BaseException as error:
             bug = Bug.of(error)
-            failure = Failure("internal", bug.line, REPORT, _left(session))
+            failure = Failure("internal", bug.fault.line, REPORT, _left(session))
             return _Ended(AcquireOutcome.INTERNAL_ERROR, failure, bug), granted
     return _Ended(), granted
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.errors import GraspError, Stale, in_words
 from drivers.interfaces import PERIOD_NS, ArmState, TactileFrame
-from grasp import interruption
+from grasp import signals
 from grasp.clock import Deadlines
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.force_calibration import counts_per_newton
@@ -151,7 +151,7 @@ class Session:
     def _wait(self) -> None:
         """Until the next sample is due; in a simulation with the real board's jitter and losses.
         Raises Interruption when a signal has come."""
-        interruption.check()
+        signals.check()
         rig = self._rig
         self._deadlines.leave_out(rig.clock.now_ns)
         due_ns = self._deadlines.next_ns()

@@ -8,9 +8,9 @@ from typing import Any
 
 import msgspec
 
+from grasp.fault import INTERRUPTED
 from scenarios.campaign.config import EXPERIMENTS
 from scenarios.campaign.spec import Task
-from scenarios.trial.execution import INTERRUPTED
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
 AnyRun = FinishedRun[Any]

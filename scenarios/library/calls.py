@@ -14,6 +14,7 @@ from detector.scores.evaluation import evaluate_recording
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.clock import stopwatch_ns
+from grasp.fault import INTERRUPTED
 from grasp.settings import file_of
 from scenarios.campaign import run as campaign_room
 from scenarios.campaign.config import RunConfig, load_config
@@ -27,7 +28,6 @@ from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.workers import Workers
 from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
-from scenarios.trial.execution import INTERRUPTED
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.result import Failure, FinishedRun, ResultT

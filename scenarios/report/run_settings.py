@@ -53,8 +53,8 @@ def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     ]
 
 
-def command_of(told: Told, seed: str, begun: bool = True) -> list[str]:
-    """Words that run the same trial again with this version and its packaged configuration."""
+def command_of(told: Told, seed: str, begun: bool = True) -> str:
+    """The command that repeats the trial with this version and its packaged configuration."""
     body, profile, scenario = told["object"]["name"], told["profile"], scenario_of(told)
     words = ["grasp", "run", scenario, "--rig", told["rig"]]
     words += ["--object", body if _packaged(body) else f"{body}.toml"]
@@ -67,7 +67,7 @@ def command_of(told: Told, seed: str, begun: bool = True) -> list[str]:
         # a calibration is chosen by its name alone, and null is what a setting is without a word
         if setting.own and not setting.key.startswith("calibration.") and setting.value != "null":
             words += ["--set", f"{setting.key}={setting.value}"]
-    return words
+    return shlex.join(words)
 
 
 def object_file(told: Told) -> str:
@@ -76,10 +76,6 @@ def object_file(told: Told) -> str:
         return ""
     lines = [f"{k} = {toml(v)}" for k, v in told["object"].items() if v is not None]
     return "\n".join(["[object]", *lines]) + "\n"
-
-
-def shell(words: list[str]) -> str:
-    return shlex.join(words)
 
 
 def toml(value: Any) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
-from scenarios.rigs.variation import CUT
+from scenarios.rigs.config import CUT
 from scenarios.tap.config import TapConfig, TapSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import Blow, ContactSettings, Level

@@ -24,9 +24,9 @@ from detector.network_file import is_weights
 from detector.plugins import Scalar, is_code
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings
-from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
+from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml
 from grasp.slip_monitor import SlipSettings
@@ -80,7 +80,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
     source: SourceSettings = SourceSettings()
-    doubt: DoubtSettings = DoubtSettings()
+    monitors: MonitorSettings = MonitorSettings()
     slip: SlipSettings = SlipSettings()
     rule: RuleSettings = RuleSettings()
     energy: EnergySettings = EnergySettings()

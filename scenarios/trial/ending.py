@@ -4,25 +4,21 @@ Told from what was heard last and from nothing else: what cannot be known is sai
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import msgspec
 
-from drivers.errors import GraspError
 from drivers.interfaces import FINGER_NAMES, ArmState, Detection, GripperState
 from grasp.commands import CloseFast
-from grasp.doubt import STOOD_STILL
+from grasp.fault import ARM, FINGERTIPS, GRIPPER, Fault
 from grasp.loop import Issued, Tick
-from grasp.safe_state import doubts_arm
+from grasp.monitors.checks import not_believed
 
-NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
 UNKNOWN = "its force is not measured"
 LOOK = "look at the arm, and press the emergency stop if it still moves"
 CELL = "nothing there answers: check the cell's power and network"
-FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
-STATUS_LIES = (  # what the hand says
-    "gripper_impossible", "gripper_silent", "gripper_stands", "gripper_flickers",
-)  # fmt: skip
+NAMES = {GRIPPER: "gripper", ARM: "arm", FINGERTIPS: "tactile board"}
+LOOK_THERE = "see the phases of the result"
 FELT_N = 0.5  # by taxels that can tell: less is no grip
 
 
@@ -34,70 +30,55 @@ class End(msgspec.Struct, frozen=True):
     hand: str
     advice: str
     unreached: tuple[str, ...] = ()
-    further: tuple[str, ...] = ()  # what could not be believed since
+    further: tuple[Fault, ...] = ()  # checks that failed since
     open: bool = False  # the hand was seen to be
     where: str = ""  # in which phase the run ended, and how high the arm was
 
 
-def stood_still(cause: str) -> bool:
-    """Whether it was this computer that nobody could rely on, whatever devices say of it."""
-    return STOOD_STILL in cause
-
-
-def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
-    """What went wrong, with every device that is gone: first what no device said, then those that
-    said so, then the silent."""
-    whole = cause
-    said = list(dict.fromkeys(error.message for error in errors.values()))
-    for error in errors.values():
-        cause = cause.replace(f"{error.kind}: {error.message}", "").replace(error.message, "")
-    parts = [*filter(None, cause.split("; ")), *said]
-    told = {name for name, noun in NOUNS.items() if noun in whole} | errors.keys()
-    if tick is not None:
-        parts += [f"the {name} is silent" for name in silent(tick, old_s) if name not in told]
-    return "; ".join(parts)
-
-
-def remedy_of(tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
-    """What to do about devices that went: each one's, or where all of them are gone the cell's."""
+def end_message(
+    faults: Sequence[Fault], errors: Sequence[Fault], tick: Tick | None, old_s: float
+) -> tuple[str, str]:
+    """What went wrong and what to do, with every device that is gone: ``faults`` that no driver
+    raised, then ``errors``, which they did, then the devices that are silent."""
     quiet = [] if tick is None else silent(tick, old_s)
-    if NOUNS.keys() <= {*errors, *quiet}:
-        return CELL
-    return "; ".join(dict.fromkeys(filter(None, (error.remedy for error in errors.values()))))
+    ordered = [*(fault for fault in faults if fault not in errors), *errors]
+    named = {fault.device for fault in ordered}
+    said = [*dict.fromkeys(fault.line for fault in ordered)]
+    said += [f"the {NAMES[device]} is silent" for device in quiet if device not in named]
+    gone = NAMES.keys() <= {*(error.device for error in errors), *quiet}
+    remedies = dict.fromkeys(fault.remedy for fault in ordered if fault.remedy)
+    return "; ".join(said), CELL if gone else "; ".join(remedies) or LOOK_THERE
 
 
 def silent(tick: Tick, old_s: float) -> list[str]:
     """Devices that have not been heard for so long, or send nothing of use."""
-    ages = {"gripper": tick.gripper.age_ns(tick.t_ns), "arm": tick.arm.age_ns(tick.t_ns)}
+    ages = {GRIPPER: tick.gripper.age_ns(tick.t_ns), ARM: tick.arm.age_ns(tick.t_ns)}
     quiet = [name for name, age_ns in ages.items() if age_ns > old_s * 1e9]
     stale = tick.frame is not None and tick.frame.stale
-    return [*quiet, "tactile board"] if stale else quiet
+    return [*quiet, FINGERTIPS] if stale else quiet
 
 
 def end_of(
-    tick: Tick | None, hand: Issued | None, errors: Mapping[str, GraspError], old_s: float,
-    way_out: str, cause: str = "", further: Sequence[str] = (),
+    tick: Tick | None, hand: Issued | None, old_s: float, way_out: str,
+    faults: Sequence[Fault] = (), errors: Sequence[Fault] = (),
 ) -> End:  # fmt: skip
     """By the last tick and the last command that reached the hand; None: there was none. What was
-    heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand; ``cause``
-    of the fault, for what it says of the fingertips is not believed, nor the arm or hand that it or
-    what was doubted since, ``further``, names."""
+    heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand; ``faults``:
+    what is not to be believed; ``errors``: which drivers failed."""
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
-    doubts = (*cause.split("; "), *further)
-    dull = any(doubt.startswith(FINGERTIPS_LIE) for doubt in doubts)
-    feels = not (dull or "tactile board" in deaf or "tactile board" in errors)
-    felt = _felt(tick, feels)
-    lies = any(doubt.startswith(STATUS_LIES) for doubt in doubts)
-    doubted = lies or (tick.gripper.active and not tick.gripper.fresh)
-    told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
-    seen_open = tick.gripper.is_open and "gripper" not in deaf and not doubted
+    failed = {error.device for error in errors}
+    dull = FINGERTIPS in deaf | failed or not_believed(faults, FINGERTIPS)
+    felt = _felt(tick, not dull)
+    doubted = not_believed(faults, GRIPPER) or (tick.gripper.active and not tick.gripper.fresh)
+    told = _hand(tick, hand, felt, GRIPPER in deaf, doubted)
+    seen_open = tick.gripper.is_open and GRIPPER not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
-    arm_lies = doubts_arm("; ".join((cause, *further)))
-    if way_out and _unknown(tick.arm, "arm" in deaf, arm_lies):
+    arm_lies = not_believed(faults, ARM)
+    if way_out and _unknown(tick.arm, ARM in deaf, arm_lies):
         advice = f"{LOOK}; {advice}"
-    return End(_arm(tick.arm, "arm" in deaf, arm_lies), told, advice, open=seen_open)
+    return End(_arm(tick.arm, ARM in deaf, arm_lies), told, advice, open=seen_open)
 
 
 def between_trials(

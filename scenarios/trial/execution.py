@@ -1,7 +1,6 @@
 """One controller on an open rig, run to its end and recorded: what every scenario shares."""
 
 import math
-import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -13,38 +12,36 @@ from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.contact_estimator import Stiffness
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
-from grasp.doubt import Doubts
+from grasp.fault import INTERNAL, INTERRUPTED, SAFETY_STOP, TRIAL, WORLD, Fault, lines
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
+from grasp.monitors.checks import STOOD_STILL, Monitors
 from grasp.realtime import real_time
 from grasp.slip_monitor import SlipMonitor
 from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
+from scenarios.trial.ending import End, end_message, end_of
 from scenarios.trial.feasible import check_arm, check_grip, check_override, check_waits
 from scenarios.trial.person import TapeMark
-from scenarios.trial.result import Bug, Failure, named, phase_entries, timing_result, versions
+from scenarios.trial.result import (
+    REPORT,
+    Bug,
+    Failure,
+    named,
+    phase_entries,
+    timing_result,
+    versions,
+)
 from scenarios.trial.trace import Trace
 from scenarios.world.truth import Truth
 
-WORLD = "world"  # beside the devices: the process that emulates them
-STALE, DOUBTED = "stale", "doubted"  # kinds of a failure
-DOUBT = re.compile(r"[a-z]+(_[a-z]+)+: ")  # as in grasp/doubt.py
-KEEP_UP = (
-    "this computer stood still: end what else it does, then start the run again (docs/real-time.md)"
-)
-INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
-INTERNAL_ERROR = "internal_error"  # and of one that an exception of our own code ended: nor this
-REPORT = "a bug: report it with what the run has left"
-LOOK_THERE = "see the phases of the result"
-TIMED_OUT = "the run did not end in time"
-LONGER = "where it was only slow, give it longer (loop.deadline_s)"
+INTERNAL_ERROR = "internal_error"  # outcome of a run that an exception of our own code ended
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
@@ -108,7 +105,7 @@ def make_step(
     config: TrialConfig,
     controller: GraspController | None = None,
     guard: ForceGuard | None = None,
-    doubts: Doubts | None = None,
+    monitors: Monitors | None = None,
     detector: SlipDetector | None = None,
 ) -> GraspStep:
     """What stands between a frame and the commands, as the configuration says."""
@@ -117,7 +114,7 @@ def make_step(
         detector,
         controller or make_controller(config),
         guard or make_guard(config),
-        doubts or Doubts(config.doubt),
+        monitors or Monitors(config.monitors),
         motion_told_by(detector),
     )
 
@@ -141,17 +138,25 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     stalls: Stalls
     acknowledged_ns: Sequence[int]
     real_time: bool | None  # was a real-time priority granted; None in virtual time
-    interrupted: bool  # by Ctrl-C or a signal
     bug: Bug | None  # an exception of our own code ended it
     way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
     mark: TapeMark | None = None  # what a person read at the top of a lift
 
     @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Why it ended early; first that an exception of our own code did."""
+        bug = () if self.bug is None else (self.bug.fault,)
+        return bug or self.controller.faults
+
+    @property
+    def interrupted(self) -> bool:
+        """By Ctrl-C or a signal."""
+        return any(fault.kind == INTERRUPTED for fault in self.faults)
+
+    @property
     def fault(self) -> str:
-        """Why it ended in the safe state; empty if it did not, or was told to."""
-        if self.bug is not None:
-            return self.bug.line
-        return "" if self.interrupted else self.controller.fault_cause
+        """Why it ended in the safe state, for people; empty if it did not, or was told to."""
+        return "" if self.interrupted else lines(self.faults)
 
     def outcome_of(self, verdict: str) -> str:
         """What it is called: the verdict of one that can be judged, or why it cannot."""
@@ -165,15 +170,9 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if not controller.in_safe_state and self.bug is None:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
-        end = end_of(
-            trace.last,
-            trace.hand,
-            self.loop.errors,
-            old_s,
-            self.way_out,
-            self.controller.fault_cause,
-            controller.further,
-        )
+        faults = (*controller.faults, *controller.further)
+        errors = tuple(self.loop.errors.values())
+        end = end_of(trace.last, trace.hand, old_s, self.way_out, faults, errors)
         unreached = controller.unreached
         ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
         if self.bug is not None and trace.last is not None and not ended:
@@ -205,25 +204,23 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
     def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
-        if not (self.fault or self.interrupted):
+        faults, end = self.faults, self.end(config)
+        if not faults:
             return None
         if self.bug is not None:
-            return Failure("internal", self.bug.line, REPORT, self.end(config))
-        cause, errors, end = self.controller.fault_cause, self.loop.errors, self.end(config)
+            return Failure(INTERNAL, faults[0].line, REPORT, end, faults)
+        errors, last = tuple(self.loop.errors.values()), self.trace.last
+        old_s = config.controller.stale_after_s
+        message, remedy = end_message(faults, errors, last, old_s)
+        kind = (*errors, *faults)[0].kind
         if self.interrupted:
-            cause = f"{cause} in phase {self.controller.machine.before}"
-        message = happened(cause, self.trace.last, errors, config.controller.stale_after_s)
-        message = "; then ".join((message, *self.controller.further))
-        if self.interrupted:
-            return Failure("interrupted", message, "", end)
-        remedy = remedy_of(self.trace.last, errors, config.controller.stale_after_s)
-        if stood_still(cause):  # as it does where a verb waits for a hand that has fallen silent
-            both = "; ".join(filter(None, (remedy if errors else "", KEEP_UP)))
-            return Failure("safety_stop", message, both, end)
-        for error in errors.values():
-            return Failure(error.kind, message, remedy, end)
-        look = f"{LOOK_THERE}; {LONGER}" if TIMED_OUT in cause else LOOK_THERE
-        return Failure(kind_of(cause), message, look, end)
+            message, _ = end_message((), errors, last, old_s)
+            where = f"{lines(faults)} in phase {self.controller.machine.before}"
+            message, kind, remedy = "; ".join(filter(None, (where, message))), INTERRUPTED, ""
+        elif any(fault.code == STOOD_STILL for fault in faults):
+            kind = SAFETY_STOP
+        message = "; then ".join((message, *(fault.line for fault in self.controller.further)))
+        return Failure(kind, message, remedy, end, faults)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
         """What every result says alike, by the fields of ``TrialResult``."""
@@ -249,19 +246,12 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "detector_hash": config.detector_hash(),
             "files": config.files,
             "end": self.end(config),
+            "faults": self.faults,
+            "reported": self.trace.reported,
             "bug": self.bug,
             "home_m": self.home,
             "physics": config.physics(seed),
         }
-
-
-def kind_of(cause: str) -> str:
-    """Of a failure, by why the controller entered the safe state. What it calls by a name
-    (``stale: ...``, ``loop_stood_still: ...``) says that somebody was not heard or not believed:
-    such a trial is none, and is made again. The rest is what became of the trial."""
-    if cause.startswith("stale: "):
-        return STALE
-    return DOUBTED if DOUBT.match(cause) else "safety_stop"
 
 
 def run_trial(
@@ -280,7 +270,7 @@ def run_trial(
     trace = Trace()
 
     def look() -> Truth | None:
-        """The world's truth; one that is gone is trouble like a device's, and asked no more."""
+        """The world's truth; one that is gone is an error as a device's, and asked no more."""
         if WORLD in loop.errors:
             return None
         try:
@@ -305,25 +295,24 @@ def run_trial(
         bugs.append(Bug.of_stuck())
         _aborted(loop, trace)
         trial = FinishedTrial(
-            controller, loop, trace, None, Stalls(), (), None, False, bugs[0], rig.way_out
+            controller, loop, trace, None, Stalls(), (), None, bugs[0], rig.way_out
         )
         return trial.failure(config)
 
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with interruption.guarded(given_up) if rig.on_wall else nullcontext():
-        interrupted, granted = _run_to_end(
+    with signals.guarded(given_up) if rig.on_wall else nullcontext():
+        granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
         )  # fmt: skip
-    interruption.seal()  # what is left is closing, judging and writing
     final, stalls = None, Stalls()
     with SuppressBugs() if bugs else nullcontext():
         final = look()
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
-        controller, loop, trace, final, stalls, acknowledged(rig, loop), granted, interrupted,
+        controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
         bugs[0] if bugs else None, rig.way_out,
     )  # fmt: skip
 
@@ -331,61 +320,40 @@ def run_trial(
 def _run_to_end(
     config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float, bugs: list[Bug],
     trace: Trace,
-) -> tuple[bool, bool | None]:  # fmt: skip
-    """Run until the controller has finished. Tells whether it was interrupted, in a safe state, and
-    whether a real-time priority was granted (None in virtual time). An exception of our own code
-    is put into ``bugs`` before the safe state is pursued."""
+) -> bool | None:  # fmt: skip
+    """Run until the controller has finished. Tells whether a real-time priority was granted (None
+    in virtual time). An exception of our own code is put into ``bugs`` before the safe state is
+    pursued."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
-            try:
-                return _stopped(loop, deadline_s), granted
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:  # some of somebody's library, which knows no better
-                bugs.append(Bug.of(error))
-                _end_as_a_fault(loop, bugs[0], trace)
-                return False, granted
-        except (
-            interruption.Interruption
-        ) as cut:  # of what stood still while the safe state was pursued
-            if not _aborted(loop, trace):
-                raise
-            if not bugs:
-                bugs.append(Bug.of_hanging(cut))
-            return False, granted
-        except BaseException:  # nothing may leave the arm moving
-            loop.abort()
-            raise
+            _run_or_stop(loop, deadline_s)
+        except BaseException as error:  # the outermost loop: arm and hand are made safe
+            bugs.append(Bug.of(error))
+            _end_as_a_fault(loop, bugs[0], trace)
+        return granted
 
 
 def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     try:
-        loop.fail(bug.line)
-    except KeyboardInterrupt:
-        raise
+        loop.fail(bug.fault)
     except BaseException:  # no step can be taken any more
         _aborted(loop, trace)
 
 
-def _aborted(loop: ControlLoop, trace: Trace) -> bool:
-    """End where no step can be taken; whether there was one before."""
+def _aborted(loop: ControlLoop, trace: Trace) -> None:
+    """End where no step can be taken."""
     left = loop.abort()
-    if left is None:
-        return False
-    trace.last = left
-    with SuppressBugs():
-        trace.add(left, None)
-    return True
+    if left is not None:
+        trace.last = left
+        with SuppressBugs():
+            trace.add(left, None)
 
 
-def _stopped(loop: ControlLoop, deadline_s: float) -> bool:
+def _run_or_stop(loop: ControlLoop, deadline_s: float) -> None:
     try:
         loop.run(deadline_s)
     except KeyboardInterrupt as stop:
-        if isinstance(stop, interruption.Interruption) and stop.cut:
-            raise  # what hung may be called by the next step as well
-        return loop.stop(interruption.cause(stop))
-    return False
+        loop.stop(Fault(INTERRUPTED, TRIAL, signals.cause(stop), kind=INTERRUPTED))
 
 
 def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:

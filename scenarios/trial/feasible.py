@@ -6,8 +6,6 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
-from grasp.lift_line import AT_HEIGHT_M
-from grasp.safe_state import SAFE_STATE_NS
 from grasp.slip_response.stop_and_close import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
@@ -51,7 +49,7 @@ def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
 
 def check_arm(config: TrialConfig) -> None:
     """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
-    controller, arm, doubt = config.controller, config.arm, config.doubt
+    controller, arm = config.controller, config.arm
     limits = {
         "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
@@ -66,13 +64,6 @@ def check_arm(config: TrialConfig) -> None:
     _check_heartbeat(config)
     _check_start(arm)
     _check_height(controller, arm)
-    there_m = doubt.arm_there_m
-    if there_m > AT_HEIGHT_M:
-        raise ConfigError(
-            "doubt", "arm_there_m",
-            f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
-            f"<= {AT_HEIGHT_M:g}",
-        )  # fmt: skip
 
 
 def _check_heartbeat(config: TrialConfig) -> None:
@@ -126,13 +117,8 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
 
 
 def check_waits(config: TrialConfig) -> None:
-    """Raises ConfigError where a wait would cut another one short, or the way up or down."""
-    s, stop_s, safe_s = config.controller, config.loop.stop_s, SAFE_STATE_NS * 1e-9
-    if stop_s <= safe_s:
-        raise ConfigError(
-            "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
-            f"> {safe_s:g}",
-        )  # fmt: skip
+    """Raises ConfigError where a phase would cut the way up or down short."""
+    s = config.controller
     ramp_mps2 = s.lift_acceleration_mps2
     gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.answer_stop_mps2)
     up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2

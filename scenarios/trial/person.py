@@ -5,7 +5,7 @@ from typing import Protocol
 
 import msgspec
 
-from grasp import interruption
+from grasp import signals
 from grasp.loop import Tick
 from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
@@ -37,7 +37,7 @@ def place_object(rig: GraspRig, operator: Operator, which: str) -> None:
         f"{which}. Put the object on the table between the fingers, its mark at the pads: Enter"
     )
     while operator.poll() is None:
-        interruption.check()
+        signals.check()
         rig.idle()
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import in_words
 from drivers.interfaces import FINGER_NAMES, Vector3
+from grasp.fault import Fault
 from grasp.foxglove import (
     ERROR,
     INFO,
@@ -86,7 +87,7 @@ class Pictures:
         self._ticks = 0
         self._home: Vector3 | None = None
         self._arrows_before: tuple[Arrow, ...] | None = None
-        self._doubt = ""
+        self._failed: tuple[Fault, ...] = ()
         self._ended = False
 
     def end(self, write: Write, t_ns: int, error: BaseException) -> None:
@@ -130,9 +131,11 @@ class Pictures:
             lines.append(Log(self._time(c.t_ns), level, text, "phase"))
         if tick.decision.slip.event:
             lines.append(Log(now, INFO, "slip registered", "slip"))
-        if tick.observation.doubt and tick.observation.doubt != self._doubt:
-            lines.append(Log(now, WARNING, tick.observation.doubt, "doubt"))
-        self._doubt = tick.observation.doubt
+        failed = (*tick.observation.faults, *tick.observation.reported)
+        known = {fault.code for fault in self._failed}
+        new = [fault for fault in failed if fault.code not in known]
+        lines += [Log(now, WARNING, fault.line, "check") for fault in new]
+        self._failed = failed
         return lines + [
             Log(self._time(each.sent_ns), WARNING, each.refused, "refused")
             for each in tick.issued

@@ -304,7 +304,7 @@ class _Stepper:
         for topic in (GRIPPER, ARM):
             self.compare(t_ns, f"{topic} of this step", self._heard_ns[topic], t_ns)
         self._check_queue(t_ns, recorded)
-        troubled = recorded.gripper_lost or bool(recorded.trouble)
+        troubled = recorded.gripper_lost or bool(recorded.errors)
         wrong = None if self._own_gripper else self.writes.take(self._gripper, troubled)
         if wrong is not None:
             self.compare(t_ns, "bytes written to the gripper", *wrong)
@@ -325,7 +325,7 @@ class _Stepper:
     def _check_queue(self, t_ns: int, recorded: ControlMessage) -> None:
         """Has all been sent that no longer waits? A run that is stopped forgets the rest."""
         self._check_sent(t_ns)
-        if recorded.stop or recorded.trouble:
+        if recorded.stop or recorded.errors:
             self._waiting = self._waiting if recorded.pending else []
         self.compare(t_ns, "a command waits", recorded.pending, bool(self._waiting))
         self._waiting = self._waiting if recorded.pending else []

@@ -35,7 +35,7 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.doubt import Doubts
+from grasp.monitors.checks import Monitors
 from grasp.observation import StepInput
 from grasp.slip_response.base import CLOSED_COUNTS
 from grasp.step import StepResult
@@ -80,7 +80,7 @@ class _Lift:
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
         self.begun = False  # the arm has been commanded to lift
-        self._step = make_step(config, doubts=Doubts(config.doubt, stand_ins=True))
+        self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN

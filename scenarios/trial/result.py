@@ -16,7 +16,8 @@ import msgspec
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import SuppressBugs, text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
-from grasp import interruption
+from grasp import signals
+from grasp.fault import INTERNAL, TRIAL, Fault
 from grasp.guard import CapMode
 from grasp.loop import Timing
 from grasp.states import PhaseChange
@@ -29,6 +30,9 @@ def spelt(outcome: str) -> str:
     """An outcome as a person writes it: `held_within_6cm` is held within 6 cm."""
     words = outcome.replace("_", " ")
     return f"{words[:-2]} cm" if words.endswith("cm") else words
+
+
+REPORT = "a bug: report it with what the run has left"
 
 
 class TimingResult(msgspec.Struct, frozen=True):
@@ -71,27 +75,21 @@ class Bug(msgspec.Struct, frozen=True):
         return cls(type(error).__name__, text_of(error), raised)
 
     @classmethod
-    def of_hanging(cls, cut: KeyboardInterrupt) -> Self:
-        """Of what stood still until a signal cut it."""
-        text = f"{interruption.cause(cut)} while this stood still"
-        return msgspec.structs.replace(cls.of(cut), text=text)
-
-    @classmethod
     def of_stuck(cls) -> Self:
         """Of what the main thread does now, which no signal could cut: asked in another thread."""
         frame = sys._current_frames()[threading.main_thread().ident or 0]  # noqa: SLF001
-        stack = "".join(traceback.format_stack(frame))
-        cut = interruption.Interruption(interruption.number())
-        return msgspec.structs.replace(cls.of_hanging(cut), traceback=stack)
+        stop = signals.Interruption(signals.number())
+        text = f"{signals.cause(stop)} while this stood still"
+        return cls(type(stop).__name__, text, "".join(traceback.format_stack(frame)))
 
     @property
-    def line(self) -> str:
-        """In one line, with where it was raised; a cause, of which several are joined by "; "."""
+    def fault(self) -> Fault:
+        """With where it was raised."""
         frames = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
-        raised = [line for line in frames if interruption.__file__ not in line]
+        raised = [line for line in frames if signals.__file__ not in line]
         where = f" ({raised[-1].strip()})" if raised else ""
-        text = self.text.partition(chr(10))[0].replace(";", ",")
-        return f"internal_error: {self.name}: {text}{where}"
+        text = f"{self.name}: {self.text.partition(chr(10))[0]}{where}"
+        return Fault("internal_error", TRIAL, text, REPORT, kind=INTERNAL)
 
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,6 +121,8 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     detector_hash: str  # of weights or formula, and rule
     files: dict[str, str] = {}  # one's own that settings came from, each with a fingerprint
     end: End | None = None  # where it ended in a safe state
+    faults: tuple[Fault, ...] = ()  # why it ended early
+    reported: tuple[Fault, ...] = ()  # what would have ended it, had `monitors.mode` been stop
     bug: Bug | None = None  # where an internal error ended it
     home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began
     physics: ContactLevels | None = None  # None on hardware
@@ -141,6 +141,7 @@ class Failure(msgspec.Struct, frozen=True):
     message: str
     remedy: str
     end: End | None = None  # how arm and hand were left, once a run had begun
+    faults: tuple[Fault, ...] = ()
 
 
 ResultT = TypeVar("ResultT", bound=TrialResult)

@@ -11,9 +11,10 @@ import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord, SuppressBugs, UsageError
 from drivers.interfaces import Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.clock import VIRTUAL_EPOCH_NS, Clock
 from grasp.controller import GraspController
+from grasp.fault import INTERNAL
 from grasp.files import LEADS_NOWHERE, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
@@ -21,9 +22,9 @@ from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
 from grasp.states import PhaseChange
 from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import REPORT, FinishedTrial, Watch
+from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.pictures import Pictures
-from scenarios.trial.result import Bug, Failure, FinishedRun, ResultT, versions
+from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
 from scenarios.world.truth import Truth
 
 RECORDING = "recording.mcap"
@@ -156,8 +157,8 @@ class Record:
     def __enter__(self) -> Self:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
-            uncut.enter_context(interruption.held())
-            uncut.enter_context(interruption.lastly(self._abandon))
+            uncut.enter_context(signals.deferred())
+            uncut.enter_context(signals.lastly(self._abandon))
             if self._runs is not None:
                 self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
             self._uncut = uncut.pop_all()
@@ -237,11 +238,11 @@ def _with_bug(
 ) -> Failure:
     """A trial that failed as well keeps its kind."""
     if failure is not None:
-        return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.line}")
+        return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.fault.line}")
     end = None
     with SuppressBugs():
         end = trial.end(config)
-    return Failure("internal", bug.line, REPORT, end)
+    return Failure(INTERNAL, bug.fault.line, REPORT, end, (bug.fault,))
 
 
 def metadata(config: msgspec.Struct, seed: int, clock: Clock) -> dict[str, str]:

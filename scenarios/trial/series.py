@@ -6,17 +6,18 @@ from pathlib import Path
 
 import msgspec
 
-from drivers.errors import GraspError, Refused
+from drivers.errors import GraspError, Refused, Stale
 from drivers.interfaces import Vector3
-from grasp import interruption
+from grasp import signals
 from grasp.controller import GraspController
+from grasp.fault import IMPLAUSIBLE, INTERRUPTED
 from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
-from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick, Watch
+from scenarios.trial.execution import OnTick, Watch
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT
 from scenarios.world.truth import Truth
@@ -74,7 +75,7 @@ def run_series(
     """
     _ = config.memory_s  # a detector that cannot be loaded is told before anything is opened
     begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
-    with interruption.held():
+    with signals.deferred():
         if config.rig == "simulated":
             yield from _anew(config, seeds, bench, attempt, begun)
             return
@@ -92,7 +93,7 @@ def _on_one_rig(
     for seed, number in zip(seeds, begun.numbers, strict=True):
         for words in _times(f"Trial {number} of {begun.of}"):
             if operator is None:
-                interruption.check()
+                signals.check()
             if not first and rig.load is not None:
                 rig.load(config.built_for(seed), seed)
             ended = None
@@ -127,13 +128,13 @@ def _ended_while_placed(
     """Have the object put in place; why that ended otherwise, a device that went or a signal, and
     how arm and hand were left."""
     try:
-        interruption.check()
+        signals.check()
         place_object(rig, operator, words)
     except GraspError as error:
         kind, message, remedy = error.kind, error.message, error.remedy
     except KeyboardInterrupt as stop:
         kind, remedy = INTERRUPTED, ""
-        message = f"{interruption.cause(stop)} before {words[0].lower()}{words[1:]}"
+        message = f"{signals.cause(stop)} before {words[0].lower()}{words[1:]}"
     else:
         return None
     gripper = None if rig.gripper is None else rig.gripper.state
@@ -151,7 +152,7 @@ def _times(title: str) -> Iterator[str]:
 def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
     """Whether it was no trial, and has left an arm that stands and a hand that is open."""
     failure = finished.failure
-    if failure is None or failure.kind not in (STALE, DOUBTED) or failure.end is None:
+    if failure is None or failure.kind not in (Stale.kind, IMPLAUSIBLE) or failure.end is None:
         return False
     return failure.end.open and not failure.end.unreached
 

@@ -1,8 +1,9 @@
 """What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
 
 from drivers.interfaces import Counts3, Vector3
-from grasp.fingertip_doubt import at_rail
+from grasp.fault import Fault
 from grasp.loop import Issued, Tick
+from grasp.monitors.fingertips import at_rail
 from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
 from scenarios.world.truth import Truth
 
@@ -19,6 +20,7 @@ class Trace:
         self.commanded_force_n = 0.0
         self.peak_measured_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
         self.felt_n = 0.0
+        self.reported: tuple[Fault, ...] = ()  # the first of each check that ends no run
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
         self._compensated = False
         # The highest that the object was when the hand lost it on the way down, or after the run
@@ -29,6 +31,9 @@ class Trace:
     def add(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""
         self.last = tick
+        for fault in tick.observation.reported:
+            if not any(known.code == fault.code for known in self.reported):
+                self.reported += (fault,)
         phase = tick.decision.state
         if tick.decision.slip.event and self.registered_ns is None:
             self.registered_ns = tick.t_ns

@@ -4,7 +4,7 @@ import re
 
 import msgspec
 
-from grasp.doubt import STOOD_STILL
+from grasp.monitors.checks import STOOD_STILL
 from scenarios.lift.lift import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
 from scenarios.rigs.rig import calibration

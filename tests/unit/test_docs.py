@@ -4,7 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
-from grasp.cli.main import build_parser
+from grasp.cli.commands import build_parser
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,4 +37,4 @@ def test_commands_of_a_first_day_and_of_the_steps_on_hardware_are_of_this_progra
     lines = [*played, *re.findall(r"`(grasp [^`]+)`", steps)]
     assert len(lines) > 20
     for line in lines:
-        assert callable(build_parser().parse_args(shlex.split(line)[1:]).handler), line
+        assert build_parser().parse_args(shlex.split(line)[1:]).command, line

@@ -116,7 +116,7 @@ def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) ->
         ('rig = "hardware"\n[modbus]\nhost = "10.0.0.7"\n', "a rig for --rig, opened as hardware"),
         ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
         ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
-        ("[control]\nforce_n = 4.0\n", "settings for --config, of an acquisition: control"),
+        ("[control]\nforce_n = 5.0\n", "settings for --config, of an acquisition: control"),
     ],
 )
 def test_a_file_is_told_by_what_is_in_it(
@@ -141,8 +141,8 @@ def test_a_file_is_told_by_what_is_in_it(
         ('rig = "lab"\n', "'lab' is none"),
         ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
         ('[rule]\nkind = "cusum"\nconsecutive = 2\n', "rule.consecutive: is not read"),
-        ("[rule]\nlimit = 9.0\n", "kind consecutive and fusion mean; so alone no run takes it"),
-        ("[controller]\nmargin_steps = 2\n", "--config THAT.toml --config "),
+        ("[rule]\nlimit = 9.0\n", "is not read by a rule of kind consecutive and fusion mean"),
+        ("[controller]\nmargin_steps = 2\n", "controller.margin_steps"),
     ],
 )
 def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(

@@ -17,11 +17,12 @@ import msgspec
 import pytest
 
 from drivers.errors import GraspError
+from grasp.loop_settings import STOP_S
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES
 from scenarios.rigs import emulated
-from scenarios.rigs.cell_process import READY_S, CellProcess, at_endpoints, cell_process
+from scenarios.rigs.emulated import READY_S, CellProcess, at_endpoints, cell_process
 from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S
 from tests.nightly.chaos import proxy
 from tests.nightly.chaos.proxy import WIRES, Commands, Order, Passed, Plan, Route, Trouble, drawn
@@ -93,7 +94,7 @@ def stated_s() -> float:
     ur, loop = SETTINGS.ur, SETTINGS.loop
     opening_s = READY_S + ACTIVATION_TIMEOUT_S + 3 * ur.step_timeout_s + ur.start_timeout_s
     closing_s = ur.leave_timeout_s + ur.step_timeout_s
-    return opening_s + loop.deadline_s + loop.stop_s + closing_s + SLACK_S
+    return opening_s + loop.deadline_s + STOP_S + closing_s + SLACK_S
 
 
 def takes_the_hand(trouble: Trouble) -> bool:

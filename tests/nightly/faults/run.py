@@ -48,6 +48,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str
     phase: str  # the last one before the safe state
     cause: str
+    timed_out: bool  # a phase or the run
     message: str  # the last line, without the remedy; empty where nothing failed
     arm: str = ""  # by the last line
     hand: str = ""
@@ -296,9 +297,11 @@ def _run(moment: Moment) -> Ended:
         then_taken=then_taken,
         taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
         outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
+        timed_out=bool(_codes(trial) & {"run_timeout", "phase_timeout"}),
         message="" if failure is None else failure.message,
         arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
-        finished=trial.controller.finished and _in_time(trial), arm_s=arm_s, hand_s=hand_s,
+        finished=trial.controller.finished and "run_timeout" not in _codes(trial),
+        arm_s=arm_s, hand_s=hand_s,
         safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,
         arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
         later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
@@ -334,5 +337,5 @@ def _phase(trial: FinishedTrial) -> str:
     return going[-1] if going else State.START.value
 
 
-def _in_time(trial: FinishedTrial) -> bool:
-    return "did not end in time" not in trial.controller.fault_cause
+def _codes(trial: FinishedTrial) -> set[str]:
+    return {fault.code for fault in trial.controller.faults}

@@ -71,7 +71,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
     ({"safe_mps": 0.1, "safe_way_m": 0.0211, "arm_s": 0.1}, "unstopped"),
     ({"safe_mps": 0.1, "safe_way_m": 0.0199, "arm_s": 0.5}, "unstopped"),
     ({"hand_s": 3.07}, "unstopped"), ({"entered_n": 9.0, "least_n": 4.4}, "hand"),
-    ({"finished": False}, "time-out"), ({"cause": "phase x lasted longer than 30 s"}, "time-out"),
+    ({"finished": False}, "time-out"), ({"timed_out": True}, "time-out"),
     ({"outcome": "internal_error"}, "bug"), ({"outcome": "false_start"}, "missed"),
     ({"outcome": "held", "let_go_m": 0.05}, "misleading"), ({"advice": ""}, "misleading"),
     ({"advice": "start the run again", "pressed_n": 1.1}, "misleading"),

@@ -20,7 +20,6 @@ from tests.nightly.last_line import (
     MOST_N,
     SLID_M,
     SLIDES_MPS,
-    TIMED_OUT,
     Known,
     blames_another,
     misled,
@@ -104,7 +103,7 @@ def buggy(end: Ended) -> str:
 def timed_out(end: Ended) -> str:
     if not end.finished:
         return "the run did not end in time"
-    return end.cause if re.search(TIMED_OUT, end.cause) else ""
+    return end.cause if end.timed_out else ""
 
 
 def misleading(end: Ended) -> str:

@@ -11,8 +11,11 @@ from drivers.interfaces import (
     GripperState,
     TactileFrame,
 )
+from grasp.fault import GRIPPER, INTERRUPTED, TRIAL, Fault
 from grasp.observation import Observation, StepInput
 
+LOST = (Fault("link_lost", GRIPPER, "unplugged", "plug it in", kind="link_lost"),)
+STOP = Fault(INTERRUPTED, TRIAL, "stopped by hand", kind=INTERRUPTED)
 REST = Detection.AT_TARGET
 MOVING = (Detection.MOVING, REST, REST)  # finger A
 Codes = NDArray[np.int16]
@@ -66,5 +69,6 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         **changes,
     }
     values.setdefault("felt_n", values["measured_n"])
+    values.setdefault("faults", values.get("errors", ()))
     given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
     return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]

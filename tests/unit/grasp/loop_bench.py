@@ -12,6 +12,7 @@ from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, seen
 
 MS = 1_000_000
+LIMITS = {"stop_s", "abort_s", "spared_s"}
 
 
 class Bench:
@@ -32,7 +33,7 @@ class Bench:
         self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, fault_cause="",
+            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
             aborted=lambda: (StopArm(2.0), HoldFingers()),
             missing=lambda seen: Missing((), self.missing_of_hand),
         )  # fmt: skip
@@ -60,8 +61,11 @@ class Bench:
         )  # fmt: skip
         self.hand, self.arm, self.board = hand, body, board
         devices: Any = Devices(hand, body, board)  # type: ignore[arg-type]
+        limits = {name: settings.pop(name) for name in LIMITS & settings.keys()}
         asked = LoopSettings(**{"decision_delay_s": 0.002} | settings)
         self.loop = ControlLoop(devices, self.clock, self.step, asked, self.ticks.append)
+        for name, value in limits.items():
+            setattr(self.loop, name, value)
 
     def _of(self, name: str) -> Any:
         def act(*asked: Any) -> Any:

@@ -8,7 +8,7 @@ from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.set_down import MARGIN_M
 from grasp.states import State
-from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
 ZERO = (0.0, 0.0, 0.0)
@@ -125,7 +125,7 @@ def risen_m(number: int, **settings: Any) -> float:
 def stopped_at_mps2(v: float) -> float:
     """Of the arm, when a person stops the run and when a fault does."""
     commands: list[object] = []
-    for cause in ({"trouble": "unplugged"}, {"stop": "by hand"}):
+    for cause in ({"errors": LOST}, {"stop": STOP}):
         d = Driver(stop_deceleration_mps2=v).lift()
         d.climb(**cause)
         commands += d.commands

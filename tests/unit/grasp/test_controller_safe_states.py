@@ -1,4 +1,4 @@
-"""Faults, doubts and people who stop: what the controller asks for then, and for how long."""
+"""Faults and people who stop: what the controller asks for then, and for how long."""
 
 import pytest
 
@@ -7,12 +7,14 @@ from grasp.commands import (
     HoldFingers,
     StopArm,
 )
+from grasp.fault import Fault
+from grasp.monitors.checks import failed
 from grasp.states import State
-from tests.unit.grasp.builders import arm, frame, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import MOVING, TICK, Driver
 
 FAULTS = [
-    {"trouble": "link_lost: cable"},
+    {"errors": LOST},
     {"frame": frame(stale=True)},
     {"gripper": gripper(-200_000_000)},
     {"arm": arm(-200_000_000)},
@@ -42,13 +44,13 @@ def test_fault_in_the_air_stops_the_arm_and_closes_to_the_cap(change: dict[str, 
 
 def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
     d = Driver().lift()
-    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    d.step(errors=LOST, gripper_lost=True)
     assert d.commands == [StopArm(1.0)]
 
 
 def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() -> None:
     d = Driver().lift()
-    d.step(trouble="x")
+    d.step(errors=LOST)
     d.commands.clear()
     d.step()
     assert not d.controller.finished  # what it was told before may still set the hand going
@@ -59,7 +61,7 @@ def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() 
 
 def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
     d = Driver().lift()
-    d.step(trouble="x")
+    d.step(errors=LOST)
     for _ in range(100):
         d.climb()
     stops = [c for c in d.commands if isinstance(c, StopArm)]
@@ -71,24 +73,25 @@ def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
 
 def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing() -> None:
     d = Driver().lift()
-    d.step(trouble="x")
+    d.step(errors=LOST)
     for _ in range(310):
         d.climb()
     assert d.controller.finished
     assert d.controller.unreached == ("the arm still moves",)
 
 
-FROZEN = "arm_frozen: the position stands while it is told to move"
+FROZEN = failed("arm_frozen", seconds=0.4)
+SILENT = failed("gripper_silent", seconds=0.16)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"doubt": FROZEN},
-        {"doubt": f"loop_stood_still: for 0.2 s nobody was in control; {FROZEN}"},
-        {"trouble": "link_lost: the gripper does not answer", "doubt": FROZEN},
+        {"faults": (FROZEN,)},
+        {"faults": (failed("loop_stood_still", seconds=0.2), FROZEN)},
+        {"errors": LOST, "faults": (*LOST, FROZEN)},
     ],
-    ids=["alone", "after another doubt", "after trouble"],
+    ids=["alone", "after another check", "after an error"],
 )
 def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand(
     change: dict[str, object],
@@ -109,7 +112,7 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(cl
     if closes == "firmly":
         d.until_next()
     d.commands.clear()
-    d.step(stop="stopped by hand")
+    d.step(stop=STOP)
     assert d.commands == [StopArm(1.0), HoldFingers()]
     d.step(gripper=d.hand(detections=MOVING))
     assert not d.controller.finished
@@ -119,26 +122,29 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(cl
 
 def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
     d = Driver().lift()
-    d.step(trouble="x")
+    d.step(errors=LOST)
     assert [type(c) for c in d.controller.aborted()] == [StopArm, CloseFast]
 
 
-@pytest.mark.parametrize("doubt", ["arm_jump: 0.05 m", "gripper_impossible: finger A at 300"])
-def test_further_doubt_in_a_safe_state_is_told_once_and_moves_nothing(doubt: str) -> None:
+@pytest.mark.parametrize(
+    "fault",
+    [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="leapt")],
+)
+def test_further_fault_in_a_safe_state_is_told_once_and_moves_nothing(fault: Fault) -> None:
     d = Driver().lift()
-    d.step(doubt="gripper_silent: 0.16 s without an answer")
+    d.step(faults=(SILENT,))
     d.commands.clear()
     for _ in range(20):
-        d.step(doubt=f"gripper_silent: 0.30 s without an answer; {doubt}")
-    assert d.controller.fault_cause.startswith("gripper_silent: 0.16 s")
-    assert d.controller.further == (doubt,)
+        d.step(faults=(failed("gripper_silent", seconds=0.3), fault))
+    assert d.controller.faults == (SILENT,)
+    assert d.controller.further == (fault,)
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 
 
-def test_arm_that_is_doubted_only_in_the_safe_state_is_not_said_to_stand() -> None:
+def test_arm_that_is_not_believed_only_in_the_safe_state_is_not_said_to_stand() -> None:
     d = Driver().lift()
-    d.step(trouble="x", arm=arm(d.t_ns + TICK, 0.05, moving=True))
-    d.step(doubt="arm_jump: 0.05 m from one sample to the next")
+    d.step(errors=LOST, arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    d.step(faults=(failed("arm_wrong_way", mm=50.0),))
     assert not d.controller.finished
     for _ in range(310):
         d.step()
@@ -147,21 +153,21 @@ def test_arm_that_is_doubted_only_in_the_safe_state_is_not_said_to_stand() -> No
 
 
 @pytest.mark.parametrize("phase", [State.SETTLE, State.LIFT])
-def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: State) -> None:
-    d = Driver()
+def test_fault_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: State) -> None:
+    d, frozen = Driver(), failed("fingertips_frozen", samples=9)
     d.until(phase)
     d.commands.clear()
-    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    d.step(stop=STOP, arm=arm(d.t_ns + TICK, 0.05, moving=True))
     for _ in range(20):
-        d.step(doubt="fingertips_frozen: all codes", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+        d.step(faults=(frozen,), arm=arm(d.t_ns + TICK, 0.05, moving=True))
     assert d.controller.state is State.STOPPED
-    assert d.controller.further == ("fingertips_frozen: all codes",)
+    assert d.controller.further == (frozen,)
     assert {type(c) for c in d.commands} == {StopArm}
 
 
 def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:
     d = Driver().lift()
-    d.step(trouble="x")
+    d.step(errors=LOST)
     d.commands.clear()
     for _ in range(50):
         d.climb(pending=True)
@@ -170,7 +176,7 @@ def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> 
 
 def test_gripper_that_comes_back_is_still_told_to_close() -> None:
     d = Driver().lift()
-    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    d.step(errors=LOST, gripper_lost=True)
     for _ in range(8):
         d.step(gripper_lost=True)
     assert not any(isinstance(c, CloseFast) for c in d.commands)
@@ -187,7 +193,7 @@ def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: State) ->
     d = Driver(firm=phase is State.CLOSE)
     d.until(phase)
     d.commands.clear()
-    d.step(trouble="link_lost: cable")
+    d.step(errors=LOST)
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
@@ -196,7 +202,7 @@ def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
     d.commands.clear()
-    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    d.step(stop=STOP, arm=arm(d.t_ns + TICK, 0.05, moving=True))
     assert d.controller.state is State.STOPPED
     assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is State.SHAPE else [])]
     d.rest()

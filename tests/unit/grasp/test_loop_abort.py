@@ -14,7 +14,7 @@ RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
 
 
 def test_abort_tells_each_device_by_itself_whatever_the_others_do() -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.1)
+    bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.decides = [(RISE,)]
     bench.loop.tick()
@@ -32,7 +32,7 @@ def test_abort_tells_each_device_by_itself_whatever_the_others_do() -> None:
 def test_an_abort_waits_for_a_hand_that_moves_and_tells_an_arm_that_stands_to_stop_once(
     hand: dict[str, Any],
 ) -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.hand.state = gripper(2 * 10**9, **hand)
     bench.arm.state = arm(2 * 10**9)
@@ -44,7 +44,7 @@ def test_an_abort_waits_for_a_hand_that_moves_and_tells_an_arm_that_stands_to_st
 
 
 def test_an_abort_believes_no_state_from_before_it() -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.hand.state, bench.arm.state = gripper(10**9), arm(10**9)
     bench.raises["gripper pump"] = LinkLost("gone", "look")
@@ -57,7 +57,7 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
 @pytest.mark.parametrize("bug", [SystemExit(0), KeyboardInterrupt(), ValueError("a bug")], ids=repr)
 @pytest.mark.parametrize("device", ["arm pump", "gripper pump", "board pump", "hold"])
 def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, device: str) -> None:
-    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.clock.sleep_until_ns(bench.clock.now_ns + 5 * MS)  # so that the arm is asked first
     bench.raises[device] = bug

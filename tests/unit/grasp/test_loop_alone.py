@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import LinkLost, Refused
-from grasp import interruption
+from grasp import signals
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -17,8 +17,10 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.fault import Fault
 from grasp.loop import Issued
 from grasp.states import State
+from tests.unit.grasp.builders import STOP
 from tests.unit.grasp.loop_bench import MS, Bench
 
 MOVE = MoveFingers((1, 2, 3), 0.05, 7.0)
@@ -76,7 +78,7 @@ def test_arm_is_asked_again_before_a_command_unless_it_was_just_now(
 @pytest.mark.parametrize(
     ("verb", "command", "device"),
     [("move_to", MOVE, "gripper"), ("arm", RISE, "arm"), ("stop", StopArm(1.0), "arm"),
-     ("rest", BeginRest(), "tactile board")],
+     ("rest", BeginRest(), "fingertips")],
 )  # fmt: skip
 def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
     verb: str, command: Command, device: str
@@ -86,11 +88,11 @@ def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
     bench.decides = [(command,)]
     for _ in range(3):
         bench.loop.tick()
-    said = f"{refused.kind}: not now"
-    assert [told.trouble for told in bench.inputs] == ["", said, ""]
+    said, fault = f"{refused.kind}: not now", Fault.of(device, refused)
+    assert [told.errors for told in bench.inputs] == [(), (fault,), ()]
     assert bench.ticks[1].issued[0].refused == said
     assert bench.ticks[1].issued[0].applied is None
-    assert bench.loop.errors == {device: refused}
+    assert bench.loop.errors == {device: fault}
 
 
 def test_gripper_is_lost_until_it_answers_again() -> None:
@@ -141,11 +143,12 @@ def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     assert bench.inputs == []
     late = Bench(stop_s=0.2)
     late.loop.run(0.05)
-    assert [told.stop for told in late.inputs] == [""] * 5 + ["the run did not end in time"] * 20
+    said = [told.stop and told.stop.code for told in late.inputs]
+    assert said == [None] * 5 + ["run_timeout"] * 20
     excused = Bench(stop_s=0.2)
     excused.controller.excused_ns = 30_000_000.0  # by an arm that is slowed down
     excused.loop.run(0.05)
-    assert [told.stop for told in excused.inputs][:9] == [""] * 8 + ["the run did not end in time"]
+    assert [told.stop is not None for told in excused.inputs][:9] == [False] * 8 + [True]
 
 
 @pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])
@@ -156,8 +159,7 @@ def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
     bench.decides = [(CLOSE, RISE, MOVE)]
     bench.loop.tick()
     bench.controller.state = phase
-    bench.controller.fault_cause = "a person"
-    assert bench.loop.stop("a person")
+    bench.loop.stop(STOP)
     assert [name for name, *_ in bench.verbs()] == kept
 
 
@@ -205,7 +207,7 @@ def test_each_step_tells_the_hand_s_thread_what_to_do_without_a_further_one() ->
 def test_after_a_run_the_hand_s_thread_does_nothing_by_itself(end: str) -> None:
     bench = Bench(own_thread=True, stop_s=0.2, abort_s=0.1)
     bench.loop.tick()
-    getattr(bench.loop, end)(*([] if end == "abort" else ["told to end"]))
+    getattr(bench.loop, end)(*([] if end == "abort" else [STOP]))
     assert bench.fallbacks[0][0] is not None
     assert bench.fallbacks[-1] == (None, "")
 
@@ -220,7 +222,7 @@ def test_a_signal_ends_a_run_between_two_ticks() -> None:
         return decide(told)
 
     bench.step.decide = struck
-    with interruption.taken(), pytest.raises(interruption.Interruption):
+    with signals.taken(), pytest.raises(signals.Interruption):
         bench.loop.run(1.0)
     assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"
 
@@ -229,5 +231,5 @@ def test_a_safe_state_that_is_never_seen_is_pursued_for_as_long_as_a_stop_may_la
     bench = Bench(stop_s=2.0)
     bench.loop.tick()
     began_ns = bench.clock.now_ns
-    bench.loop.fail("a bug")
+    bench.loop.fail(STOP)
     assert bench.clock.now_ns - began_ns == 2 * 10**9

@@ -7,12 +7,14 @@ from drivers.interfaces import Detection
 from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.fault import ARM, Fault
 from grasp.lift_line import LiftLine
+from grasp.monitors.checks import failed
 from grasp.observation import Observation
 from grasp.safe_state import Pursuit, SafeState
 from grasp.slip_response.close import Close
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
-from tests.unit.grasp.builders import arm, gripper, seen
+from tests.unit.grasp.builders import LOST, arm, gripper, seen
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
@@ -22,8 +24,8 @@ ENTERED_NS, LATER_NS = 5, 10_000_005
 LOOSE = [p for p in State if p not in AIRBORNE_STATES | SAFE_STATES | UNMOVED_STATES]
 
 
-def state(phase: State, before: State, cause: str = "x") -> SafeState:
-    return SafeState(phase, before, ENTERED_NS, cause)
+def state(phase: State, before: State, *faults: Fault) -> SafeState:
+    return SafeState(phase, before, ENTERED_NS, faults)
 
 
 def later(**changes: object) -> Observation:
@@ -47,21 +49,14 @@ def test_hand_closes_only_in_a_fault_in_the_air() -> None:
         assert state(phase, before).of_hand(CLOSURE) == asked, (phase, before)
 
 
-@pytest.mark.parametrize(
-    ("cause", "doubted"),
-    [
-        ("arm_frozen: 0.4 s at one place", True),
-        ("fingertip_dead: finger A; arm_wrong_way: 9 mm away", True),
-        ("link_lost: the gripper does not answer; arm_jump: 0.2 m", True),
-        ("fingertip_dead: finger A gives the same codes for ever", False),
-        ("arm stopped by its safety system", False),
-        ("detector_failed: KeyError: 'arm_frozen'", False),
-    ],
-)
-def test_arm_is_doubted_wherever_among_the_causes_that_is_said(cause: str, doubted: bool) -> None:
-    safe = state(State.FAULT, State.LIFT, cause)
-    assert safe.arm_is_doubted is doubted
-    assert bool(safe.missing_of_arm(later(), OLD_NS)) is doubted
+def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
+    frozen, dead = failed("arm_frozen", seconds=0.4), failed("fingertip_dead", finger="A")
+    stopped = Fault("arm_safety_stop", ARM, "arm stopped by its safety system")
+    named = failed("detector_failed", how="KeyError: 'arm_frozen'")
+    for faults in ((frozen,), (dead, frozen), (*LOST, frozen)):
+        assert state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
+    for faults in ((dead,), (stopped,), (named,), ()):
+        assert not state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +117,7 @@ def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> Non
 
 
 def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
-    half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, "x", half_closed=True)
+    half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, half_closed=True)
     assert half.of_hand(CLOSURE) == (CLOSURE,)
 
 
@@ -130,7 +125,7 @@ SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 
 def pursuit(since_ns: int = 0) -> Pursuit:
-    safe = SafeState(State.FAULT, State.LIFT, since_ns, "x")
+    safe = SafeState(State.FAULT, State.LIFT, since_ns)
     plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
     return Pursuit(safe, SETTINGS, Close(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0))))
 

@@ -6,7 +6,7 @@ import pytest
 
 from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
 from grasp.states import State
-from tests.unit.grasp.builders import arm
+from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
@@ -152,7 +152,7 @@ def test_fault_while_it_is_found_out_whether_it_stands_closes_the_hand(probes: b
     if probes:
         d.until_next(measured_n=GRIP)
     d.commands.clear()
-    d.step(trouble="unplugged", measured_n=GRIP)
+    d.step(errors=LOST, measured_n=GRIP)
     assert [type(c) for c in d.commands] == [StopArm, CloseFast]
 
 

@@ -23,14 +23,15 @@ from grasp.commands import (
 )
 from grasp.contact_estimator import Stiffness
 from grasp.controller import Decision, GraspController
-from grasp.doubt import Doubts
-from grasp.doubt_settings import DoubtSettings
+from grasp.fault import lines
 from grasp.guard import ForceGuard, GuardSettings
+from grasp.monitors.checks import CHECKS, Monitors
+from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.slip_monitor import DISARMED
 from grasp.states import SAFE_STATES, State
 from grasp.step import GraspStep
-from tests.unit.grasp.builders import arm, frame, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 
 ANY_CLOSE = ((True, True, True), (255, 255, 255), 0.1)
@@ -135,7 +136,7 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert [np.unique(h).tolist() for h in b.ears.inputs] == [[-1]]
     assert seen.probabilities.tolist() == SURE.tolist()
     assert seen is b.controller.seen[0]
-    assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
+    assert (seen.measured_n, seen.overloaded, seen.faults) == ((6.0, 6.0, 6.0), False, ())
     assert seen.felt_n == seen.measured_n
     assert (seen.reach_counts, seen.thumb_end) == ((58, 60, 6), 61)
 
@@ -182,31 +183,31 @@ class Stubborn(Ears):
             raise ZeroDivisionError("nothing to forget")
 
 
-def test_a_detector_that_cannot_forget_is_a_doubt_and_not_asked_until_it_can() -> None:
+def test_a_detector_that_cannot_forget_is_a_fault_and_not_asked_until_it_can() -> None:
     b = Bench(ears=Stubborn(2))
     failed = "detector_failed: ZeroDivisionError: nothing to forget"
     for of in (frame(-1, stale=True), frame(-1), frame(-1, stale=True)):
         seen = b.decide(of)
-        assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, failed)
+        assert (seen.probabilities.tolist(), lines(seen.faults)) == ([0.0] * 3, failed)
         assert seen.measured_n == (6.0, 6.0, 6.0)
     assert b.ears.inputs == []
-    assert b.decide(frame(-1, stale=True)).doubt == ""
+    assert b.decide(frame(-1, stale=True)).faults == ()
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
 
 
-def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_doubt_of_the_next_step() -> (
+def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_the_next_step() -> (
     None
 ):
     b = Bench(Told(State.TARE, reset_detector=True), Stubborn(1))
-    assert b.decide(frame(-1)).doubt == ""
-    assert b.decide(frame(-1)).doubt.startswith("detector_failed: ZeroDivisionError")
-    assert b.decide(frame(-1)).doubt == ""
+    assert b.decide(frame(-1)).faults == ()
+    assert lines(b.decide(frame(-1)).faults).startswith("detector_failed: ZeroDivisionError")
+    assert b.decide(frame(-1)).faults == ()
 
 
 @pytest.mark.parametrize(
     ("phase", "changes"),
-    [(State.FAULT, {}), (State.STOPPED, {}), (State.LOST, {}), (State.LIFT, {"stop": "SIGTERM"}),
-     (State.LIFT, {"trouble": "link_lost: unplugged"}), (State.LIFT, {"late_ns": 10**9})],
+    [(State.FAULT, {}), (State.STOPPED, {}), (State.LOST, {}), (State.LIFT, {"stop": STOP}),
+     (State.LIFT, {"errors": LOST}), (State.LIFT, {"late_ns": 10**9})],
 )  # fmt: skip
 @pytest.mark.parametrize("stale", [False, True])
 def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
@@ -260,12 +261,12 @@ def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     assert seen.tactile_stale
 
 
-def test_before_the_first_frame_nothing_is_heard_felt_or_doubted() -> None:
+def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> None:
     b = Bench(Told(State.START))
     seen = b.decide(None)
     assert b.ears.inputs == []
     assert seen.probabilities.tolist() == [0.0] * 3
-    assert (seen.tactile_stale, seen.measured_n, seen.doubt) == (False, (0.0,) * 3, "")
+    assert (seen.tactile_stale, seen.measured_n, seen.faults) == (False, (0.0,) * 3, ())
     assert seen.felt_n == (0.0,) * 3
 
 
@@ -316,39 +317,37 @@ def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
     assert (closed.force_cap_n, closed.closing) == (10.0, (True, False, False))
 
 
-def test_doubts_are_those_that_the_step_was_given() -> None:
+def test_checks_are_those_that_the_step_was_given() -> None:
     inactive = msgspec.structs.replace(gripper(), active=False)
     guard, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
-    for stand_ins, doubted in ((False, True), (True, False)):
-        doubts = Doubts(DoubtSettings(), stand_ins=stand_ins)
-        step = GraspStep(Ears(), controller, guard, doubts)
-        assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.doubt) is doubted
+    for checks, found in ((CHECKS, True), ({}, False)):
+        step = GraspStep(Ears(), controller, guard, Monitors(MonitorSettings(), checks))
+        assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.faults) is found
 
 
-def test_doubts_are_asked_of_the_phase_and_of_all_that_bears_on_them() -> None:
-    asked: list[tuple[object, ...]] = []
+def test_report_mode_records_an_implausible_value_and_stops_for_a_lost_link() -> None:
+    controller, guard = cast(GraspController, Told(State.LIFT)), cast(ForceGuard, Gate())
+    monitors = Monitors(MonitorSettings(mode="report"))
+    step = GraspStep(Ears(), controller, guard, monitors)
+    step.decide(told(frame(-1)))
+    leapt = gripper(positions=(200, 55, 55))
+    seen = step.decide(told(frame(-1), gripper=leapt, errors=LOST)).observation
+    assert seen.faults == LOST
+    assert [fault.code for fault in seen.reported] == ["gripper_impossible"]
+    inactive = msgspec.structs.replace(leapt, active=False)
+    seen = step.decide(told(frame(-1), gripper=inactive)).observation
+    assert [fault.code for fault in seen.faults] == ["gripper_inactive"]
 
-    class Noting(Doubts):
-        def of(self, *given: Any) -> str:
-            asked.append(given)
-            return ""
 
-    controller = cast(GraspController, Told(State.BRACE))
-    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(DoubtSettings()))
-    s = told(frame(-1), pending=True, late_ns=3, took_ns=4)
-    step.decide(s)
-    assert asked == [(State.BRACE, s.frame, s.gripper, s.arm, True, 3, 4)]
-
-
-def test_doubts_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
+def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
     heard: list[object] = []
 
-    class Noting(Doubts):
+    class Noting(Monitors):
         def sent(self, commands: Sequence[Command], arm: ArmState) -> None:
             heard.append((commands, arm))
 
     controller = cast(GraspController, Told(State.LIFT, CLOSE, RISE))
-    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(DoubtSettings()))
+    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(MonitorSettings()))
     given = told(frame(-1))
     step.decide(given)
     assert heard == [((LET, RISE), given.arm)]
@@ -408,7 +407,7 @@ def refused() -> None:
 
 
 FAILURES = [
-    pytest.param(refused, "detector_failed: no samples, no answer", id="one cause of two parts"),
+    pytest.param(refused, "no samples; no answer", id="its own words"),
     pytest.param(broken, "ZeroDivisionError: no samples", id="raises"),
     pytest.param(lambda: np.array([0.9, np.nan, 0.1]), "no probabilities", id="no number"),
     pytest.param(lambda: np.array([0.9, 1.5, 0.1]), "no probabilities", id="above one"),
@@ -418,24 +417,25 @@ FAILURES = [
 
 
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_is_silent_and_a_doubt_by_name(
+def test_detector_that_fails_is_silent_and_a_fault_by_name(
     answer: Callable[[], Any], says: str
 ) -> None:
     seen = Bench(ears=Ears(answer)).decide(frame(-1))
     assert seen.probabilities.tolist() == [0.0] * 3
-    assert seen.doubt.startswith("detector_failed: ")
-    assert says in seen.doubt
+    (fault,) = seen.faults
+    assert fault.code == "detector_failed"
+    assert says in fault.message
 
 
 @pytest.mark.parametrize("phase", [State.OPEN, State.RETREAT, State.SET_DOWN])
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_with_the_hand_open_is_silent_and_no_doubt(
+def test_detector_that_fails_with_the_hand_open_is_silent_and_no_fault(
     answer: Callable[[], Any], says: str, phase: State
 ) -> None:
     b = Bench(Told(phase), Ears(answer))
     seen = b.decide(frame(-1))
     assert len(b.ears.inputs) == 1  # it was asked
-    assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, "")
+    assert (seen.probabilities.tolist(), seen.faults) == ([0.0] * 3, ())
 
 
 MOTION = Motion([0.01] * 3, [90] * 3, [0.2] * 3)
@@ -456,8 +456,8 @@ def test_kind_of_slip_is_asked_for_only_where_slip_is_heard() -> None:
 
 def test_controller_is_told_all_that_the_step_was_told() -> None:
     changes: dict[str, Any] = {
-        "pending": True, "trouble": "link_lost: unplugged", "gripper_lost": True, "set_down": True,
-        "stop": "SIGTERM", "late_ns": 3, "took_ns": 4,
+        "pending": True, "errors": LOST, "gripper_lost": True, "set_down": True,
+        "stop": STOP, "late_ns": 3, "took_ns": 4,
     }  # fmt: skip
     given = told(frame(-1), **changes)
     assert Bench().step.decide(given).observation.inputs is given
@@ -470,7 +470,7 @@ def fresh() -> GraspStep:
 def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
     inputs = [told(None)]
     inputs += [told(frame(-k % 40, stale=k % 17 == 0), k * TICK) for k in range(2, 120)]
-    inputs.append(told(frame(-60), 120 * TICK, stop="SIGTERM"))
+    inputs.append(told(frame(-60), 120 * TICK, stop=STOP))
     one, other = (
         [msgspec.json.encode(step.decide(i), enc_hook=np.ndarray.tolist) for i in inputs]
         for step in (fresh(), fresh())

@@ -6,7 +6,7 @@ from drivers.interfaces import ArmState
 from grasp.commands import CloseFast, MoveArm, StopArm
 from grasp.slip_response.stop_and_close import RESUME_MPS2
 from grasp.states import State
-from tests.unit.grasp.builders import arm
+from tests.unit.grasp.builders import LOST, STOP, arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
@@ -91,7 +91,7 @@ def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended
 
 @pytest.mark.parametrize(
     ("changes", "phase"),
-    [({"trouble": "unplugged"}, State.FAULT), ({"stop": "by hand"}, State.STOPPED)],
+    [({"errors": LOST}, State.FAULT), ({"stop": STOP}, State.STOPPED)],
 )
 def test_paused_arm_that_is_to_stop_for_good_never_goes_on(
     changes: dict[str, str], phase: State

@@ -10,7 +10,7 @@ from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.slip_response.stop_and_step import StopAndStep
 from grasp.states import State
-from tests.unit.grasp.builders import arm, gripper, seen
+from tests.unit.grasp.builders import LOST, STOP, arm, gripper, seen
 from tests.unit.grasp.controller_driver import LATCHED, TICK, Driver
 from tests.unit.grasp.test_stop_and_close import told
 
@@ -117,7 +117,7 @@ def test_step_that_the_thumb_may_not_take_whole_is_one_closing_to_its_last_count
     assert len(told(d, CloseFast)) == (not targets)
 
 
-@pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])
+@pytest.mark.parametrize(("changes", "hand"), [({"errors": LOST}, 1), ({"stop": STOP}, 0)])
 def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
     changes: dict[str, str], hand: int
 ) -> None:

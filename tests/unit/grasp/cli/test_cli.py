@@ -155,7 +155,7 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, says in (
-        ("tap --taps 3", "--taps 3: it is called --trials"),
+        ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
         ("tap --set controller.keep=true", "holds one object and ends"),

@@ -73,7 +73,7 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "12"]) == 0
     path = tmp_path / "tuned.toml"
     path.write_text(capsys.readouterr().out)
-    told = rf"# {re.escape(str(data))}: \d+ of \d+ slips apart from blows, \d false in 5\.4 s of a"
+    told = rf"# {re.escape(str(data))}: \d+ of \d+ slips apart from taps, \d false in 5\.4 s of a"
     assert re.search(told, path.read_text())
     assert "that is little" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
@@ -89,8 +89,8 @@ def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
     said = capsys.readouterr()
     assert said.out == ""
     assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in said.err
-    assert "one false event would be 11.2 a minute" in said.err
-    assert "or --budget 12)" in said.err
+    assert "one false event is 11.2 a minute" in said.err
+    assert "or a greater --budget)" in said.err
     assert main([*tune, "12"]) == 0
 
 

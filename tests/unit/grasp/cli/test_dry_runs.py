@@ -6,37 +6,31 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import Refused
-from grasp.cli import dry
 from grasp.cli.main import main
-from scenarios.rigs.checks import Check
+from grasp.cli.run import dry_code
+from scenarios.rigs.device_checks import Check
 from tests.calibrations import PRESSED
 
 PRESSES = "--set " + " --set ".join(PRESSED)
 
 
-@pytest.mark.parametrize(
-    ("words", "missing"),
-    [
+def test_dry_run_without_an_address_is_refused_as_the_verb_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    new = tmp_path / "new.toml"
+    for words, missing in (
         ("calibrate hand --up-to 16 --out NEW", "modbus: host"),
-        ("calibrate force --press --up-to 15 --out NEW", "usb: serial"),
         ("calibrate force --out NEW", "usb: serial"),
         (f"calibrate noise --out NEW --set gripper.calibration=paper {PRESSES}", "modbus: host"),
         ("gripper activate --set gripper.calibration=paper", "modbus: host"),
         ("release --set gripper.calibration=paper", "modbus: host"),
         ("arm step --z 3", "ur: host"),
         ("arm stop", "ur: host"),
-    ],
-)
-def test_dry_run_without_an_address_is_refused_as_the_verb_is(
-    words: str, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    new = tmp_path / "new.toml"
-    typed = words.replace("NEW", str(new)).split()
-    assert main([*typed, "--dry-run"]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert missing in said.err
-    assert not new.exists()
+    ):
+        assert main([*words.replace("NEW", str(new)).split(), "--dry-run"]) == 2, words
+        said = capsys.readouterr()
+        assert said.out == "" and missing in said.err, words
+        assert not new.exists()
 
 
 def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
@@ -54,65 +48,33 @@ def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
 HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
 
 
-@pytest.mark.parametrize(
-    ("words", "would"),
-    [
+def test_refusal_without_confirmation_says_what_would_move(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, would in (
         ("arm step --z 3 --set ur.host=127.0.0.1", "move the arm at 127.0.0.1 by x +0, y +0, z +3"),
         (f"release {HAND}", "open all fingers at 22 mm/s, at most 10 N a motor"),
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),
-        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with each of the force"),
-        (
-            "calibrate force --press --up-to 15 --out NEW",
-            "move finger A by single counts, up to 15 N",
-        ),
-    ],
-)
-def test_refusal_without_confirmation_says_what_would_move(
-    words: str, would: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2
-    said = capsys.readouterr().err
-    assert f"would {would}" in said
-    assert "--confirm-motion" in said
+        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with force byte 0"),
+    ):
+        assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2, words
+        said = capsys.readouterr().err
+        assert f"would {would}" in said and "--confirm-motion" in said, words
 
 
-@pytest.mark.parametrize("how", ["--dry-run", "--confirm-motion", "--json"])
-def test_press_harder_than_the_limit_of_a_run_is_refused_unless_it_is_named(
-    how: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    new = tmp_path / "new.toml"
-    typed = ["calibrate", "force", "--press", "--out", str(new), "--set", "modbus.host=127.0.0.1"]
-    assert main([*typed, how]) == 2
-    said = "".join(capsys.readouterr())
-    assert "byte 0 may press with 15.0 N by the manual, and the limit of a run, without" in said
-    assert "is 10 N" in said and "--up-to 15" in said
-    for more in (["--up-to", "15"], ["--set", "guard.force_limit_n=16"]):
-        assert main([*typed, *more, how]) == 2  # for another reason
-        assert "by the manual" not in "".join(capsys.readouterr())
-    assert not new.exists()
-
-
-@pytest.mark.parametrize("words", ["run lift", "run tap", "run acquire"])
 def test_dry_run_is_refused_on_a_rig_without_real_devices(
-    words: str, capsys: pytest.CaptureFixture[str]
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main([*words.split(), "--rig", "simulated", "--dry-run"]) == 2
-    assert "moves nothing real" in capsys.readouterr().err
+    for scenario in ("lift", "tap", "acquire"):
+        assert main(["run", scenario, "--rig", "simulated", "--dry-run"]) == 2
+        assert "moves nothing real" in capsys.readouterr().err
 
 
-CELL, HAND = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
-ARM = Check("arm program", "fail", "")
-
-
-@pytest.mark.parametrize(
-    ("against", "code"),
-    [([], 0), ([HAND], 4), ([ARM], 3), ([HAND, ARM], 3), ([CELL, ARM], 4)],
-    ids=["nothing", "hand", "arm", "both", "driven by another"],
-)
-def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first(
-    against: list[Check], code: int
-) -> None:
+def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first() -> None:
     """It looks at the hand once all devices are opened."""
-    assert dry._code(against) == code  # noqa: SLF001
+    cell, hand = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
+    arm = Check("arm program", "fail", "")
+    for against, code in (([], 0), ([hand], 4), ([arm], 3), ([hand, arm], 3), ([cell, arm], 4)):
+        assert dry_code(against) == code

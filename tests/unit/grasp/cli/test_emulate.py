@@ -1,54 +1,128 @@
-"""Where `grasp emulate` may listen: refused in one line, before anything is opened."""
+"""`grasp emulate`: where it may listen, and what is typed into it becomes requests to its cell."""
 
 import os
 import socket
+import time
+from collections.abc import Iterator
+from typing import Any
 
+import msgspec
 import pytest
 
 from drivers.addresses import check_host
 from drivers.errors import LinkLost, UsageError
-from grasp.cli.emulate import _check_host
+from grasp.cli import emulate
+from grasp.cli.emulate import Console, check_address
+from scenarios.campaign.config import load_config
 
 ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # nobody else's here
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.0.1", "localhost", "foo", ""])
-def test_an_address_beyond_loopback_has_to_be_asked_for(host) -> None:
-    with pytest.raises(UsageError, match="is no loopback address"):
-        _check_host(host, False)
-
-
-@pytest.mark.parametrize("host", ["localhost", "foo"])
-def test_beyond_loopback_takes_an_address_and_no_name(host) -> None:
-    with pytest.raises(UsageError, match="is no address but a name"):
-        _check_host(host, True)
-    with pytest.raises(UsageError, match="is no loopback address but a name") as caught:
-        _check_host(host, False)
-    assert caught.value.remedy.startswith("give the address itself; choose another loopback")
-    assert "127.0.0.2" in caught.value.remedy
-
-
-@pytest.mark.parametrize("beyond_loopback", [False, True])
-@pytest.mark.parametrize("host", ["::1", "::", "fe80::1"])
-def test_ipv6_is_refused_by_name(host, beyond_loopback) -> None:
-    with pytest.raises(UsageError, match="is an IPv6 address"):
-        _check_host(host, beyond_loopback)
+def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None:
+    for host, beyond, told in (
+        *(
+            (host, False, "is no loopback address")
+            for host in ("0.0.0.0", "192.168.0.1", "foo", "")
+        ),
+        ("localhost", False, "is no loopback address but a name"),
+        *((host, True, "is no address but a name") for host in ("localhost", "foo")),
+        *((host, beyond, "is an IPv6 address") for host in ("::1", "fe80::1") for beyond in (0, 1)),
+        (None, True, "needs --host"),
+        ("127.0.0.1", True, "ur_rtde skips a check there"),
+    ):
+        with pytest.raises(UsageError, match=told):
+            check_address(host, bool(beyond))
+            pytest.fail(f"listens at {host}")
+    check_host("0.0.0.0", beyond_loopback=True)
+    check_host("127.0.0.2", beyond_loopback=False)
+    check_address(None, False)
 
 
 def test_a_port_that_is_taken_is_told_before_anything_is_compiled() -> None:
     with socket.create_server((ADDRESS, 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(LinkLost, match="in use") as caught:
-            _check_host(ADDRESS, False, port)
+            check_address(ADDRESS, False, port)
         assert "end the other cell" in caught.value.remedy
-    _check_host(ADDRESS, False, port)
+    check_address(ADDRESS, False, port)
 
 
-def test_beyond_loopback_needs_an_address_and_none_is_ours_alone() -> None:
-    with pytest.raises(UsageError, match="needs --host"):
-        _check_host(None, True)
-    with pytest.raises(UsageError, match="ur_rtde skips a check there"):
-        _check_host("127.0.0.1", True)
-    check_host("0.0.0.0", beyond_loopback=True)
-    check_host("127.0.0.2", beyond_loopback=False)
-    _check_host(None, False)
+# What is typed
+
+TRUTH = {
+    "normal_n": [0.0, 0.0, 0.0], "height_m": 0.05, "slip_distance_m": 0.003, "across_m": 0.004,
+    "turn_rad": 0.0,
+}  # fmt: skip
+
+
+class Cell:
+    """Takes requests; a name that it does not know is an error of its own."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.homeward: list[dict[str, Any]] = []  # replies on the way home
+
+    def obey(self, request: dict[str, Any]) -> dict[str, Any]:
+        self.asked.append(request)
+        if request["verb"] == "fault" and request["name"] == "dance":
+            raise ValueError("unknown fault 'dance'")
+        if request["verb"] == "fault" and request["name"] == "unplug":
+            return {"told": "unplug: off the bus"}
+        if request["verb"] == "press":
+            msgspec.convert(request["taxel"], int)
+        if request["verb"] == "home":
+            return self.homeward.pop(0) if self.homeward else {"away_m": 0.0}
+        return {"truth": TRUTH}
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Where to write what is typed."""
+    reading, writing = os.pipe()
+    monkeypatch.setattr(emulate, "STDIN", reading)
+    yield writing
+    os.close(reading)
+
+
+def said(
+    typed: int,
+    lines: str,
+    capsys: pytest.CaptureFixture[str],
+    *homeward: dict[str, Any],
+    settings: tuple[str, ...] = (),
+) -> tuple[Cell, list[str]]:
+    cell = Cell()
+    config = load_config("can", "emulated", "energy", None, settings).for_tap()
+    cell.homeward = list(homeward)
+    console = Console(config, 0)
+    console.listen(cell)  # type: ignore[arg-type]
+    os.write(typed, lines.encode())
+    os.close(typed)  # the end of the input ends the listening, and nothing else
+    answers: list[str] = []
+    while len(answers) < len(lines.split("\n")) - 1:
+        time.sleep(0.005)
+        answers += capsys.readouterr().err.splitlines()
+    return cell, [line.removeprefix("cell: ") for line in answers]
+
+
+def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = "place\nhome\nlook\ntap side\nfault gripper_delay seconds=0.2 times=3\n"
+    cell, answers = said(typed, lines, capsys)
+    verbs = [request["verb"] for request in cell.asked]
+    assert verbs == ["place", "home", "truth", "tap", "fault"]
+    assert cell.asked[3]["direction"] == "side" and cell.asked[3]["impulse_n_s"] > 0.0
+    assert cell.asked[4] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
+    assert answers[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
+    assert answers.count("done") == 4
+
+
+def test_what_is_not_known_is_told_with_what_is(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = "dance\ntap below\nplace it\nfault dance\npress A pad\nplace\n"
+    cell, answers = said(typed, lines, capsys)
+    assert "'dance' is not known" in answers[0]
+    assert "Expected `int`" in answers[4]
+    assert all("place | take | home | look | scale | tap" in answer for answer in answers[:5])
+    assert answers[5] == "done"
+    assert [request["verb"] for request in cell.asked] == ["fault", "press", "place"]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli.examples import EXAMPLES
-from grasp.cli.main import GROUPS, build_parser, main
+from grasp.cli.commands import build_parser
+from grasp.cli.main import main, module_of
+from grasp.cli.parser import EXAMPLES
 from grasp.settings import names
 
 ROOT = Path(__file__).parents[4]
@@ -23,19 +24,28 @@ def helped(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_every_example_is_a_command_of_this_program() -> None:
-    for line in (line for lines in EXAMPLES.values() for line in lines):
+    shown = [leaf.epilog for leaf in build_parser().leaves() if leaf.epilog]
+    lines = [line for text in shown for line in text.removeprefix(EXAMPLES).splitlines()]
+    assert len(lines) > 30
+    for line in lines:
         first, *words = shlex.split(line)
         assert first == "grasp"
-        assert callable(build_parser().parse_args(words).handler), line
+        assert build_parser().parse_args(words).command, line
+
+
+def test_every_command_has_its_function() -> None:
+    names = [leaf.get_default("command") for leaf in build_parser().leaves()]
+    assert len(names) == 30
+    for name in names:
+        assert callable(getattr(module_of(name), name.replace(" ", "_")))
 
 
 def test_every_verb_is_in_one_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
-    grouped = [name for verbs in GROUPS.values() for name in verbs]
-    assert sorted(grouped) == sorted(build_parser().verbs())
     text = helped(capsys=capsys)
-    for title, verbs in GROUPS.items():
-        assert f"\n{title}:\n" in text
-        assert all(f"\n  {name} " in text for name in verbs)
+    for section in ("try", "measure", "a lab's devices", "set up"):
+        assert f"\n{section}:\n" in text
+    for name in build_parser().commands():
+        assert text.count(f"\n  {name} ") == 1
     assert len(text.splitlines()) < 45
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.errors import UsageError
-from grasp.cli.operator import TerminalOperator
+from grasp.cli.lab import TerminalOperator
 
 
 @pytest.fixture

@@ -1,66 +1,93 @@
-"""The words of the command line: no number gets past the parser unchecked."""
+"""Values of options are checked before anything moves or is computed: numbers by their bounds,
+files by whether they can be written."""
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from grasp.cli.main import build_parser, main
-from grasp.cli.options import progress
-from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, picture
+from drivers.errors import UsageError
+from grasp.cli import options
+from grasp.cli.commands import build_parser
+from grasp.cli.main import main
+from grasp.cli.output import progress
 
-PLACES = (file_to_write, file_with_folders, folder_to_fill)
-
-
-def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
-    """Every argument of every verb, with the words that lead to it."""
-    for action in parser._actions:  # argparse has no public way to walk
-        if isinstance(action, argparse._SubParsersAction):
-            for verb in dict.fromkeys(action.choices.values()):
-                yield from options(verb)
-        elif action.type not in (None, str, Path, picture, *PLACES):
-            yield f"{parser.prog} {'/'.join(action.option_strings) or action.dest}", action
+Capture = pytest.CaptureFixture[str]
+WRITTEN = ("--out", "--figure")
+MAKE_FOLDERS = (options.file_with_folders, options.folder_to_fill)
+READERS = (*MAKE_FOLDERS, options.file_to_write, options.picture)
 
 
 def test_every_number_of_the_command_line_has_bounds() -> None:
-    numbers = dict(options(build_parser()))
-    assert {"run", "campaign", "calibrate", "emulate"} <= {n.split()[1] for n in numbers}
-    for name, action in numbers.items():
-        assert callable(action.type)
-        below = "-100" if name.startswith("grasp arm step") else "-1"  # a step goes either way
-        for text in (below, "nan", "1e400", "inf", "9" * 30, "much", ""):
-            with pytest.raises((argparse.ArgumentTypeError, ValueError)):
-                action.type(text)
-                pytest.fail(f"{name} takes {text}")
+    asked = set()
+    for leaf in build_parser().leaves():
+        for action in leaf.arguments():
+            if action.type in (None, str, Path, *READERS):
+                continue
+            assert callable(action.type)
+            asked.add(leaf.prog.split()[1])
+            below = "-100" if leaf.prog == "grasp arm step" else "-1"  # a step goes either way
+            for text in (below, "nan", "1e400", "inf", "9" * 30, "much", ""):
+                with pytest.raises((argparse.ArgumentTypeError, ValueError)):
+                    action.type(text)
+                    pytest.fail(f"{leaf.prog} {action.dest} takes {text}")
+    assert {"run", "campaign", "calibrate", "emulate"} <= asked
 
 
-def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
-    capsys: pytest.CaptureFixture[str],
+def test_values_that_cannot_be_are_refused_with_what_is_allowed(capsys: Capture) -> None:
+    for words, says in (
+        ("calibrate fingertip --recording x.csv --clips -1", "2 to 100000"),
+        # what is listed twice would count twice
+        ("detector evaluate energy energy --recording x.csv", "argument NAME: energy twice"),
+        ("detector evaluate energy --data sets sets/", "argument --data: sets twice"),
+        ("detector tune energy --unlabelled a.csv ./a.csv", "argument --unlabelled: a.csv twice"),
+    ):
+        assert main(words.split()) == 2, words
+        assert says in capsys.readouterr().err, words
+
+
+def test_a_place_that_cannot_be_written_is_refused_as_a_word_of_the_command_line(
+    tmp_path: Path, capsys: Capture
 ) -> None:
-    words = ["calibrate", "fingertip", "--recording", "x.csv", "--clips"]
-    assert main([*words, "-1"]) == 2
-    assert "2 to 100000" in capsys.readouterr().err
+    (tmp_path / "file").write_text("")
+    for name in ("a", "a.svg"):
+        (tmp_path / name).mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    asked = 0
+    for leaf in build_parser().leaves():
+        found = {word: action for action in leaf.arguments() for word in action.option_strings}
+        for option in found.keys() & WRITTEN:
+            kind = found[option].type
+            name = "a.svg" if kind is options.picture else "a"
+            places = [tmp_path / "file" / name]
+            places += [] if kind in MAKE_FOLDERS else [tmp_path / "nowhere" / name]
+            places += [] if kind is options.folder_to_fill else [tmp_path / name]
+            for place in places:
+                assert main([*leaf.prog.split()[1:], option, str(place)]) == 2
+                told = capsys.readouterr().err
+                assert f"argument {option}: '{place}': " in told and told.count("\n") == 1
+                asked += 1
+    assert asked > 30
+    assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    ("words", "twice"),
-    [
-        ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
-        ("detector evaluate energy --data sets sets/", "--data: sets twice"),
-        ("detector tune energy --unlabelled a.csv ./a.csv", "--unlabelled: a.csv twice"),
-    ],
-)
-def test_what_is_listed_twice_is_refused_because_it_would_count_twice(
-    words: str, twice: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words.split()) == 2
-    assert f"argument {twice}" in capsys.readouterr().err
+def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
+    new, there = tmp_path / "new", tmp_path / "there"
+    there.write_text("kept")
+    assert options.file_to_write(str(new)) == new
+    assert options.file_to_write(str(there)) == there
+    assert options.file_with_folders(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+    assert options.folder_to_fill(str(tmp_path)) == tmp_path
+    assert options.file_to_write("/dev/stdout") == Path("/dev/stdout")
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert there.read_text() == "kept"
+    with pytest.raises(argparse.ArgumentTypeError, match="File name too long"):
+        options.file_to_write(str(tmp_path / ("x" * 300)))
+    with pytest.raises(UsageError, match="there is no folder"):
+        options.check_writable(tmp_path / "nowhere" / "a")
 
 
-def test_progress_without_a_terminal_is_a_line_for_each_tenth(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_progress_without_a_terminal_is_a_line_for_each_tenth(capsys: Capture) -> None:
     with progress("draws") as show:
         for done in range(1, 101):
             show(done, 100)

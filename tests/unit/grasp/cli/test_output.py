@@ -13,14 +13,14 @@ from grasp.cli.output import json_line
 
 NOISY = (
     "import os, sys, ctypes\n"
-    "from grasp.cli import runs\n"
-    "inner = runs.run\n"
+    "from grasp.cli import recordings\n"
+    "inner = recordings.runs\n"
     "def noisy(args):\n"
     "    print('EP Error: a library speaks'); print('3')\n"
     "    os.write(1, b'a library writes\\n')\n"
     "    os.system('echo a process writes')\n"
     "    return inner(args)\n"
-    "runs.run = noisy\n"
+    "recordings.runs = noisy\n"
     "from grasp.cli.main import main\n"
     "sys.exit(main(['runs', '--runs', sys.argv[1], '--json']))\n"
 )
@@ -39,7 +39,7 @@ def test_whatever_prints_in_a_process_only_the_answer_is_on_standard_output(tmp_
 
 def test_a_number_that_is_none_is_null_wherever_it_stands() -> None:
     said = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
-    assert json_line(said) == '{"p90": null, "all": [1, [null, 2.5]], "word": "Infinity"}'
+    assert json_line(said) == '{"p90":null,"all":[1,[null,2.5]],"word":"Infinity"}'
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")

@@ -30,7 +30,7 @@ def test_a_page_that_cannot_be_written_changes_no_verdict(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("grasp.cli.report.write_whole", full)
+    monkeypatch.setattr("grasp.cli.recordings.write_whole", full)
     assert main([*LIFT, "--runs", str(tmp_path / "more"), "--report"]) == code
     assert "no page of seed 0" in capsys.readouterr().err
 
@@ -39,7 +39,7 @@ def test_the_page_stands_beside_the_recording_and_is_made_again(
     runs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = only(runs) / "report.html"
-    for named in (only(runs), only(runs) / "recording.mcap", runs):
+    for named in (only(runs), only(runs) / "recording.mcap"):
         assert main(["report", str(named)]) == 0
         assert capsys.readouterr().out == f"{page}\n"
     assert page.stat().st_mode & 0o777 == 0o600
@@ -53,19 +53,3 @@ def test_what_is_no_page_of_ours_is_not_written_over(
     assert main(["report", str(only(runs)), "--out", str(out)]) == 2
     assert "is there already (name another file)" in capsys.readouterr().err
     assert out.read_text() == "<!doctype html>mine"
-
-
-def test_several_runs_get_a_page_each_and_the_bad_one_is_named(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for name in ("a", "b", "c"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "recording.mcap").write_bytes(
-            (only(runs) / "recording.mcap").read_bytes() if name != "b" else b""
-        )
-    assert main(["report", str(tmp_path)]) == 2
-    told = capsys.readouterr()
-    assert told.out.splitlines() == [str(tmp_path / name / "report.html") for name in ("a", "c")]
-    assert f"{tmp_path}/b/recording.mcap: is empty" in told.err
-    assert main(["report", str(tmp_path), "--out", str(tmp_path / "page.html")]) == 2
-    assert "holds 3 runs" in capsys.readouterr().err

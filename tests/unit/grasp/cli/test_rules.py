@@ -10,7 +10,7 @@ from grasp.cli.main import main
 from tests.unit.detector.test_plugins import weights
 
 Capture = pytest.CaptureFixture[str]
-PACKAGED = "is heard by the rule of the packaged tcn, tuned for other weights"
+PACKAGED = "is used with the rule of the packaged tcn, tuned for other weights"
 SHOW = ["config", "rule"]
 
 

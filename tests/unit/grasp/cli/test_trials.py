@@ -2,7 +2,6 @@
 
 import signal
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -73,17 +72,3 @@ def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 4
     said = capsys.readouterr().err
     assert CLOSED.advice in said and "--resume" in said and "interrupted" not in said
-
-
-def test_log_of_a_lift_tells_its_phases_in_turn_and_ends_with_what_became_of_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["run", "lift", "--rig", "simulated", *DEAF, "--runs", str(tmp_path), "-v"])
-    (log,) = tmp_path.glob("*-lift-can.log")
-    assert f"log: {log}" in capsys.readouterr().err
-    lines = [line.split(" ", 1)[1] for line in log.read_text().splitlines()]
-    phases = [line.partition(" phase ")[2] for line in lines if " phase " in line]
-    assert phases.index("approach.shape") < phases.index("grasp.tare") < phases.index("lift")
-    assert all(a != b for a, b in pairwise(phases))
-    assert lines[0].startswith("lift of can on rig simulated, ")
-    assert lines[-1].startswith("seed 0: ")

@@ -65,16 +65,13 @@ def verdict(**changes: object) -> SimpleNamespace:
     return SimpleNamespace(**(told | changes))
 
 
-def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out() -> None:
     closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
-    live.print_verdict(verdict(end=closed))
-    said = capsys.readouterr().out
+    said = live.verdict(verdict(end=closed))
     assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
-    assert said.endswith("  the arm stands; the hand is closed\n  to let go, run `grasp release`\n")
-    live.print_verdict(verdict(end=End("the arm stands", "the hand is open", "")))
-    assert capsys.readouterr().out.endswith("  the arm stands; the hand is open\n")
+    assert said.endswith("  the arm stands; the hand is closed\n  to let go, run `grasp release`")
+    opened = live.verdict(verdict(end=End("the arm stands", "the hand is open", "")))
+    assert opened.endswith("  the arm stands; the hand is open")
 
 
 class Seen:
@@ -97,7 +94,7 @@ def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registratio
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = Seen()
-    monkeypatch.setattr(view, "make", lambda _: seen)
+    monkeypatch.setattr(view, "Lines", lambda: seen)
     monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
-from grasp import interruption
+from grasp import signals
 from grasp.messages import ARM, TACTILE, TRUTH
 from grasp.recording import RunRecording
 from scenarios.acquire import acquire
@@ -69,7 +69,7 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
         if len(seen) == 500:
             os.kill(os.getpid(), signal.SIGTERM)
 
-    with interruption.taken():
+    with signals.taken():
         finished = acquired(tmp_path, end, seconds=20.0)
     assert finished.outcome is AcquireOutcome.INTERRUPTED
     assert finished.failure is not None and finished.failure.end is not None

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from grasp.cli.campaign_view import _shown
+from grasp.cli.campaign import _shown
 from scenarios.campaign.summary import summarize, wilson
 from scenarios.campaign.worker import Row
 

@@ -102,7 +102,7 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
         return row_of(task, msgspec.structs.replace(finished, failure=failure))
 
     assert ended_by("interrupted") is None
-    for kind in ("link_lost", "device_fault", "stale", "doubted", "could_not_record"):
+    for kind in ("link_lost", "device_fault", "stale", "implausible", "could_not_record"):
         row = ended_by(kind)
         assert row is not None and row.status == "error" and row.error == "what happened"
     safe = ended_by("safety_stop")
@@ -114,7 +114,7 @@ def test_options_of_a_series_that_do_not_fit_are_told(capsys: pytest.CaptureFixt
         (["lift", "--resume"], "name it with --out FILE"),
         (["lift", "--keep", "--trials", "2"], "--trials 1"),
         (["acquire", "--trials", "2"], "`grasp run acquire` does not take --trials 2"),
-        (["tap", "--taps", "4"], "it is called --trials"),
+        (["tap", "--taps", "4"], "does not take --taps 4"),
     ]:
         assert main(["run", *words, "--rig", "simulated"]) == 2, (words, says)
         assert says in capsys.readouterr().err, (words, says)

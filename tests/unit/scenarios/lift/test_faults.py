@@ -6,7 +6,7 @@ from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.states import State
 from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
-from tests.unit.scenarios.lift.test_doubts import issued_since, thumb_n
+from tests.unit.scenarios.lift.test_monitors import issued_since, thumb_n
 
 CONTACT = [State.LIFT, State.COMPENSATE, State.HOLD]
 PHASES = [State.SHAPE, State.TARE, State.BRACE, State.BASELINE, *CONTACT]

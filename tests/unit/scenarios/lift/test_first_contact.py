@@ -114,7 +114,6 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
     (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
-    (("loop.stop_s=3",), "stop_s"),
     (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
     (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
@@ -148,7 +147,6 @@ REFUSED = [
     (("arm.workspace_low_m=[-0.1,-0.1,0.001]",), "workspace_low_m"),
     (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
     (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
-    (("doubt.arm_there_m=0.002",), "arm_there_m"),
 ]
 
 

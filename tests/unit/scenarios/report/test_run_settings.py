@@ -3,10 +3,10 @@
 import shlex
 from pathlib import Path
 
-from grasp.cli.main import build_parser
+from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.report.run_record import RunRecord, read_run
-from scenarios.report.run_settings import command_of, shell
+from scenarios.report.run_settings import command_of
 from scenarios.tap.tap import tap
 from scenarios.trial.config import TrialConfig
 
@@ -24,6 +24,6 @@ def told(run: RunRecord) -> str:
 
 def test_the_command_has_the_settings_of_the_run(recorded: Path) -> None:
     run = read_run(recorded)
-    words = shlex.split(shell(command_of(run.settings, run.seed)))
+    words = shlex.split(command_of(run.settings, run.seed))
     assert meant(words).digest() == told(run)
     assert "--detector" in words and "energy.threshold_counts=3" in " ".join(words)

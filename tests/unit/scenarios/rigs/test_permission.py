@@ -10,7 +10,8 @@ import pytest
 
 import grasp
 from drivers.errors import ConfigError, UsageError
-from grasp.cli.main import build_parser, main
+from grasp.cli.commands import build_parser
+from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import opening

@@ -9,7 +9,7 @@ from scenarios.campaign.config import RunConfig, load_config
 
 COVERED = {
     "rig", "detector_name", "object", "arm", "tactile", "board", "arm_model", "fingertip",
-    "gripper", "calibration", "hand", "contact", "variation", "controller", "doubt", "guard",
+    "gripper", "calibration", "hand", "contact", "variation", "controller", "monitors", "guard",
     "slip", "rule", "energy", "loop", "pull", "damage", "world", "tap",
 }  # fmt: skip
 LEFT_OUT = {

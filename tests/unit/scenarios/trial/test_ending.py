@@ -73,7 +73,7 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
     phase: State, act: Callable[[Rig], None]
 ) -> None:
     trial, _, end = ended(phase, act)
-    assert "gripper_" in trial.controller.fault_cause
+    assert trial.controller.faults[0].code.startswith("gripper_")
     assert end.hand.startswith("the hand is not believed, and may still move: it says that it is ")
     assert not end.open
 
@@ -95,5 +95,6 @@ def test_every_device_that_is_gone_is_named() -> None:
 def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
         trial, _, _ = ended(State.HOLD, act)
-        told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
+        errors = tuple(trial.loop.errors.values())
+        told = end_of(trial.trace.last, trial.trace.hand, 0.1, "type this", errors=errors)
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act

@@ -9,9 +9,9 @@ import pytest
 from drivers.errors import Refused
 from grasp.commands import MoveArm
 from grasp.controller import GraspController
-from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
+from grasp.monitors.checks import Monitors
 from grasp.recording import RunRecorder
 from grasp.states import AIRBORNE_STATES, State
 from scenarios.trial.replay import replay_run
@@ -23,7 +23,7 @@ from tests.unit.scenarios.trial.test_stopped import QUICK
 TEXT = "planted"
 PLACES: dict[str, tuple[type, str]] = {
     "controller": (GraspController, "step"),
-    "doubts": (Doubts, "of"),
+    "monitors": (Monitors, "check"),
     "guard": (ForceGuard, "admit"),
     "recorder": (RunRecorder, "write"),
     "truth": (SimulatedCell, "truth"),

@@ -1,4 +1,4 @@
-"""A run that ended in a doubt can be read and replayed: it doubts the same thing again."""
+"""A run that ended in a fault can be read and replayed: it comes to the same fault again."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from tests.unit.scenarios.lift import device_faults as fault
     "act", [fault.lose_arm_position, fault.freeze_fingertips, fault.power_cycle_gripper],
     ids=lambda act: act.__name__,
 )  # fmt: skip
-def test_a_run_that_ended_in_a_doubt_is_replayed_to_the_same_end(
+def test_a_run_that_ended_in_a_fault_is_replayed_to_the_same_end(
     act: fault.Act, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rigs: list[Rig] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.interfaces import Detection
-from grasp import interruption
+from grasp import signals
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
 from grasp.states import END_STATES, SAFE_STATES, State
@@ -45,7 +45,7 @@ def stopped_lift(
     settings: tuple[str, ...] = QUICK,
 ) -> tuple[FinishedRun[LiftResult], list[Tick]]:
     on_tick = signal_in(phase, *numbers)
-    with interruption.taken():
+    with signals.taken():
         finished = lift.run(config(*settings), 0, runs, on_tick=on_tick)
     return finished, on_tick.ticks  # type: ignore[attr-defined]
 

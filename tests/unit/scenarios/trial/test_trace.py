@@ -19,7 +19,11 @@ def of(*steps: tuple[State, bool, float]) -> Trace:
     for phase, touched, height_m in steps:
         slip = SimpleNamespace(event=False)
         tick: Any = SimpleNamespace(
-            decision=SimpleNamespace(state=phase, slip=slip), issued=(), measured_n=ZERO, frame=None
+            decision=SimpleNamespace(state=phase, slip=slip),
+            issued=(),
+            observation=SimpleNamespace(reported=()),
+            measured_n=ZERO,
+            frame=None,
         )
         normal_n = HELD.normal_n if touched else ZERO
         trace.add(tick, msgspec.structs.replace(HELD, normal_n=normal_n, height_m=height_m))

@@ -92,7 +92,7 @@ FAULTS = {
     "arm-frozen": Fault(
         title="arm: controller frozen for 1 s",
         request={"name": "arm_freeze", "seconds": 1.0},
-        settings=("arm.stale_after_s=0.25", "doubt.arm_frozen_s=0.3"),
+        settings=("arm.stale_after_s=0.25", "monitors.arm_start_s=0.3"),
         device="arm", kinds=("link_lost", "stale", "safety_stop"),
     ),
     "fingertips-unplugged": Fault(

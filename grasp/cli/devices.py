@@ -1,0 +1,229 @@
+"""`grasp status`, `gripper`, `arm` and `release`: look at a lab's devices, and move them by hand,
+slowly."""
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from drivers.errors import UsageError
+from drivers.robotiq import protocol
+from drivers.robotiq.protocol import FAULTS, SCISSOR, SPREADS, TO_BASIC, other_than_basic
+from drivers.ur.link import preflight as arm_look
+from grasp.cli import exits, lab
+from grasp.cli.commands import ARM_SPEED
+from scenarios.lab import arm, hand, preflight
+from scenarios.rigs.device_checks import STRANGE, arm_checks, other_devices, read_gripper
+from scenarios.rigs.permission import arm_address, gripper_address
+from scenarios.rigs.rig import calibration, not_active, to_open
+
+ALL = "open and close all fingers fully"
+IDLE = "do nothing: it is active"
+SET_BASIC = "open all fingers and set basic mode"
+OPEN = (0, 0, 0)
+
+
+def status(args: argparse.Namespace) -> int:
+    config = lab.load_config(args)
+    return _arm_status(args, config) if args.device == "arm" else _gripper_status(args, config)
+
+
+def _gripper_status(args: argparse.Namespace, config: Any) -> int:
+    """Print the registers, and what is strange in them."""
+    where = gripper_address(config)
+    if config.devices.gripper:
+        raise UsageError(f"{where} is of another package", "look at it by that")
+    before, now = read_gripper(config)
+    strange, fault, lines = protocol.doubts(now, before), FAULTS[now.fault], protocol.lines(now)
+    code = exits.DEVICE if strange or fault.code else exits.SUCCESS
+    value = {"gripper": where, "registers": lines, "doubts": strange}
+    lab.print_done(args, lab.Done(_listed(f"gripper at {where}", lines), value, code))
+    if args.json:
+        return code
+    for each in strange:
+        lab.say(f"{each} ({STRANGE})")
+    if fault.code:
+        lab.say(f"{fault.text} ({fault.remedy})")
+    if now.ready and (other := other_than_basic(now.mode)):
+        lab.say(f"the hand is {other} ({TO_BASIC})")
+    return code
+
+
+def _arm_status(args: argparse.Namespace, config: Any) -> int:
+    """Print modes, joints, tool position, and what prevents a run."""
+    host, checks = arm_address(config), arm_checks(config)
+    state = (
+        []
+        if config.devices.arm
+        else arm_look.lines(arm_look.look(host, config.ur.step_timeout_s)[1])
+    )
+    against = [check for check in checks if check.status == "fail"]
+    code = exits.DEVICE if against else exits.SUCCESS
+    value = {"arm": host, "state": state, "checks": [check._asdict() for check in checks]}
+    lab.print_done(args, lab.Done(_listed(f"arm at {host}", state), value, code))
+    if not args.json:
+        for check in against:
+            lab.say(f"{check.detail} ({check.remedy})")
+    return code
+
+
+def _listed(title: str, lines: list[str]) -> str:
+    return "\n".join((title, *(f"  {line}" for line in lines)))
+
+
+def gripper_activate(args: argparse.Namespace) -> int:
+    config = lab.load_config(args)
+
+    def look() -> str:
+        to_open(config)  # raises without a calibration
+        seen = preflight.check_activation(config)
+        return IDLE if seen is None else SET_BASIC if seen.well else ALL
+
+    def ask() -> None:
+        lab.confirm("activation opens and closes the hand fully, with a force that nobody sets. Is "
+                    "it empty, and everybody's hands away?", "empty", args.empty)  # fmt: skip
+        lab.say(f"will {ALL}, if it is not active; {SET_BASIC}, if it is active in another")
+
+    def act(permit: Any) -> lab.Done:
+        positions = hand.activate_hand(config, permit, lab.say)
+        if positions is None:
+            return lab.Done("already active: nothing moved")
+        return lab.Done(f"active, fingers at {positions} counts")
+
+    return lab.perform(args, config, lambda: ALL, look, act, ask)
+
+
+def gripper_close(args: argparse.Namespace) -> int:
+    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    plan = f"close finger {fingers} to {args.to} counts"
+    return _move(args, config, plan, lambda at: hand.targets_of(at, fingers, args.to), fingers)
+
+
+def gripper_step(args: argparse.Namespace) -> int:
+    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
+    plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
+    return _move(args, config, plan, lambda at: hand.step_targets(at, fingers, counts), closing)
+
+
+def _move(
+    args: argparse.Namespace, config: Any, plan: str, targets: Callable[[Any], Any], closing: str
+) -> int:
+    """Move fingers to their ``targets``. ``closing``: the fingers that close."""
+    order = ""  # in which fingers close, and how far B and C
+    if closing:
+        hand.guard_of(config)  # raises what a run would, before anything moves
+        if config.guard.cap_mode != "each_motor" and set("BC") & set(closing):
+            thumb = ", then the thumb alone" if "A" in closing else ""
+            order = f"; B and C no further than where anything is felt{thumb}"
+
+    def look() -> str:
+        seen = preflight.active_hand(config)
+        to = targets(seen.state.positions)
+        if closing:
+            preflight.check_close(config, seen, to)
+        lab.warn_of_mode(config, opened=not closing)
+        moving = config if closing else to_open(config)
+        return _motion(moving, seen.state.positions, to) + order
+
+    def act(permit: Any) -> lab.Done:
+        with hand.open_hand(config, permit, closing=bool(closing)) as opened:
+            to = targets(opened.state.positions)
+            lab.say(f"will {_motion(config, opened.state.positions, to)}{order}")
+            moved = opened.close(to, lab.say) if closing else opened.move(to, lab.say)
+        code = exits.DEVICE if moved.fault else exits.SUCCESS
+        return lab.Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
+
+    return lab.perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act,
+                   lambda: lab.warn_of_mode(config))  # fmt: skip
+
+
+def release(args: argparse.Namespace) -> int:
+    config = _hand_config(args)
+
+    def look() -> str:
+        to_open(config)  # raises without a calibration
+        seen = preflight.hand_seen(config)
+        if not seen.state.active:
+            if not args.activate:
+                raise not_active(seen.state, "the same with --activate")
+            return f"activate the hand: {ALL}, then open it"
+        lab.warn_of_mode(config, opened=True)
+        return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
+
+    def act(permit: Any) -> lab.Done:
+        with hand.open_hand(config, permit, False, args.activate) as opened:
+            will = _motion(to_open(config), opened.state.positions, OPEN)
+            lab.say(f"will {will}{_spread(opened.mode)}")
+            moved = opened.open(lab.say)
+        which, others = f"gripper at {gripper_address(config)}", other_devices(config)
+        text = _listed(f"released on rig {args.rig}: {which}, {moved.in_words()}",
+                       [f"{device}: {state}" for device, state in others.items()])  # fmt: skip
+        lab.warn_of_mode(config, opened=True)
+        value = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}
+        return lab.Done(text, {**value, **others})
+
+    return lab.perform(
+        args, config, lambda: f"open all fingers at {_speed(to_open(config))}", look, act
+    )
+
+
+def _hand_config(args: argparse.Namespace) -> Any:
+    """What its calibration claims is told before anything else, of a dry run too."""
+    config = lab.load_config(args)
+    lab.warn_of_weak_calibration(config.calibration)
+    return config
+
+
+def _motion(config: Any, at: Any, to: Any) -> str:
+    return f"move fingers from {at} to {to} counts at {_speed(config)}"
+
+
+def _speed(config: Any) -> str:
+    """Speed and force. Raises ConfigError without a calibration."""
+    known = calibration(config)
+    return f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
+
+
+def _spread(mode: int) -> str:
+    """What else a hand does that is commanded to open fully."""
+    return SPREADS if mode == SCISSOR else ""
+
+
+def arm_step(args: argparse.Namespace) -> int:
+    config = lab.load_config(args)
+    by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
+    arm.check_step(config, by_m)
+    way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
+
+    def plan() -> str:
+        return f"move the arm at {arm_address(config)} by {way} at {ARM_SPEED}"
+
+    def look() -> str:
+        would = plan()
+        preflight.check_arm(config)
+        return would
+
+    def warn() -> None:
+        lab.say(f"will {plan()}")
+        lab.warn_of_slow_arm(config)
+
+    def act(permit: Any) -> lab.Done:
+        at_m = arm.step_arm(config, permit, by_m, lab.say)
+        return lab.Done(f"the arm stands at {_position(at_m)}, after {way}")
+
+    return lab.perform(args, config, plan, look, act, warn)
+
+
+def arm_stop(args: argparse.Namespace) -> int:
+    config = lab.load_config(args)
+    if args.dry_run:
+        would = f"end any program that runs on the arm at {arm_address(config)}"
+        return lab.print_done(args, lab.Done(would), "would")
+    return lab.print_done(
+        args,
+        lab.Done(f"the arm stands at {_position(arm.stop_arm(config))}, no program runs on it"),
+    )
+
+
+def _position(at_m: Any) -> str:
+    return ", ".join(f"{axis} {m * 1e3:.1f}" for axis, m in zip("xyz", at_m, strict=True)) + " mm"

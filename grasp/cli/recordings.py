@@ -1,0 +1,199 @@
+"""`grasp replay`, `runs`, `report` and `export`: what was recorded, shown again."""
+
+import argparse
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import BadFile, UsageError, one_line
+from grasp.cli import exits
+from grasp.cli.options import PICTURES, check_writable, need
+from grasp.cli.output import show
+from grasp.files import write_whole
+
+SHOWN_DIFFERENCES = 10
+LAYOUT = "foxglove-layout.json"
+LAYOUT_BEGINS = '{\n "configById"'
+FORMATS = {".csv": "csv", ".json": "layout", **dict.fromkeys(PICTURES, "svg")}
+
+
+def replay(args: argparse.Namespace) -> int:
+    if (args.run is None) == (args.tactile is None):
+        raise UsageError("give either a RUN or --tactile PATH", "not both, not neither")
+    if args.tactile is not None:
+        return _replay_tactile(args)
+    if args.config or args.set:
+        raise UsageError("--config and --set go with --tactile: a run is replayed with the "
+                         "settings it was made with", "leave them out")  # fmt: skip
+    import msgspec
+
+    from scenarios.trial.replay import replay_run
+
+    done = replay_run(args.run, args.detector)
+    same = not done.differences
+
+    def text() -> str:
+        cut = "" if done.complete else " (recording was cut off)"
+        more = len(done.differences) - SHOWN_DIFFERENCES
+        return "\n".join([
+            *(f"{t_s:7.2f} s  {what}" for t_s, what in done.events),
+            f"{done.steps} steps replayed, {done.writes} writes to the gripper compared{cut}: "
+            f"{'as recorded' if same else 'DIFFERENT'}",
+            *(f"  {d.t_s:7.2f} s  {d.what}: recorded {d.recorded}, replayed {d.replayed}"
+              for d in done.differences[:SHOWN_DIFFERENCES]),
+            *([f"  and {more} more"] if more > 0 else []),
+        ])  # fmt: skip
+
+    code = exits.TRIAL_FAILED if args.check and not same else exits.SUCCESS
+    return show(args, {**msgspec.to_builtins(done), "same": same}, text, code)
+
+
+def _replay_tactile(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.recordings import read
+    from detector.scores.evaluation import evaluate_recording
+    from grasp.cli.detector import scores_text
+    from grasp.clock import stopwatch_ns
+    from scenarios.campaign.config import load_config
+    from scenarios.trial.replay_tactile import replay_tactile
+
+    config = load_config("can", "simulated", args.detector, args.config, args.set)
+    recording = read(args.tactile)
+    done = replay_tactile(config, recording)
+    detector = config.make_detector(recording.fingers, recording.taxels)
+    scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
+
+    def text() -> str:  # labels, registered events and commands on one time line, then the score
+        slip = recording.slip
+        lines = [
+            *((float(recording.t_s[i]), f"label: slip {'begins' if slip[i] else 'ends'}")
+              for i in range(1, len(slip)) if slip[i] != slip[i - 1]),
+            *((t_s, f"    registered at finger {finger}") for t_s, finger in done.registered),
+            *((c.t_s, f"        {c.phase}: {c.text}") for c in done.commands),
+        ]  # fmt: skip
+        lines.sort(key=lambda line: line[0])
+        shown = [f"{t_s:8.3f} s  {what}" for t_s, what in lines]
+        return "\n".join([*shown, scores_text(scores, config.rule)])
+
+    return show(args, {**msgspec.to_builtins(done), "evaluation": scores}, text)
+
+
+def runs(args: argparse.Namespace) -> int:
+    if args.file is not None:
+        from grasp.cli.campaign import show_summary
+
+        return show_summary(args, args.file)
+    results, lines, code = [], [], exits.SUCCESS
+    for path in sorted(args.runs.glob("*/result.json")):
+        try:
+            result = json.loads(path.read_bytes())
+            lines.append(_line(path.parent.name, result))
+            results.append(result)
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+            bad = BadFile(path, "is no result of a run, or damaged", "delete its folder, or move "
+                          "it elsewhere")  # fmt: skip
+            code = exits.report(bad.kind, bad.message, bad.remedy, as_json=False)
+    return show(args, results, "\n".join(lines) or f"no runs in {one_line(args.runs)}", code)
+
+
+def _line(name: str, result: dict[str, Any]) -> str:
+    slip = result.get("slip_distance_m", result.get("displacement_m"))
+    told = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
+    if "samples" in result:
+        told = (
+            f"{result['samples']} samples, {result['slip']} slip, direction {result['direction']}"
+        )
+    seed = f"seed {result['seed']:<6}"
+    return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
+
+
+def report(args: argparse.Namespace) -> int:
+    if args.out is not None and args.out.suffix != ".html":
+        raise UsageError(f"--out {args.out}: not an HTML file name", "use one that ends in .html")
+    print(write_page(args.run, args.out))
+    return exits.SUCCESS
+
+
+def write_page(run: Path, out: Path | None = None) -> Path:
+    """The page of one run, campaign or evaluation. Raises BadFile where it is none, UsageError
+    where something else than a page of ours is there."""
+    from scenarios.campaign.store import is_database
+    from scenarios.report.campaign_page import campaign_page
+    from scenarios.report.page import BEGINS
+    from scenarios.report.run_page import page_path, run_page
+
+    database, evaluation = is_database(run), run.suffix == ".json"
+    path = out or (run.with_suffix(".html") if database or evaluation else page_path(run))
+    check_writable(path, BEGINS)
+    if database:
+        page = campaign_page(run, path)
+    elif evaluation:
+        from scenarios.report.evaluation_page import evaluation_page  # needs the compiled world
+
+        page = evaluation_page(run)
+    else:
+        page = run_page(run)
+    write_whole(path, page.encode(), private=True)
+    return path
+
+
+def export(args: argparse.Namespace) -> int:
+    from scenarios.campaign.store import is_database
+
+    by_name = None if args.out is None else FORMATS.get(args.out.suffix)
+    if args.to is None and args.out is not None and by_name is None:
+        raise UsageError(f"--out {args.out}: no known file ending",
+                         f"use a name that ends in {', '.join(FORMATS)}, or give --to")  # fmt: skip
+    to, database = args.to or by_name or "csv", is_database(args.run)
+    if database and to != "csv":
+        raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
+    made = _campaign_table if database else {"csv": _table, "svg": _picture, "layout": _layout}[to]
+    print(made(args.run, args.out))
+    return exits.SUCCESS
+
+
+def _write(out: Path, content: str, begins: str) -> Path:
+    check_writable(out, begins)
+    write_whole(out, content.encode(), private=True)
+    return out
+
+
+def _table(run: Path, out: Path | None) -> Path:
+    from scenarios.report.export import BEGINS, as_csv
+    from scenarios.trial.run_folder import find_recording
+
+    return _write(out or find_recording(run).with_suffix(".csv"), as_csv(run), BEGINS)
+
+
+def _layout(run: Path, out: Path | None) -> Path:
+    from grasp.settings import config_dir
+    from scenarios.trial.run_folder import find_recording, open_trial
+
+    open_trial(run)
+    content = (config_dir() / "viewers" / "foxglove.json").read_text("utf-8")
+    return _write(out or find_recording(run).with_name(LAYOUT), content, LAYOUT_BEGINS)
+
+
+def _picture(run: Path, out: Path | None) -> Path:
+    need("charts", "matplotlib")
+    from scenarios.report.export import draw_run
+    from scenarios.trial.run_folder import find_recording
+
+    out = out or find_recording(run).with_name("run.svg")
+    if out.suffix not in PICTURES:
+        raise UsageError(f"--out {out}: not an image file name",
+                         f"use a name that ends in {', '.join(PICTURES)}")  # fmt: skip
+    check_writable(out)
+    draw_run(run, out)
+    return out
+
+
+def _campaign_table(file: Path, out: Path | None) -> Path:
+    from scenarios.campaign.store import COLUMNS, CampaignStore
+
+    text = io.StringIO(newline="")
+    with CampaignStore.open(file) as store:
+        store.write_csv(text)
+    return _write(out or file.with_suffix(".csv"), text.getvalue(), ",".join(COLUMNS[:3]))

@@ -1,0 +1,166 @@
+"""`grasp dataset`: build or collect a data set of labelled recordings; `grasp detector train`: fit
+a network to such data sets and write its weights, which needs the extra `train`."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from detector.network_file import SUFFIX
+from detector.scores.evaluation import WARM_UP_SAMPLES
+from drivers.errors import UsageError
+from grasp import signals
+from grasp.cli import exits
+from grasp.cli.options import check_writable, need, workers
+from grasp.cli.output import progress, show
+from grasp.settings import file_of
+from scenarios.acquire.datasets import build, collect
+from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
+from scenarios.benchmark.data_sets import require_labelled, require_whole
+from scenarios.benchmark.scoring import too_short
+from scenarios.trial.result import versions
+
+TELL_S = 10.0  # at least so often how far a training is
+# options that are settings of a training
+SETTINGS = ("seed", "steps", "augmentation", "label", "moved_m", "validations")
+
+
+def dataset_build(args: argparse.Namespace) -> int:
+    config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
+    if args.seed is not None:
+        config = msgspec.structs.replace(config, seed=args.seed)
+    jobs = plan(config)
+    planned = f"{len(jobs)} recordings"
+    if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
+        planned += f"; {too_short(short)}: a larger --share makes them longer"
+    before, finished = -1, 0
+    with progress("recordings", hidden=args.json) as bar:
+
+        def report(done: int, total: int) -> None:  # earlier builds say nothing of the time left
+            nonlocal before, finished
+            finished = done
+            if before < 0:
+                before = done
+                exits.say(planned + (f"; {done} are there" if done else ""))
+            else:
+                bar(done - before, total - before)
+
+        try:
+            made = build.build(jobs, config, args.out, workers(args), report)
+        except KeyboardInterrupt:
+            kept = f"{finished} of {len(jobs)} recordings are in {args.out}"
+            return exits.report("interrupted", kept, "run the same command again", args.json)
+    samples = sum(job.samples for job in jobs)
+    value = {"folder": args.out, "recordings": len(jobs), "made": made, "samples": samples}
+    text = f"{args.out}: {len(jobs)} recordings, {samples} samples; {made} made now"
+    return show(args, value, text)
+
+
+def dataset_collect(args: argparse.Namespace) -> int:
+    for source in args.source:
+        require_labelled(source)
+    made = collect.collect(args.source, args.out)
+    counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
+    value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
+    show(args, value, f"{args.out}: {counts}")
+    if made.lacking and not args.json:
+        for split, kinds in made.lacking.items():
+            exits.say(f"none for {split}: {', '.join(kinds)}")
+        exits.say("three recordings of a motion on a surface put it into each split")
+    return exits.SUCCESS
+
+
+def detector_train(args: argparse.Namespace) -> int:
+    need("train", "torch", "onnx")
+    out = args.out or Path(f"{args.network}{SUFFIX}")
+    if out.suffix != SUFFIX:
+        raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
+    checkpoint = out.with_suffix(".checkpoint")
+    _check_files(args, out, checkpoint)
+    training, validation = _prepare(args)
+    if args.resume:
+        training.resume(checkpoint)
+    try:
+        card = _fit(args, training, validation, out)
+    except KeyboardInterrupt:
+        if training.step == 0:
+            raise
+        told = f"interrupted at step {training.step} of {training.settings.steps}, kept"
+        how = "the same command with --resume goes on from there"
+        return exits.report("interrupted", f"{told} in {checkpoint}", how, args.json)
+    checkpoint.unlink(missing_ok=True)
+    show(args, card, f"{out}: {card.parameters} parameters, {card.steps} steps, "
+        f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
+        f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is any; the "
+        "log's is of all recordings)")  # fmt: skip
+    if training.step < training.settings.steps:
+        why = "its minutes were spent (--minutes)"
+        if training.stands_still:
+            why = "validation improved no more"
+        exits.say(f"ended before its {training.settings.steps} steps: {why}")
+    if (rule := out.with_suffix(".toml")).is_file():
+        exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
+    return exits.SUCCESS
+
+
+def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
+    """Whether weights and checkpoint may be written, before any data are read."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(out)
+    if args.force or args.resume:
+        return
+    if out.is_file():
+        raise UsageError(f"{out} is there already", "name another with --out, or --force")
+    if checkpoint.is_file():
+        raise UsageError(f"{checkpoint} is of a training that did not end",
+                         "--resume goes on with it, --force begins again")  # fmt: skip
+
+
+def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
+    """The training, ready to run, and the validation recordings."""
+    require_whole(args.data)  # before torch, which takes seconds
+    from detector.recordings import read_dataset
+    from detector.training.fit import Training
+    from detector.training.sequences import digest
+    from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
+
+    learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
+    validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
+    given = {name: getattr(args, name) for name in SETTINGS if getattr(args, name) is not None}
+    if args.windows:
+        given = WINDOWS | given
+    table = msgspec.structs.asdict(DEFAULTS[args.network]) | given
+    settings = msgspec.convert(table, TrainSettings)
+    used = digest([*learnt, *validation])
+    return Training(args.network, settings, learnt, validation, used), validation
+
+
+def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
+    """Train to the end and write the weights; returns their card. An interruption waits for the end
+    of a step, so that the checkpoint is of whole ones."""
+    from detector.training.export import export
+
+    with (
+        out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
+        progress("training", hidden=args.json, every_s=TELL_S) as bar,
+        signals.deferred(),
+    ):
+        smooth: float | None = None
+
+        def report(p: Any) -> None:  # the bar is for a person, the log has a line a validation
+            nonlocal smooth
+            smooth = p.loss if smooth is None else 0.98 * smooth + 0.02 * p.loss
+            best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
+            bar(p.step, int(p.steps), f"training, loss {smooth:.3f}{best}")
+            if (s := p.score) is not None:
+                log.write(
+                    f"step {p.step} minutes {p.minutes:.2f} loss {smooth:.4f} validation loss "
+                    f"{s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
+                )
+                log.flush()
+            signals.check()
+
+        training.run(args.minutes, out.with_suffix(".checkpoint"), report)
+    signals.check()
+    return export(training, validation, out, versions()["commit"])

@@ -1,0 +1,1 @@
+"""Plausibility checks of what devices report. ``checks`` has the table of all of them."""

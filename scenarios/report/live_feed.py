@@ -1,0 +1,191 @@
+"""The side of the run: what it sends to a live page, without ever waiting.
+
+`grasp.watch.Onlooker` hands it to a process of its own; what that cannot take in time is lost.
+"""
+
+import secrets
+import socket
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+
+from detector.decision import fused
+from detector.interface import motion_told_by
+from drivers.interfaces import FINGER_NAMES, FINGERS
+from grasp.clock import stopwatch_ns
+from grasp.controller import GraspController
+from grasp.loop import Tick
+from grasp.watch import Onlooker
+from scenarios.report import live_server as server
+from scenarios.report.live_server import Begin, Row, Said, Serve
+from scenarios.report.run_view import View, bound_of, scene, taxels_of
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.pictures import taxel_places
+from scenarios.world.truth import Truth
+
+Values = list[float | None]
+Columns = list[tuple[str, int]]
+OF_MOTION: Columns = [("told_speed", 3), ("told_way", 3), ("told_turning", 3)]
+OF_TRUTH: Columns = [
+    ("true", 3), ("shear", 3), ("height", 1), ("slip", 1), ("slip_speed", 1), ("across", 1),
+    ("turn", 1), ("onset", 1), ("struck", 1),
+]  # fmt: skip
+
+
+class LiveTrials:
+    """``watch`` is what each tick is handed to."""
+
+    def __init__(self, config: TrialConfig, title: str, of: int) -> None:
+        """``of``: how many trials there will be. Raises OSError where nobody may listen."""
+        self._config, self._taxels = config, taxels_of(config)
+        self._bound = bound = bound_of(config.rule)
+        self._truth = config.rig != "hardware"
+        self._motion = _reports_motion(config)
+        self._fused = bound.probable and config.rule.fusion == "mean"
+        view = View(self._truth, self._motion, config.guard.force_limit_n, bound)
+        self.feed = Feed(title, FINGER_NAMES, view, of)
+        self._controller: GraspController | None = None
+        self._phase = ""
+        self._number = 1
+
+    def trial(self, number: int) -> None:
+        """Which of all of them comes next, from 1."""
+        self._number = number
+
+    def watch(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        """Show one tick, if it is time or something happened; another controller is another
+        trial."""
+        if controller is not self._controller:
+            self._controller = controller
+            self.feed.begin(self._data(tick), self._number)
+        phase = tick.decision.state.value
+        news = phase != self._phase or tick.decision.slip.event
+        self._phase = phase
+        if self.feed.due(news):
+            self.feed.show(phase, self._values(tick, truth))
+
+    def _data(self, tick: Tick) -> dict[str, Any]:
+        config, height_m = self._config, tick.arm.position_m[2]
+        columns: Columns = [
+            ("t", 1), ("probability", FINGERS), ("felt", FINGERS),
+            ("counts", FINGERS * self._taxels), ("positions", FINGERS), ("arm", 1), ("status", 1),
+            *([("decided", 1)] if self._fused else []),
+            *(OF_MOTION if self._motion else []),
+            *(OF_TRUTH if self._truth else []),
+        ]  # fmt: skip
+        return {
+            "fingers": FINGER_NAMES,
+            "taxels": taxel_places(config.fingertip.taxels_mm, self._taxels),
+            "limit_n": config.guard.force_limit_n,
+            "rule": msgspec.to_builtins(self._bound),
+            "columns": columns,
+            "scene": scene(config, height_m, height_m + config.controller.lift_height_m),
+        }
+
+    def _values(self, tick: Tick, truth: Truth | None) -> Values:
+        """The columns of ``_data``, in their order."""
+        seen, slip = tick.observation, tick.decision.slip
+        status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
+        values: Values = [tick.t_ns * 1e-9]
+        if tick.frame is None:  # it is not known yet what fingertips feel
+            values += [None] * (FINGERS * (2 + self._taxels))
+        else:
+            values += [*seen.probabilities.tolist(), *tick.measured_n]
+            values += tick.frame.counts.ravel().tolist()
+        values += [*tick.gripper.positions, tick.arm.position_m[2], status]
+        if self._fused:
+            values.append(float(fused(seen.probabilities[None], self._config.rule)[0, 0]))
+        if self._motion:
+            motion = seen.motion if slip.armed else None
+            values += _empty(OF_MOTION) if motion is None else [
+                *motion.speed_mps, *motion.direction_deg, *motion.turning
+            ]  # fmt: skip
+        if self._truth:
+            values += _empty(OF_TRUTH) if truth is None else [
+                *truth.normal_n, *truth.shear_n, truth.height_m, truth.slip_distance_m,
+                truth.slip_speed_mps, truth.across_m, truth.turn_rad, truth.slip_onset_s,
+                truth.struck_s,
+            ]  # fmt: skip
+        return values
+
+
+def _reports_motion(config: TrialConfig) -> bool:
+    """Whether the detector reports the kind of slip; only the detector's file states it."""
+    detector = config.make_detector(FINGERS)
+    detector.update(np.zeros((FINGERS, taxels_of(config)), np.int16))
+    return motion_told_by(detector)() is not None
+
+
+def _empty(columns: Columns) -> Values:
+    return [None] * sum(width for _, width in columns)
+
+
+LOOPBACK = "127.0.0.1"
+STDERR = 2
+EVERY = 4  # ticks between two rows: 25 a second
+TOKEN_BYTES = 16
+
+
+class Feed:
+    """One page for all trials of a call. ``address`` is where it is."""
+
+    def __init__(self, title: str, fingers: tuple[str, ...], view: View, of: int) -> None:
+        """``of``: how many trials there will be. Raises OSError where nobody may listen."""
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+        with socket.create_server((LOOPBACK, 0)) as listening:
+            host = "{}:{}".format(*listening.getsockname())
+            # what a browser says of itself is no part of a result on standard output
+            self._onlooker = Onlooker(server, STDERR, (listening.fileno(),))
+            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, view))
+        self.address = f"http://{host}/{token}/"
+        self._of = of
+        self._begun = 0  # trials, also those that were not shown
+        self._ticks = 0
+        self._began_ns = stopwatch_ns()
+        self._begin: Begin | None = None  # not taken yet
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def pid(self) -> int:
+        """Of the process that serves."""
+        return self._onlooker.pid
+
+    @property
+    def lost(self) -> int:
+        """Messages that were not taken."""
+        return self._onlooker.lost
+
+    def say(self, text: str) -> None:
+        """A line between two trials."""
+        self._onlooker.tell(Said(text))
+
+    def close(self) -> None:
+        """The page stays as it is in whichever browser shows it; safe to call twice."""
+        self._onlooker.close()
+
+    def begin(self, data: dict[str, Any], number: int = 1) -> None:
+        """Another trial, of which rows follow; ``number``: which of all, from 1."""
+        self._ticks = 0
+        spent_s = (stopwatch_ns() - self._began_ns) * 1e-9
+        left_s = spent_s / self._begun * (self._of - number + 1) if self._begun else None
+        self._begun += 1
+        self._begin = Begin(number, self._of, left_s, data)
+
+    def due(self, news: bool) -> bool:
+        """Whether this tick is shown."""
+        self._ticks += 1
+        return news or self._ticks % EVERY == 1
+
+    def show(self, phase: str, values: list[float | None]) -> None:
+        """One instant. A trial whose begin was lost is begun first."""
+        if self._begin is not None:
+            if not self._onlooker.show(self._begin):
+                return
+            self._begin = None
+        self._onlooker.show(Row(phase, values))

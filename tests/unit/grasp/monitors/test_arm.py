@@ -1,0 +1,367 @@
+"""Arm states that do not follow a command: each limit takes effect where its name says."""
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.interfaces import ArmState, Vector3
+from drivers.ur.model import ArmModel, ArmModelSettings
+from grasp.commands import MoveArm, StopArm
+from grasp.fault import ARM
+from grasp.monitors.arm import MOVED_M, OFF_LINE_M, THERE_M, ArmHistory
+from grasp.monitors.checks import CHECKS
+from grasp.monitors.settings import MonitorSettings
+from tests.unit.grasp.builders import arm
+
+MS = 1_000_000
+X, Y, Z = arm(0).position_m
+
+
+class Watched:
+    """The history of an arm, and the checks that fail after each state."""
+
+    def __init__(self, **settings: Any) -> None:
+        self._limits = MonitorSettings(**settings)
+        self.history = ArmHistory(self._limits)
+        self.command = self.history.command
+
+    def see(self, state: ArmState, pending: bool = False) -> str:
+        self.history.update(state, pending)
+        checks = [(code, c.fails) for code, c in CHECKS.items() if c.device == ARM]
+        found = {code: fails(self.history, self._limits) for code, fails in checks if fails}
+        return ", ".join(code for code, data in found.items() if data is not None)
+
+
+def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0) -> ArmState:
+    state = arm(round(t_s * 1e9))
+    return msgspec.structs.replace(
+        state, position_m=(X + aside_m, Y, Z + height_m), velocity_mps=(0.0, 0.0, speed_mps)
+    )
+
+
+def up(
+    by_m: float, speed_mps: float = 0.1, ramp_mps2: float = 0.5, aside_m: float = 0.0
+) -> MoveArm:
+    """To a point so far above the one at which each arm begins."""
+    return MoveArm((X + aside_m, Y, Z + by_m), speed_mps, ramp_mps2)
+
+
+def sent_up(**settings: Any) -> Watched:
+    """Of an arm that stood at 0 s, and was told then to rise by 0.2 m."""
+    watched = Watched(**settings)
+    assert watched.see(at(0.0, 0.0)) == ""
+    watched.command(up(0.2), at(0.0, 0.0))
+    return watched
+
+
+def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
+    """Name of the last doubt; the arm stands at 0 s, and is told to rise then."""
+    watched = Watched(**settings)
+    assert watched.see(at(0.0, 0.0)) == ""
+    watched.command(up(by_m), at(0.0, 0.0))
+    said = [watched.see(state) for state in states]
+    assert not any(said[:-1])
+    return said[-1]
+
+
+SPARE_S = 2 * math.sqrt(2 * MOVED_M / 0.5)  # to turn round within what counts as no motion
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_arm_start_s(value: float) -> None:
+    def after(s: float) -> str:
+        return told_up(at(s + SPARE_S, 0.00005), arm_start_s=value)
+
+    assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_noticed(told: bool) -> None:
+    """Else only the time-out of a phase would end a run in which its flag sticks."""
+    watched = Watched(arm_start_s=0.3)
+    moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.29, 0.35)]
+    assert watched.see(moving[0]) == ""
+    if told:
+        watched.command(MoveArm(moving[0].position_m, 0.1, 0.5), moving[0])
+    assert watched.see(moving[1]) == ""
+    assert watched.see(moving[2]) == "arm_frozen"
+
+
+def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
+    watched = Watched()
+    assert watched.see(at(0.0, 0.0)) == ""
+    assert watched.see(at(0.1, 0.004)) == "arm_wrong_way"
+
+
+def test_an_arm_that_must_brake_first_is_not_astray() -> None:
+    watched = sent_up()
+    rising = at(1.0, 0.1, speed_mps=0.1)
+    assert watched.see(rising) == ""
+    watched.command(up(0.0), rising)
+    assert watched.see(at(1.2, 0.11)) == ""
+    assert watched.see(at(1.3, 0.15)) == "arm_wrong_way"
+
+
+def assert_never_blamed(
+    end: Vector3, speed_mps: float, ramp_mps2: float, delay_ms: int = 0, phase_ms: int = 0
+) -> None:
+    """An arm that rises is told after 2 s to go to ``end``, from where it is then."""
+    model = ArmModel(ArmModelSettings(start_m=(X, Y, Z)), 0)
+    watched = Watched()
+    goals = {(0, 0): (X, Y, Z + 0.5)}  # when told, when it is on its way
+    for now_ms in range(phase_ms, 8000, 10):
+        now_ns = now_ms * MS
+        sample = model.read(now_ns)
+        reported = msgspec.structs.replace(
+            arm(sample.t_ns), position_m=sample.position_m, velocity_mps=sample.velocity_mps
+        )
+        if now_ms - phase_ms == 2000:
+            a, b, c = sample.position_m
+            goals[2000, 2000 + delay_ms] = (a + end[0], b + end[1], c + end[2])
+        pending = any(due < now_ms <= sent for due, sent in goals)
+        assert watched.see(reported, pending) == "", now_ms
+        for (due, sent), goal_m in goals.items():
+            if due == now_ms - phase_ms:
+                watched.command(MoveArm(goal_m, speed_mps, ramp_mps2), reported)
+            if sent == now_ms - phase_ms:
+                model.move_l(goal_m, speed_mps, ramp_mps2, now_ns)
+
+
+def test_an_arm_that_is_turned_round_on_its_way_is_never_blamed() -> None:
+    for speed_mps, ramp_mps2 in ((0.005, 0.5), (0.03, 3.0), (0.1, 0.05), (0.4, 0.5), (0.4, 3.0)):
+        for delay_ms, phase_ms in ((0, 3), (280, 0), (280, 7)):
+            assert_never_blamed((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
+
+
+def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_blamed() -> None:
+    """It comes nearer first, and turns round only then."""
+    for speed_mps, ramp_mps2 in ((0.1, 0.05), (0.25, 0.3), (0.25, 3.0), (0.4, 0.5)):
+        for share, aside_m in ((0.0, 0.0), (0.1, 0.02), (0.6, 0.0), (0.9, 0.002), (0.99, 0.02)):
+            braking_m = speed_mps**2 / (2.0 * ramp_mps2)
+            assert_never_blamed((aside_m, 0.0, share * braking_m), speed_mps, ramp_mps2)
+
+
+@pytest.mark.parametrize("ramp_mps2", [0.3, 0.5, 3.0])
+def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_noticed(
+    ramp_mps2: float,
+) -> None:
+    """Told to go 0.1 mm further at 0.25 m/s, it may brake after 0.25 s, and stray by 2 mm."""
+    room_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + OFF_LINE_M + 0.0001
+
+    def gone(m: float) -> str:
+        watched = Watched()
+        rising = at(0.0, 0.0, speed_mps=0.25)
+        assert watched.see(rising) == ""
+        watched.command(up(0.0001, 0.25, ramp_mps2), rising)
+        return watched.see(at(0.3, m, speed_mps=0.25))
+
+    assert (gone(room_m - 1e-5), gone(room_m + 1e-5)) == ("", "arm_wrong_way")
+
+
+def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
+    watched = sent_up()
+    watched.see(at(0.5, 0.05))
+    watched.command(StopArm(1.0), at(0.5, 0.05))
+    assert watched.see(at(5.0, 0.05)) == ""
+
+
+def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
+    watched = sent_up()
+    assert watched.see(at(0.5, 0.0), True) == ""
+    assert watched.see(at(0.6, 0.0)) == ""
+    assert watched.see(at(0.9, 0.0)) == "arm_frozen"
+
+
+def stopped_and_gone(m: float, moving: bool = False) -> str:
+    """Told to stop on its way up, it says that it stands, or does not, and goes on."""
+    watched = sent_up()
+    assert watched.see(at(0.1, 0.005)) == ""
+    watched.command(StopArm(1.0), at(0.1, 0.005))
+    assert watched.see(at(0.11, 0.006)) == ""
+    said = msgspec.structs.replace(at(0.15, 0.006 + m), moving=moving)
+    return watched.see(said)
+
+
+def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
+    assert (stopped_and_gone(THERE_M - 1e-5), stopped_and_gone(THERE_M + 1e-5)) == (
+        "",
+        "arm_goes_on",
+    )
+    assert stopped_and_gone(0.0021, moving=True) == ""
+
+
+def told_to_stop(m: float) -> str:
+    """Rising at 0.1 m/s it was told to stop at 1 m/s2, and says that it moves that far away."""
+    watched = sent_up(arm_start_s=0.2)
+    rising = at(1.0, 0.05, speed_mps=0.1)
+    assert watched.see(rising) == ""
+    watched.command(StopArm(1.0), rising)
+    for step in range(1, 101):
+        seen = at(1.0 + 0.02 * step, 0.05 + step * m / 100, speed_mps=0.1)
+        moving = msgspec.structs.replace(seen, moving=True)
+        if step % 20 == 0:  # it is told so again, and gets no more room by that
+            watched.command(StopArm(1.0), moving)
+        if said := watched.see(moving):
+            return said
+    return ""
+
+
+def test_arm_that_obeys_no_stop_is_noticed_though_it_stays_on_its_way() -> None:
+    """0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
+    assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_goes_on")
+
+
+def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
+    def gone(m: float) -> str:
+        watched = sent_up(arm_start_s=0.2)
+        seen = [
+            msgspec.structs.replace(at(t_s, height_m, speed_mps=0.1), moving=True)
+            for t_s, height_m in ((1.0, 0.05), (1.5, 0.1), (1.51, 0.1), (1.6, 0.1 + m))
+        ]
+        watched.see(seen[0])
+        watched.command(StopArm(1.0), seen[0])
+        said = [watched.see(state, n == 0) for n, state in enumerate(seen[1:])]
+        return "".join(said)
+
+    assert (gone(0.0259), gone(0.0261)) == ("", "arm_goes_on")
+
+
+@pytest.mark.parametrize("way", ["back", "aside"])
+def test_an_arm_keeps_to_its_line(way: str) -> None:
+    def gone(m: float) -> str:
+        return told_up(at(0.1, -m) if way == "back" else at(0.1, 0.01, aside_m=m))
+
+    assert (gone(OFF_LINE_M - 1e-5), gone(OFF_LINE_M + 1e-5)) == ("", "arm_wrong_way")
+
+
+def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand() -> None:
+    def standing(away_m: float) -> str:
+        states = (at(0.1, 0.01 - away_m), at(0.6, 0.01 - away_m))
+        return told_up(*states, by_m=0.01)
+
+    assert (standing(THERE_M - 1e-5), standing(THERE_M + 1e-5)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_no_number_is_noticed_and_nothing_else_is_concluded_from_it(value: float) -> None:
+    watched = sent_up()
+    broken = msgspec.structs.replace(at(0.1, 0.0), position_m=(value, Y, Z))
+    assert watched.see(broken) == "arm_position_nan"
+
+
+def paced(fraction: float, state: ArmState) -> ArmState:
+    return msgspec.structs.replace(state, speed_fraction=fraction)
+
+
+@pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
+def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction: float) -> None:
+    def begins(after_s: float) -> str:
+        watched = Watched(arm_start_s=0.25)
+        assert watched.see(paced(fraction, at(0.0, 0.0))) == ""
+        watched.command(up(0.2), at(0.0, 0.0))
+        start_s = (0.25 + SPARE_S) / fraction
+        return watched.see(paced(fraction, at(start_s + after_s, 0.00005)))
+
+    assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
+
+
+def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> None:
+    watched = sent_up(arm_start_s=0.25)
+    assert watched.see(paced(0.0, at(0.2, 0.0))) == ""
+    assert watched.see(paced(0.0, at(1.0, 0.0))) == ""
+    assert watched.see(paced(1.0, at(1.01, 0.0))) == ""
+    assert watched.see(paced(1.0, at(1.2, 0.0))) == ""
+    assert watched.see(paced(1.0, at(1.4, 0.0))) == "arm_frozen"
+
+
+def after_standstill(*backlog: ArmState, heard: ArmState, later: tuple[ArmState, ...]) -> list[str]:
+    """Of an arm on its way up at 0.02 m/s, since 0.1 s, when for 4 s nobody saw it: what it said
+    meanwhile comes in a burst, it is told to stop at the first of it, and ``heard`` is the last."""
+    watched = Watched()
+    assert watched.see(at(0.0, 0.0)) == ""
+    watched.command(up(0.2, 0.02, 0.5), at(0.0, 0.0))
+    assert watched.see(at(0.1, 0.002, speed_mps=0.02)) == ""
+    first, *rest = backlog
+    watched.history.restart(first, round(4.0 * 1e9))
+    said = [watched.see(first)]
+    watched.command(StopArm(0.8), first)
+    return [*said, *(watched.see(state) for state in (*rest, heard, *later))]
+
+
+BURST = (at(4.11, 0.002, speed_mps=0.02), at(4.12, 0.04, speed_mps=0.02))
+STANDS = at(4.13, 0.082)
+
+
+def test_what_an_arm_did_while_the_loop_stood_still_is_no_leap_and_no_stop_that_it_ignored() -> (
+    None
+):
+    later = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(200))
+    assert set(after_standstill(*BURST, heard=STANDS, later=later)) == {""}
+
+
+def test_an_arm_that_goes_on_long_after_the_standstill_though_told_to_stop_is_noticed() -> None:
+    rising = tuple(
+        msgspec.structs.replace(
+            at(4.14 + 0.01 * k, 0.082 + 0.0002 * k, speed_mps=0.02), moving=True
+        )
+        for k in range(200)
+    )
+    said = after_standstill(*BURST, heard=STANDS, later=rising)
+    assert next(filter(None, said)) == "arm_goes_on"
+
+
+def test_an_arm_that_leaps_after_the_standstill_is_noticed() -> None:
+    stood = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(30))
+    leapt = at(4.45, 0.14)
+    assert (
+        after_standstill(*BURST, heard=STANDS, later=(*stood, leapt))[-1] == "arm_jump, arm_goes_on"
+    )
+
+
+def dated(here_s: float, there_s: float | None, height_m: float) -> ArmState:
+    """Read then, and sampled then by the controller's own clock, which began 100 s before ours."""
+    sampled_ns = None if there_s is None else round((100.0 + there_s) * 1e9)
+    return msgspec.structs.replace(at(here_s, height_m), sampled_ns=sampled_ns)
+
+
+def leapt(*states: ArmState) -> list[bool]:
+    """At which of them the arm, told to rise by 0.4 m, has jumped."""
+    watched = Watched(arm_start_s=0.25)
+    assert watched.see(states[0]) == ""
+    watched.command(up(0.4, 0.25, 1.0), states[0])
+    return ["arm_jump" in watched.see(state) for state in states[1:]]
+
+
+def test_no_arm_goes_faster_than_a_metre_a_second_and_some_lateness() -> None:
+    assert leapt(at(0.0, 0.0), at(0.01, 0.0199), at(0.02, 0.0401)) == [False, True]
+
+
+def test_samples_that_come_in_a_burst_are_judged_by_the_controllers_clock() -> None:
+    late = [dated(0.01 * k, 0.0, 0.0) for k in range(1, 10)]  # all dated as the first was
+    assert leapt(dated(0.0, 0.0, 0.0), *late, dated(0.1, 0.1, 0.025)) == [False] * 10
+    unknown = [msgspec.structs.replace(state, sampled_ns=None) for state in late]
+    burst = dated(0.1, None, 0.025)
+    assert leapt(dated(0.0, None, 0.0), *unknown, burst) == [False] * 9 + [True]
+
+
+@pytest.mark.parametrize("there_s", [-1e6, 0.0, 0.5, 1e6])
+def test_a_controllers_clock_that_lies_hides_no_leap_beyond_what_a_command_takes(
+    there_s: float,
+) -> None:
+    assert leapt(dated(0.0, 0.0, 0.0), dated(0.01, there_s, 0.28)) == [True]
+
+
+@pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen
+def test_arm_that_reports_motion_and_standing_by_turns_is_noticed(stopped: bool) -> None:
+    def found(every: int) -> bool:
+        watched, said = Watched(), []
+        for i in range(120):
+            if stopped:
+                watched.command(StopArm(1.0), at(0.01 * i, 0.0))
+            says = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
+            said.append(watched.see(says))
+        return "arm_flickers" in said
+
+    assert [found(every) for every in (2, 4, 10, 13)] == [True, True, True, False]

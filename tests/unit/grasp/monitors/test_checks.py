@@ -1,0 +1,122 @@
+"""All plausibility checks together: when each is asked, and what of it ends a run."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import LinkLost
+from grasp.commands import Command, HoldFingers, MoveArm
+from grasp.fault import ARM, GRIPPER, Fault
+from grasp.monitors.checks import CHECKS, Monitors, failed, no_probabilities, not_believed
+from grasp.monitors.gripper import LOOKS
+from grasp.monitors.settings import MonitorSettings
+from grasp.observation import StepInput
+from grasp.states import CONTACT_STATES, SAFE_STATES, State
+from tests.unit.grasp.builders import MOVING, arm, codes, frame_of, gripper
+
+TICK = 10_000_000
+
+
+def inputs(t_ns: int = 0, **changes: object) -> StepInput:
+    values: dict[str, object] = {
+        "t_ns": t_ns, "frame": frame_of(codes(t_ns // TICK)), "rest_taken": True,
+        "gripper": gripper(t_ns), "arm": arm(t_ns), **changes,
+    }  # fmt: skip
+    return StepInput(**values)  # type: ignore[arg-type]
+
+
+def found(phase: State, *states: StepInput, **settings: float) -> list[str]:
+    """Codes of the checks that fail at the last of these steps."""
+    monitors = Monitors(MonitorSettings(**settings))  # type: ignore[arg-type]
+    return [[fault.code for fault in monitors.check(phase, each)] for each in states][-1]
+
+
+def test_detector_and_loop_are_late_once_they_took_longer_than_they_may() -> None:
+    for value in (0.05, 0.4):
+        for s, late in ((value - 1e-6, False), (value + 1e-6, True)):
+            ns = round(s * 1e9)
+            took = found(State.LIFT, inputs(took_ns=ns), detector_s=value)
+            slept = found(State.SHAPE, inputs(late_ns=ns), standstill_s=value)
+            assert (took, slept) == (["detector_late"] * late, ["loop_stood_still"] * late)
+    assert found(State.START, inputs(late_ns=10**10)) == []  # a run begins when it begins
+    for phase in SAFE_STATES:
+        assert found(phase, inputs(late_ns=10**10)) == ["loop_stood_still"]
+
+
+def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_the_time_that_nobody_saw() -> None:
+    monitors, s = Monitors(MonitorSettings()), MonitorSettings()
+
+    def at(t_ns: int, late_ns: int = 0) -> list[str]:
+        hand, body = gripper(t_ns, detections=MOVING, fresh=False), arm(t_ns, moving=True)
+        given = inputs(t_ns, gripper=hand, arm=body, late_ns=late_ns)
+        return [fault.code for fault in monitors.check(State.LIFT, given)]
+
+    assert at(0) == []
+    monitors.sent((MoveArm((0.3, 0.2, 0.6), 0.1, 0.5),), arm(0, moving=True))
+    assert at(10**10, late_ns=10**10 - TICK) == ["loop_stood_still"]
+    assert at(10**10 + TICK) == []
+    later_ns = 10**10 + round(max(s.echo_s, s.arm_start_s) * 1e9) + 10**9
+    blamed = [at(later_ns + k * TICK) for k in range(LOOKS)][-1]
+    assert "arm_frozen" in blamed and "gripper_silent" in blamed
+
+
+def test_all_that_is_wrong_is_found() -> None:
+    lost = msgspec.structs.replace(gripper(), active=False)
+    nan = msgspec.structs.replace(arm(), position_m=(math.nan,) * 3)
+    assert found(State.LIFT, inputs(frame=None, gripper=lost, arm=nan)) == [
+        "arm_position_nan", "gripper_inactive", "fingertips_absent",
+    ]  # fmt: skip
+
+
+def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
+    assert {p for p in State if found(p, inputs(frame=None))} == CONTACT_STATES
+
+
+@pytest.mark.parametrize(
+    ("commands", "says"),
+    [((HoldFingers(), MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)), ["arm_frozen"]), ((HoldFingers(),), [])],
+)
+def test_what_a_step_commands_the_arm_is_what_it_is_judged_by(
+    commands: tuple[Command, ...], says: list[str]
+) -> None:
+    monitors = Monitors(MonitorSettings())
+    assert monitors.check(State.START, inputs()) == ()
+    monitors.sent(commands, arm())
+    assert [f.code for f in monitors.check(State.START, inputs(10**9))] == says
+
+
+def test_report_mode_lets_go_what_is_implausible_and_nothing_that_takes_control_away() -> None:
+    stop, report = (Monitors(MonitorSettings(mode=mode)) for mode in ("stop", "report"))
+    lost = Fault.of(ARM, LinkLost("unplugged", "plug it in"))
+    stale = Fault("stale", GRIPPER, "too old", kind="stale")
+    values = {"finger": "A", "how": "x", "seconds": 1.0, "mm": 1.0, "counts": 1.0, "samples": 1.0}
+    faults = [failed(code, **values) for code in CHECKS]
+    assert all(map(stop.stops, [*faults, lost, stale]))
+    assert report.stops(lost) and report.stops(stale)
+    assert {fault.code for fault in faults if report.stops(fault)} == {
+        "loop_stood_still", "detector_late", "detector_failed", "arm_position_nan",
+        "gripper_inactive", "fingertips_absent", "fingertips_slow",
+    }  # fmt: skip
+
+
+def test_a_hand_without_its_activation_is_believed_and_one_that_leaps_is_not() -> None:
+    assert not not_believed([failed("gripper_inactive")], GRIPPER)
+    leapt = failed("gripper_impossible", finger="A", how="leapt")
+    assert not_believed([failed("gripper_inactive"), leapt], GRIPPER)
+    assert not not_believed([leapt], ARM)
+
+
+@pytest.mark.parametrize(
+    "answer", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
+               np.array([-0.1, 0.0, 0.0]), np.array([None] * 3), np.array(["0.1"] * 3),
+               np.array([0.1j] * 3)],
+)  # fmt: skip
+def test_an_answer_that_is_no_probability_a_finger_is_refused(answer: object) -> None:
+    fault = no_probabilities(answer)
+    assert fault is not None and fault.code == "detector_failed"
+
+
+def test_probabilities_are_accepted_up_to_their_ends() -> None:
+    assert no_probabilities(np.array([0.0, 0.5, 1.0])) is None

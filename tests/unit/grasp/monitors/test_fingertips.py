@@ -1,0 +1,162 @@
+"""Fingertip codes that cannot be: each limit takes effect where its name says, on both sides."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grasp.fault import FINGERTIPS
+from grasp.monitors.checks import CHECKS
+from grasp.monitors.fingertips import DEAD_SAMPLES, RAIL_SAMPLES, FingertipHistory
+from grasp.monitors.settings import MonitorSettings
+from grasp.states import State
+from tests.unit.grasp.builders import Codes, codes, frame_of
+
+
+class Hand:
+    """A history of fingertips, and the checks that fail after each sample."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.limits = MonitorSettings(**settings)
+        self.history = FingertipHistory(self.limits)
+
+    def see(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
+        self.history.update(None if raw is None else frame_of(raw, missed))
+        checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
+        asked = ((code, c.fails) for code, c in checks if phase in c.states)
+        found = {code: f(self.history, self.limits) for code, f in asked if f}
+        return ", ".join(f"{n} {d.get('finger', '')}".strip() for n, d in found.items() if d)
+
+
+def until_wrong(samples: Any, **settings: Any) -> tuple[int, str]:
+    """How many samples it takes, and what fails then."""
+    hand = Hand(**settings)
+    for k in range(5):
+        assert hand.see(codes(k)) == ""
+    for n, raw in enumerate(samples, 1):
+        if said := hand.see(raw):
+            return n, said
+    return 0, ""
+
+
+def one_finger_alive(k: int) -> Codes:
+    return np.stack([codes(0)[0], *codes(k)[1:]])
+
+
+def rails(k: int, code: int, taxels: int = 6) -> Codes:
+    raw = codes(k)
+    raw[1, :taxels] = code
+    return raw
+
+
+@pytest.mark.parametrize("value", [5, 20])
+def test_a_loaded_hand_whose_codes_all_repeat_is_frozen(value: int) -> None:
+    found = until_wrong([codes(9)] * 50, frozen_samples=value)
+    assert found == (value + 1, "fingertips_frozen")
+
+
+def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
+    """Codes that repeat stand 48 to 50 counts from their rest."""
+    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)])
+    assert (n, said) == (DEAD_SAMPLES + 1, "fingertip_dead A")
+
+
+def test_a_quiet_fingertip_that_presses_on_nothing_is_neither_frozen_nor_dead() -> None:
+    rest = np.full((3, 6), 450, np.int16)
+    hand = Hand()
+    assert not any(hand.see(rest) for _ in range(300))
+    assert [hand.see(rest - np.int16(35)) for _ in range(9)][-1] == "fingertips_frozen"
+
+
+@pytest.mark.parametrize("code", [0, 1023])
+def test_a_fingertip_wholly_at_a_rail_is_noticed_and_one_in_part_is_a_firm_grip(code: int) -> None:
+    found = until_wrong([rails(k, code) for k in range(30)])
+    assert found == (RAIL_SAMPLES, "fingertips_at_rail B")
+    assert until_wrong([rails(k, code, taxels=5) for k in range(300)]) == (0, "")
+
+
+def mostly_stuck(k: int) -> Codes:
+    """Of each fingertip two taxels live: they change from one sample to the next."""
+    raw = codes(k)
+    raw[:, :4] = 420
+    return raw
+
+
+def test_taxels_that_have_stood_still_for_long_are_no_witnesses() -> None:
+    """A third of the taxels must repeat three times as often to say as much."""
+    hand = Hand(stuck_samples=25)
+    assert not any(hand.see(mostly_stuck(k)) for k in range(30))
+    heard = [hand.see(mostly_stuck(29)) for _ in range(24)]
+    assert heard == [""] * 23 + ["fingertips_frozen"]
+
+
+@pytest.mark.parametrize("value", [20, 60])
+def test_stuck_samples(value: int) -> None:
+    hand, telling = Hand(stuck_samples=value), []
+    for k in range(value + 2):
+        hand.see(mostly_stuck(k))
+        telling.append(int(hand.history.can_tell.sum()))
+    assert telling == [18] * value + [6] * 2
+    hand.see(codes(1))
+    assert hand.history.can_tell.all() and hand.history.all_tell
+
+
+def said_of(stuck: int, phase: State, code: int = 420) -> str:
+    """Of finger B with so many taxels that stand still for longer than ``stuck_samples``."""
+    hand = Hand(stuck_samples=20)
+    return [hand.see(rails(k, code, taxels=stuck), phase) for k in range(25)][-1]
+
+
+def test_an_arm_does_not_lift_with_a_fingertip_of_which_more_than_half_stand_still() -> None:
+    few = "fingertip_few_taxels B"
+    assert (said_of(3, State.BASELINE), said_of(4, State.BASELINE)) == ("", few)
+    assert {phase for phase in State if said_of(5, phase)} == {State.SETTLE, State.BASELINE}
+    for code in (0, 1023):  # pressed
+        assert said_of(5, State.BASELINE, code=code) == ""
+
+
+def test_codes_at_the_rail_cannot_tell_and_of_a_whole_fingertip_are_no_force() -> None:
+    hand = Hand()
+    hand.see(rails(0, 0, taxels=2))
+    assert hand.history.can_tell.sum(axis=1).tolist() == [6, 4, 6]
+    assert hand.history.believable
+    hand.see(rails(1, 0))
+    assert not hand.history.believable
+
+
+@pytest.mark.parametrize("value", [20, 60])
+def test_jump_counts(value: int) -> None:
+    def jumps(by: int) -> str:
+        return until_wrong([codes(4) + np.int16(by)], jump_counts=value)[1]
+
+    assert jumps(value) == jumps(-value) == "fingertips_jump"
+    assert jumps(value - 1) == jumps(1 - value) == ""
+
+
+def test_taxels_that_change_in_both_directions_are_a_blow() -> None:
+    both = codes(4) + np.where(np.arange(18).reshape(3, 6) < 9, 200, -200).astype(np.int16)
+    assert until_wrong([both]) == (0, "")
+
+
+def test_a_jump_is_seen_although_one_taxel_is_at_the_rail_and_not_if_most_are() -> None:
+    for railed, said in ((1, "fingertips_jump"), (10, "")):
+        before, after = codes(0), codes(0) + np.int16(100)
+        before.flat[:railed] = after.flat[:railed] = 0
+        hand = Hand()
+        hand.see(before)
+        assert hand.see(after) == said
+
+
+def test_missed_samples_repeat_a_frame_and_prove_nothing() -> None:
+    hand = Hand()
+    assert not any(hand.see(codes(0), missed=missed) for missed in range(100))
+
+
+def test_after_a_gap_in_the_frames_codes_are_not_compared_with_those_from_before_it() -> None:
+    jumped, hand = codes(1) + np.int16(100), Hand()
+    hand.see(codes(0))
+    assert hand.see(jumped) == "fingertips_jump"
+    hand = Hand()
+    hand.see(codes(0), State.SHAPE)
+    hand.see(None, State.SHAPE)
+    assert hand.see(jumped) == ""

@@ -1,0 +1,233 @@
+"""Gripper status that cannot be: each limit takes effect where its name says, on both sides."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.interfaces import Detection, GripperState
+from grasp.fault import GRIPPER
+from grasp.monitors.checks import CHECKS
+from grasp.monitors.gripper import (
+    CONTACT_COUNTS,
+    FINGER_COUNTS_PS,
+    LOOKS,
+    PRESSING_MA,
+    PRESSING_S,
+    TARGET_COUNTS,
+    GripperHistory,
+)
+from grasp.monitors.settings import MonitorSettings
+from tests.unit.grasp.builders import MOVING, gripper
+
+MS = 1_000_000
+TICK = 10 * MS
+
+
+IMPOSSIBLE = "gripper_impossible"
+
+
+def codes_of(h: GripperHistory, s: MonitorSettings) -> str:
+    checks = ((code, c.fails) for code, c in CHECKS.items() if c.device == GRIPPER)
+    return ", ".join(code for code, fails in checks if fails and fails(h, s) is not None)
+
+
+def failed_at(states: list[GripperState], **settings: Any) -> str:
+    """Checks that fail at the last of these, and none before it."""
+    history, limits, said = GripperHistory(), MonitorSettings(**settings), []
+    for state in states:
+        history.update(state)
+        said.append(codes_of(history, limits))
+    assert not any(said[:-1])
+    return said[-1]
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_echo_s(value: float) -> None:
+    def after(s: float) -> str:
+        looks = [round(i * s / LOOKS * 1e9) for i in range(1, LOOKS + 1)]
+        return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in looks)], echo_s=value)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
+
+
+def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
+    """Few looks, each a long step after the last, say nothing of a hand that needs two of them."""
+    slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(6)]
+    assert failed_at(slow[:5]) == ""
+    assert failed_at(slow) == "gripper_silent"
+
+
+def test_silence_and_stillness_last_longer_than_they_may_and_not_just_as_long() -> None:
+    half = [gripper(round(i * 1e8), fresh=i == 0) for i in range(6)]
+    assert failed_at(half, echo_s=0.5) == ""
+    assert failed_at([moving(0.0, 55), moving(0.5, 55)], finger_start_s=0.5) == "gripper_stands"
+
+
+def test_after_a_standstill_of_the_loop_looks_without_an_answer_are_counted_again() -> None:
+    history, limits = GripperHistory(), MonitorSettings(echo_s=0.1)
+    history.update(gripper(0))
+    history.restart(gripper(10**10))
+    said = []
+    for i in range(1, 6):
+        history.update(gripper(10**10 + i * 200_000_000, fresh=False))
+        said.append(codes_of(history, limits))
+    assert said == ["", "", "", "", "gripper_silent"]
+
+
+def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
+    first = moving(100.0, 55)
+    assert failed_at([first]) == ""
+    assert failed_at([first, moving(100.19, 55)], finger_start_s=0.2) == ""
+    assert failed_at([first, moving(100.2, 55)], finger_start_s=0.2) == "gripper_stands"
+
+
+def test_each_answer_begins_the_time_and_the_looks_anew() -> None:
+    answers = (0, 4, 9)  # four looks between them at most
+    looks = [gripper(i * 120_000_000, fresh=i in answers) for i in range(15)]
+    assert failed_at(looks[:14]) == ""
+    assert failed_at(looks) == "gripper_silent"
+    often = [gripper(i * 10_000_000, fresh=i < 100) for i in range(110)]
+    assert failed_at(often, echo_s=0.2) == ""
+
+
+def test_finger_that_begins_to_move_from_rest_has_the_time_of_a_start() -> None:
+    resting = [gripper(0), gripper(TICK)]
+    starting = [moving(0.02, 55), moving(0.15, 55)]
+    assert failed_at([*resting, *starting]) == ""
+
+
+def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
+    looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
+    assert failed_at(looks[:5]) == ""
+    assert failed_at(looks) == "gripper_silent"
+
+
+@pytest.mark.parametrize(
+    ("fault", "active", "said"),
+    [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
+)
+def test_a_hand_that_says_that_it_refuses_is_not_called_silent(
+    fault: int, active: bool, said: str
+) -> None:
+    looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
+    assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == said
+
+
+def moving(t_s: float, position: int, asked: int = 90) -> GripperState:
+    at_ns = round(t_s * 1e9)
+    return gripper(at_ns, (position, 55, 55), MOVING, requested=(asked, 55, 55))
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_finger_start_s(value: float) -> None:
+    def after(s: float, position: int = 55) -> str:
+        return failed_at([moving(0.0, 55), moving(s, position)], finger_start_s=value)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
+    assert after(value + 1e-6, position=56) == ""
+
+
+def pressing(t_s: float, current_ma: int) -> GripperState:
+    state = moving(t_s, 55)
+    a = msgspec.structs.replace(state.fingers[0], current_ma=current_ma)
+    return msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
+
+
+def test_a_finger_that_presses_creeps_and_may_keep_its_count_for_longer() -> None:
+    def after(s: float, current_ma: int = PRESSING_MA) -> str:
+        return failed_at([pressing(0.0, current_ma), pressing(s, current_ma)])
+
+    assert after(1.0, PRESSING_MA - 1) == "gripper_stands"
+    assert (after(PRESSING_S - 1e-6), after(PRESSING_S + 1e-6)) == ("", "gripper_stands")
+
+
+def beside(asked: int, by: int) -> str:
+    """A finger that says 'at target' beside what it was asked for."""
+    state = gripper(positions=(asked, 55, 55))
+    a = msgspec.structs.replace(state.fingers[0], position_counts=asked + by)
+    state = msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
+    return failed_at([state])
+
+
+def test_a_finger_at_its_target_is_there_where_no_software_limit_cuts_it() -> None:
+    assert beside(100, TARGET_COUNTS) == ""
+    assert beside(100, TARGET_COUNTS + 1) == beside(100, -TARGET_COUNTS - 1) == IMPOSSIBLE
+    assert (beside(19, 50), beside(20, 50)) == ("", IMPOSSIBLE)
+    assert (beside(201, -50), beside(200, -50)) == ("", IMPOSSIBLE)
+
+
+TOUCHING = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
+
+
+def touching(t_s: float, position: int, fresh: bool = True) -> GripperState:
+    asked = (90, 55, 55)
+    return gripper(round(t_s * 1e9), (position, 55, 55), TOUCHING, fresh, requested=asked)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_finger_that_reports_contact_stands(way: int) -> None:
+    def after(counts: int) -> str:
+        return failed_at([touching(0.1 * k, 55 + way * k) for k in range(counts + 1)])
+
+    assert (after(CONTACT_COUNTS), after(CONTACT_COUNTS + 1)) == ("", IMPOSSIBLE)
+
+
+def test_finger_in_contact_may_move_after_another_request() -> None:
+    states = [touching(0.0, 55), touching(0.1, 56, fresh=False), touching(0.2, 75)]
+    assert failed_at(states) == ""
+
+
+def test_no_finger_is_faster_than_twice_full_speed() -> None:
+    def leap(counts: int) -> str:
+        return failed_at([gripper(0), gripper(TICK, (55 + counts, 55, 55))])
+
+    most = TARGET_COUNTS + round(FINGER_COUNTS_PS * 0.01)
+    assert (leap(most), leap(most + 1)) == ("", IMPOSSIBLE)
+
+
+@pytest.mark.parametrize("first_took_ns", [0, 200_000_000])
+def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one(
+    first_took_ns: int,
+) -> None:
+    def leap(counts: int, took_s: float) -> str:
+        first, then = gripper(0), gripper(TICK, (55 + counts, 55, 55))
+        states = [
+            msgspec.structs.replace(first, took_ns=first_took_ns),
+            msgspec.structs.replace(then, took_ns=round(took_s * 1e9)),
+        ]
+        return failed_at(states)
+
+    assert (leap(-14, 0.0), leap(-14, 0.09)) == ("gripper_impossible", "")
+    assert (leap(38, 0.09), leap(39, 0.09)) == ("", "gripper_impossible")
+
+
+def test_leap_is_one_however_long_the_run_has_lasted() -> None:
+    at_ns = 10**12
+    assert failed_at([gripper(at_ns), gripper(at_ns + TICK, (200, 55, 55))]) == "gripper_impossible"
+
+
+def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_own_text() -> None:
+    lost = msgspec.structs.replace(gripper(), active=False)
+    assert failed_at([lost]) == "gripper_inactive"
+    assert failed_at([msgspec.structs.replace(lost, fault=14)]) == ""
+
+
+def flickering(every: int, command_every: int = 1000, asked_every: int = 1000) -> set[str]:
+    """What fails of a hand that reports by turns that it moves and that it stands."""
+    history, found = GripperHistory(), set()
+    for tick in range(120):
+        if tick % command_every == 0:
+            history.command()
+        says = Detection.MOVING if tick // every % 2 else Detection.AT_TARGET
+        asked, at = (60 + tick // asked_every % 2,) * 3, (60 + tick % 2,) * 3
+        history.update(gripper(tick * TICK, at, (says,) * 3, requested=asked))
+        found.add(codes_of(history, MonitorSettings()))
+    return found
+
+
+def test_hand_that_reports_motion_and_standing_by_turns_is_noticed_unless_it_is_commanded() -> None:
+    for every in (2, 5, 10):
+        assert "gripper_flickers" in flickering(every)
+    assert flickering(13) == flickering(5, command_every=20) == {""}
+    assert flickering(5, asked_every=20) == {""}

@@ -1,0 +1,133 @@
+"""Signals: raised at once, at the next check, or too late; taken by the command line alone."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from grasp import signals
+from grasp.signals import SIGNALS, Interruption
+
+
+@pytest.fixture
+def taken() -> Iterator[None]:
+    with signals.taken():
+        yield
+
+
+def handlers() -> list[object]:
+    return [signal.getsignal(number) for number in SIGNALS]
+
+
+def test_handlers_are_given_back() -> None:
+    before = handlers()
+    with signals.taken():
+        assert all(now is not then for now, then in zip(handlers(), before, strict=True))
+    assert handlers() == before
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.usefixtures("taken")
+def test_signal_is_raised_at_once_where_nothing_defers_it(number: signal.Signals) -> None:
+    with pytest.raises(Interruption):
+        signal.raise_signal(number)
+    assert signals.number() == number
+
+
+@pytest.mark.usefixtures("taken")
+def test_deferred_signal_is_raised_at_the_next_check_and_only_once() -> None:
+    with signals.deferred():
+        signal.raise_signal(signal.SIGTERM)
+        signals.check(end=False)
+        with pytest.raises(Interruption) as stop:
+            signals.check()
+        assert stop.value.args == (signal.SIGTERM,)
+        assert signals.asked()
+        signal.raise_signal(signal.SIGINT)
+        signals.check()
+
+
+@pytest.mark.usefixtures("taken")
+def test_the_third_signal_is_raised_though_it_should_wait_for_then_something_hangs() -> None:
+    with signals.deferred():
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interruption):
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.usefixtures("taken")
+def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
+    unwound = False
+    with signals.deferred():
+        with pytest.raises(Interruption), signals.immediate():
+            try:
+                signal.raise_signal(signal.SIGHUP)
+            finally:
+                signal.raise_signal(signal.SIGHUP)
+                unwound = True
+        signals.check()
+    assert unwound
+
+
+@pytest.mark.usefixtures("taken")
+def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
+    signals.go_on()
+    with pytest.raises(Interruption):
+        signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(Interruption):
+        signals.go_on()
+
+
+@pytest.mark.usefixtures("taken")
+def test_what_is_sealed_is_not_interrupted_by_a_check_within() -> None:
+    with signals.deferred():
+        with signals.deferred(sealed=True):
+            signal.raise_signal(signal.SIGTERM)
+            signals.check()
+        with pytest.raises(Interruption):
+            signals.check()
+
+
+def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
+    assert signals.cause(KeyboardInterrupt()) == "stopped by hand"
+    assert "SIGHUP" in signals.cause(Interruption(signal.SIGHUP))
+
+
+@pytest.mark.usefixtures("taken")
+def test_guarded_loop_takes_a_signal_at_its_next_check_and_leaves_nothing() -> None:
+    with signals.guarded(lambda: None), signals.deferred():
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(Interruption):
+            signals.check()
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+GUARDED = """
+import os, signal, sys, threading, time
+from grasp import signals
+def told():
+    time.sleep(0.1)
+    os.kill(os.getpid(), signal.SIGTERM)
+    if sys.argv[1] == "twice":
+        time.sleep(1.3)
+        os.kill(os.getpid(), signal.SIGTERM)
+with signals.taken(lambda said: print(said) or 5), signals.lastly(lambda: print("closed")):
+    with signals.guarded(lambda: "stopped"), signals.deferred():
+        threading.Thread(target=told, daemon=True).start()
+        while sys.argv[1] == "twice":  # pursues a safe state
+            signals.check(end=False)
+            time.sleep(0.01)
+        time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("how", ["stuck", "twice"])
+def test_main_thread_that_does_not_end_is_ended_with_what_could_be_done(how: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", GUARDED, how], capture_output=True, text=True, timeout=30,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout.split()) == (5, ["closed", "stopped"]), done.stderr

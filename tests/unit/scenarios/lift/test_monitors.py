@@ -1,0 +1,239 @@
+"""What devices say and cannot be: a fault with a name, soon, and the safe state of the phase."""
+
+import numpy as np
+import pytest
+
+from grasp.commands import MoveArm, MoveFingers, OpenFingers, StopArm
+from grasp.loop import Tick
+from grasp.states import AIRBORNE_STATES, State
+from scenarios.rigs.rig import Rig
+from scenarios.trial.execution import FinishedTrial
+from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in
+from tests.unit.scenarios.lift import device_faults as fault
+
+P = State
+HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.DESCEND)
+ALL = (P.SHAPE, P.BRACE, *HELD)
+
+# what is done, in which phases, the name of the fault, and how many steps later it is there at
+# the latest, from when it could be noticed: the first frame, or the first command that is ignored
+CASES = [
+    (fault.freeze_fingertips, HELD, "fingertips_frozen", 13),
+    (fault.freeze_thumb, (P.LIFT, P.HOLD, P.DESCEND), "fingertip_dead", 35),
+    (fault.fingertips_read(0), (P.BRACE, *HELD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(1023), (P.BRACE, P.HOLD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(0, fault.FINGER), (P.BRACE, P.LIFT), "fingertips_at_rail", 6),
+    (fault.shift_fingertips, (P.BRACE, *HELD), "fingertips_jump", 4),
+    (fault.replug_fingertips, (P.BRACE, *HELD), "fingertips_absent", 4),
+    (fault.freeze_gripper_status, (P.SHAPE, P.BRACE), "gripper_stands", 32),
+    (fault.jam_gripper, (P.SHAPE, P.BRACE), "gripper_stands", 32),
+    (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
+    (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
+    (fault.let_finger_b_leap, (P.BRACE, P.HOLD), "gripper_impossible", 3),
+    (fault.lose_arm_position, ALL, "arm_position_nan", 2),
+    (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 31),
+    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 140),  # it stands until it goes on
+    (fault.push_arm, (P.SHAPE, P.BRACE), "arm_wrong_way", 16),
+    (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
+    (fault.let_arm_leap, ALL, "arm_jump", 2),
+    (fault.stand_still(0.3), ALL, "loop_stood_still", 1),
+    (fault.stand_still(3.0), (P.LIFT, P.HOLD), "loop_stood_still", 1),
+]
+
+
+def issued_since(staged: Staged, t_ns: int | None) -> list[object]:
+    assert t_ns is not None
+    return [c.admitted for t in staged.ticks for c in t.issued if c.decided_ns >= t_ns]
+
+
+def fault_at(staged: Staged) -> int:
+    """Index of the step that began the safe state."""
+    return next(i for i, t in enumerate(staged.ticks) if t.decision.state is P.FAULT)
+
+
+def in_safe_state(staged: Staged, trial: FinishedTrial, name: str, case: object = "") -> None:
+    """The name stands first in the cause; the arm stands, nothing is squeezed, nothing falls."""
+    assert trial.controller.state is P.FAULT, case
+    assert trial.controller.faults[0].code == name, (case, trial.controller.fault_cause)
+    assert any(isinstance(c, StopArm) for c in issued_since(staged, staged.done_at_ns)), case
+    after = issued_since(staged, staged.ticks[fault_at(staged)].t_ns)
+    assert not any(isinstance(c, MoveArm) for c in after), case
+    rig = staged.rig
+    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0), case
+    assert max(fault.cell(rig).truth().peak_n) < 11.0, case
+
+
+def thumb_n(staged: Staged) -> float:
+    return fault.cell(staged.rig).truth().normal_n[0]
+
+
+@pytest.mark.parametrize("phase", ALL)
+def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: State) -> None:
+    for act, phases, name, steps in CASES:
+        if phase not in phases:
+            continue
+        staged, case = Staged(), (act.__name__, name)
+        trial = staged.run(well_in(phase), act)
+        in_safe_state(staged, trial, name, case)
+        done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
+        assert fault_at(staged) - done <= steps, case
+        before = staged.ticks[fault_at(staged) - 1].decision.state
+        lost = act.__name__ == "stand_still_3_s" and phase is P.LIFT  # during the pause
+        if before in AIRBORNE_STATES and not name.startswith("gripper") and not lost:
+            assert thumb_n(staged) > 8.0, case  # closed to the limit, not left at 2.4 N
+        if before in (P.BRACE, P.SHAPE):
+            assert max(fault.cell(staged.rig).truth().normal_n) < 4.0, case  # stays as it is
+
+
+def test_hand_that_says_contact_while_it_closes_is_a_named_fault() -> None:
+    staged = Staged(HAND_ALONE, ONE_SPEED)
+    trial = staged.run(well_in(P.COMPENSATE), fault.always_contact)
+    in_safe_state(staged, trial, "gripper_impossible")
+
+
+@pytest.mark.parametrize("phase", [P.CLOSE, P.COMPENSATE, P.OPEN])
+def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
+    phase: State,
+) -> None:
+    staged, stood = Staged(), list[float]()
+
+    def act(rig: Rig) -> None:
+        fault.power_cycle_gripper(rig)
+        stood.extend(fault.cell(rig).gripper.travel_m.tolist())
+
+    trial = staged.run(in_phase(phase, 0), act)
+    in_safe_state(staged, trial, "gripper_inactive")
+    assert not fault.cell(staged.rig).gripper.moving
+    assert fault.cell(staged.rig).gripper.travel_m.tolist() == stood  # no grip is loosened
+    end = trial.end(staged.config)
+    assert end is not None
+    assert "the hand is not activated" in end.hand
+    assert "moving" not in end.hand and "closed to the limit" not in end.hand
+
+
+DETECTORS = {
+    "nan": np.full(3, np.nan),
+    "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
+    "infinity": np.array([0.0, np.inf, 0.0]),
+    "beyond_one": np.array([0.0, 1.5, 0.0]),
+    "wrong_shape": np.zeros((3, 1)),
+    "one_number": 0.5,
+    "nothing": None,
+}
+
+
+def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    everywhere = [("nan", phase) for phase in (P.BRACE, P.COMPENSATE, P.HOLD)]
+    for answer, phase in [*((answer, P.LIFT) for answer in DETECTORS), *everywhere]:
+        with monkeypatch.context() as patch:
+            staged = Staged()
+            trial = staged.run(in_phase(phase, 5), fault.answering(patch, DETECTORS[answer]))
+        in_safe_state(staged, trial, "detector_failed", (answer, phase))
+        assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
+
+
+def test_a_detector_that_raises_or_takes_too_long_or_cannot_forget_is_a_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def silent(rig: Rig) -> None:
+        fault.unforgetting(monkeypatch)(rig)
+        fault.silence_fingertips(rig)
+
+    for act, name in (
+        (silent, "detector_failed"),
+        (fault.taking(monkeypatch, 0.12), "detector_late"),
+        (fault.raising(monkeypatch), "detector_failed"),
+    ):
+        staged = Staged()
+        trial = staged.run(in_phase(P.LIFT, 5), act)
+        monkeypatch.undo()
+        in_safe_state(staged, trial, name)
+        assert thumb_n(staged) > 8.0
+    assert "MemoryError" in trial.controller.fault_cause
+
+
+def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline() -> None:
+    for phase, act in (
+        (P.SHAPE, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
+        (P.HOLD, fault.swallow_writes), (P.LIFT, fault.freeze_gripper_status),
+        (P.HOLD, fault.freeze_gripper_status),
+    ):  # fmt: skip
+        staged = Staged()
+        trial = staged.run(well_in(phase), act)
+        in_safe_state(staged, trial, "gripper_silent", (phase, act.__name__))
+        done_ns = staged.done_at_ns or 0
+        first = next(t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > done_ns)
+        assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9, (phase, act.__name__)
+
+
+def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(P.LIFT, 5), fault.stick_one_taxel_at_the_rail)
+    assert not any(t.observation.faults for t in staged.ticks)
+    at_rail = staged.result(trial).taxels_at_rail
+    assert set(at_rail) == {"A", "B", "C"}
+    assert 1 <= at_rail["A"] < 6
+
+
+FURTHER = [
+    (fault.lose_arm_position, "arm_position_nan"),
+    (fault.let_arm_leap, "arm_jump"),
+    (fault.power_cycle_gripper, "gripper_inactive"),
+    (fault.let_thumb_leap, "gripper_impossible"),
+    (fault.fingertips_read(0), "fingertips_at_rail"),
+]
+
+
+@pytest.mark.parametrize("phase", [P.BRACE, P.HOLD])
+def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_arm(
+    phase: State,
+) -> None:
+    for act, name in FURTHER:
+        staged, struck = Staged(), list[int]()
+
+        def then(
+            tick: Tick, act: fault.Act = act, staged: Staged = staged, struck: list[int] = struck
+        ) -> None:  # fmt: skip
+            if tick.decision.state is P.FAULT and not struck:
+                struck.append(tick.t_ns)
+                act(staged.rig)
+
+        staged.on_tick = then
+        trial = staged.run(in_phase(phase, 5), fault.unplug_fingertips)
+        assert trial.controller.state is P.FAULT, name
+        assert "unplugged" in trial.controller.fault_cause, name
+        commands = issued_since(staged, struck[0])
+        assert not any(isinstance(c, MoveArm | MoveFingers | OpenFingers) for c in commands), name
+        cell = fault.cell(staged.rig)
+        assert cell.arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0), name
+        failure = trial.failure(staged.config)
+        assert failure is not None and failure.end is not None
+        unknown = failure.end.where.endswith("at a height that the arm does not tell")
+        assert unknown == (name == "arm_position_nan")
+        further = trial.controller.further
+        assert failure.end.further == further
+        if name.startswith("fingertips"):  # they are no longer checked
+            assert not further
+        else:
+            assert further[0].code == name
+            assert f"; then {name}: " in failure.message
+
+
+QUIET = "fingertip.noise_counts=0.15"  # in the air its codes repeat for a third of a second
+
+
+def test_a_lift_with_quiet_sensors_is_held_and_one_whose_sensors_freeze_is_refused() -> None:
+    staged = Staged(HAND_ALONE, QUIET)
+    trial = staged.run(in_phase(P.SET_DOWN), fault.interrupt)
+    assert trial.controller.faults == ()
+    assert trial.controller.state is P.SET_DOWN
+    for phase, act in (
+        (P.BRACE, fault.freeze_fingertips), (P.BRACE, fault.freeze_thumb),
+        (P.CLOSE, fault.freeze_thumb),
+    ):  # fmt: skip
+        staged = Staged(HAND_ALONE, QUIET)
+        trial = staged.run(in_phase(phase, 20), act)
+        assert trial.controller.faults[0].device == "fingertips", (phase, act.__name__)
+        assert P.LIFT not in {t.decision.state for t in staged.ticks}, (phase, act.__name__)

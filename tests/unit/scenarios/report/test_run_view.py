@@ -1,0 +1,45 @@
+"""What a page draws as the rule's evidence passes its bound where the slip monitor registered."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.decision import DecisionRule, RuleSettings
+from grasp.slip_monitor import SlipMonitor, SlipSettings
+from scenarios.report.run_view import decided
+
+CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)
+SAMPLES, PERIOD_NS = 3000, 10_000_000
+
+
+def watched(settings: RuleSettings, seed: int) -> tuple[np.ndarray, ...]:
+    """Probabilities, and of each sample whether it was armed, masked, registered, an event: a
+    monitor that is armed after a while, and hears its own closing now and then."""
+    rng = np.random.default_rng(seed)
+    monitor = SlipMonitor(DecisionRule(settings, 3), SlipSettings())
+    level = np.repeat(rng.uniform(-3.0, 3.0, SAMPLES // 20), 20)
+    p = 1.0 / (1.0 + np.exp(-(level[:, None] + rng.normal(0.0, 1.0, (SAMPLES, 3)))))
+    status = []
+    for i in range(SAMPLES):
+        now_ns = i * PERIOD_NS
+        told = monitor.update(now_ns, p[i])
+        status.append((told.armed, told.masked, told.registered, told.event))
+        if i == 100:  # as the controller does: after the sample was taken
+            monitor.arm()
+            status[-1] = (True, False, False, False)
+        elif i > 100 and rng.random() < 0.01:
+            monitor.closing(now_ns)
+    return p, *np.array(status).T
+
+
+@pytest.mark.parametrize("fusion", ["any", "mean"])
+@pytest.mark.parametrize("seed", range(3))
+def test_summed_log_odds_pass_the_limit_where_slip_is_registered(fusion: str, seed: int) -> None:
+    settings = msgspec.structs.replace(CUSUM, fusion=fusion)
+    p, armed, masked, registered, event = watched(settings, seed)
+    shown = decided(settings, p, armed, masked)
+    above = (np.nan_to_num(shown.values) > shown.limit).any(axis=1)
+    assert event.sum() > 5
+    assert above[event].all()
+    assert registered[above].all()
+    assert not shown.probable
