@@ -1,26 +1,24 @@
 """`grasp calibrate`: what a count of the fingertips, a byte of the hand and a still hold are worth,
-measured on a lab's own devices and written into files, and a fit of the simulated fingertip; `grasp
-tactile`: what the fingertips measure, and how their board is wired."""
+measured on a lab's own devices and written into files; `grasp tactile`: what the fingertips
+measure, and how their board is wired."""
 
 import argparse
 import math
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from detector.recordings import read
-from drivers.errors import BadFile, ConfigError, UsageError
+from drivers.errors import ConfigError, UsageError
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.identify import watch
 from drivers.takktile.link import UsbLink
 from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
-from grasp.cli.options import check_new, check_writable, need
-from grasp.cli.output import aside, progress, show
+from grasp.cli.options import check_new
+from grasp.cli.output import aside, show
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import fingertips, ready, scale, sessions
@@ -234,67 +232,3 @@ def _taxel(press: Any) -> str:
     if press.finger is None:
         return f"no finger has this cell in `cells`: {cell}"
     return f"finger {press.finger} taxel {press.taxel} ({cell})"
-
-
-def calibrate_fingertip(args: argparse.Namespace) -> int:
-    from scenarios.acquire import fingertip_fit as fitting
-    from scenarios.acquire.signal_statistics import signal_statistics
-
-    if args.figure:
-        need("charts", "matplotlib")
-    if args.check and args.out:
-        raise UsageError("--out writes fitted values, but --check fits none",
-                         "leave out --out or --check")  # fmt: skip
-    recording = read(args.recording)
-    if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
-        raise BadFile(args.recording, "needs one fingertip with samples of slip and of rest",
-                      "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
-    if args.out:
-        check_writable(args.out, fitting.WRITTEN)
-    real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
-    setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
-    simulated = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
-    rows = fitting.compare(real, simulated)
-    misfit = fitting.misfit(real, fitting.mean(simulated))
-    if args.out:
-        write_whole(args.out, fitting.as_toml(fitted, args.recording.name).encode())
-    if args.figure:
-        _draw(args.figure, setup, recording)
-    parameters = fitting.parameter_values(setup)
-    value = {"recording": args.recording.name, "misfit": misfit, "statistics": rows,
-             "parameters": parameters, "fitted": not args.check}  # fmt: skip
-    lines = ["real; simulated, with the range of 80 % of clips:"]
-    for row in rows:
-        far = "" if row.within_aim else "; beyond the aim"
-        lines.append(f"  {row.name:<32}{row.real:9.3g}; {row.simulated:.3g} [{row.low:.3g}, "
-                     f"{row.high:.3g}]{far}")  # fmt: skip
-    lines += [f"misfit {misfit:.2f} (1: on average just within the aims)", "", "parameters, with "
-              "the range searched:"]  # fmt: skip
-    lines += [
-        f"  {name:<32}{value:9.3g} [{low:g}, {high:g}]" for name, value, low, high in parameters
-    ]
-    return show(args, value, "\n".join(lines))
-
-
-def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
-    from scenarios.acquire.fingertip_fit import FitSetup, Search, fit
-
-    search = Search(seed=args.seed)
-    if args.rounds is not None:
-        search = msgspec.structs.replace(search, close_rounds=args.rounds)
-    with progress("fitting", hidden=args.json) as bar:
-
-        def report(done: int, total: int, best: float) -> None:
-            bar(done, total, f"fitting, misfit {best:.2f}")
-
-        return fit(real, FitSetup(), search, report)
-
-
-def _draw(out: Path, setup: Any, recording: Any) -> None:
-    from scenarios.acquire.fingertip_fit import JUDGE_SEED
-    from scenarios.acquire.strokes import simulate
-    from scenarios.report.run_figure import draw_clips, simulated
-
-    clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
-    real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)
-    draw_clips(out, [real, *simulated(clips)[:2]])

@@ -9,7 +9,6 @@ from grasp.cli.options import (
     file_to_write,
     file_with_folders,
     folder_to_fill,
-    picture,
     seed,
     share,
     whole,
@@ -276,8 +275,8 @@ def _add_devices(root: Parser, section: str) -> None:
         section=section))  # fmt: skip
     _add_arm(root.command("arm", "move a lab's arm by one slow step, stop it", section=section))
     _add_tactile(root.command("tactile", "fingertips: wiring, rest and noise", section=section))
-    _add_calibrate(root.command("calibrate", "calibrate counts and force bytes on a scale; fit the "
-        "simulated fingertip", section=section))  # fmt: skip
+    _add_calibrate(root.command("calibrate", "calibrate counts and force bytes on a scale",
+        section=section))  # fmt: skip
     release = root.command("release", f"open all fingers of a hand {SLOW}", ". Support the object "
         "first: it falls when the fingers open. Needs only the gripper. The state of arm and "
         "fingertips is printed and prevents nothing.",
@@ -389,21 +388,6 @@ def _add_calibrate(group: Parser) -> None:
             file_to_write, required=True)  # fmt: skip
         parser.option("--note TEXT", "text to add to the source in the file", default="")
         _add_lab(parser)
-    fit = group.command("fingertip", "fit the simulated fingertip to a real recording, and show "
-        "both side by side", ". The recording needs labelled strokes with pauses. Simulated "
-        "recordings that the search did not use judge the fitted values. To use them, pass the "
-        "--out file as --config to `grasp run`. The built-in values are fitted to the recording of "
-        "the paper's authors.")  # fmt: skip
-    fit.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path, required=True)
-    fit.flag("--check", "judge the built-in values without a search")
-    fit.option("--rounds N", "rounds of the local search (default: 8)", whole(1, 1000))
-    fit.option("--seed N", "random seed of the search; results of two seeds differ in what the "
-        "recording does not determine", whole(0, 2**31 - 1), default=0)  # fmt: skip
-    fit.option("--clips N", "number of simulated recordings that judge the result",
-        whole(2, 100_000), default=48)  # fmt: skip
-    fit.option("--out FILE.toml", "write the fitted values", file_to_write)
-    fit.option("--figure FILE", "plot a simulated recording under the real one", picture)
-    share(fit, "json")
 
 
 def _add_emulate(root: Parser, section: str) -> None:

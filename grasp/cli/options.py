@@ -64,14 +64,6 @@ def folder_to_fill(text: str) -> Path:
     return _writable(Path(text), against_writing(nearest(Path(text))))
 
 
-def picture(text: str) -> Path:
-    """Reads the name of a file of a kind that can be drawn."""
-    if Path(text).suffix not in PICTURES:
-        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
-        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
-    return file_to_write(text)
-
-
 def _writable(path: Path, problem: str) -> Path:
     if problem:
         raise argparse.ArgumentTypeError(f"{str(path)!r}: {problem}")

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.files import save_figure
@@ -146,38 +145,3 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
             )  # fmt: skip
     if run.truth is not None and run.truth.onset_s is not None:
         axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")
-
-
-Clip = tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]
-
-
-def simulated(clips: Any) -> list[Clip]:
-    """Each of `Clips` of `scenarios.acquire.strokes` with a title of its own."""
-    draws = enumerate(clips.counts, 1)
-    return [(f"simulated, draw {i}", clips.t_s, counts, clips.slip) for i, counts in draws]
-
-
-def draw_clips(out: Path, clips: list[Clip]) -> None:
-    """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
-    (n,) times, (n, 6) counts and (n,) labels."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    plt.rcParams["svg.hashsalt"] = "grasp"
-    figure, rows = plt.subplots(
-        len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
-        layout="constrained",
-    )  # fmt: skip
-    for axes, (title, t_s, counts, slip) in zip(rows[:, 0], clips, strict=True):
-        for i in range(counts.shape[1]):
-            axes.plot(t_s, counts[:, i], lw=1, label=f"taxel {i}")
-        axes.fill_between(
-            t_s, 0, 1, where=slip, transform=axes.get_xaxis_transform(), color="#eeeeee", zorder=0
-        )
-        axes.set(ylabel="counts over rest", title=title)
-    rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
-    rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
-    save_figure(figure, out, dpi=120)
-    plt.close(figure)
