@@ -7,6 +7,7 @@ import msgspec
 from drivers.interfaces import KIT_TAXELS
 from scenarios.report.run_decision import Bound
 from scenarios.report.run_record import Told
+from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 
 
 class Seen(msgspec.Struct, frozen=True):
@@ -30,8 +31,8 @@ def scene(told: Told, grip_m: float, top_m: float) -> dict[str, Any]:
     """Of the side view, in metres; heights count from ``grip_m``, the arm's when a lift begins."""
     return {
         "object": msgspec.to_builtins(told.object),
-        "half_aperture_m": told.contact.half_aperture_m,
-        "pad_half_m": told.contact.pad_half_length_m,
+        "half_aperture_m": HALF_APERTURE_M,
+        "pad_half_m": PAD_HALF_LENGTH_M,
         "m_per_count": told.calibration.m_per_count,
         "grip_m": grip_m,
         "top_m": top_m,

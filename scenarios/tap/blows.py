@@ -12,7 +12,12 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.tap.settings import TapSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import (
+    HALF_APERTURE_M,
+    Blow,
+    ContactSettings,
+    Level,
+)
 
 if TYPE_CHECKING:  # what is compiled is needed for a search, and not by a hand that strikes
     from scenarios.world.contact import Contact, Floats
@@ -107,7 +112,7 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     kept = 1 - hand.relaxation_fraction
     pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
-    touch_m = hand.half_aperture_m - width_m
+    touch_m = HALF_APERTURE_M - width_m
     held = Held(contact, touch_m + pressed_m)
     held.waits(0.0, SETTLE_S)
     return held

@@ -35,7 +35,11 @@ from scenarios.world.truth import Truth
 
 EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
+PULL_AFTER_S = 0.2  # that the arm has stood in the air; assumed
 CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
+
+
+Newtons = Annotated[float, within(0.0, 50.0)]
 
 
 class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,7 +63,7 @@ class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     finger: Literal["A", "B", "C"]
     taxel: Annotated[int, within(0, 10_000)]
-    newtons: Annotated[float, within(0.0, 50.0)] = 1.0
+    newtons: Newtons = 1.0
     seconds: Annotated[float, within(0.0, 60.0)] = 1.0
 
 
@@ -68,7 +72,7 @@ class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     object; it lies there until another is laid, 0 N: none."""
 
     finger: Literal["A", "B", "C"]
-    newtons: Annotated[float, within(0.0, 50.0)]
+    newtons: Newtons
 
 
 class SimulatedCell:
@@ -227,7 +231,7 @@ class Pull:
             return False
         if rise_mps != 0.0 or height_m < self.settings.above_m:
             self._since_ns = now_ns
-        self._over = now_ns - self._since_ns >= self.settings.after_s * 1e9
+        self._over = now_ns - self._since_ns >= PULL_AFTER_S * 1e9
         return self._over
 
 

@@ -20,13 +20,20 @@ from drivers.interfaces import FINGERS, PERIOD_NS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip import REST_HIGH, REST_LOW, Fingertips
-from scenarios.world.settings import FingertipSettings, FixedSurface, PressSettings, Surface
+from scenarios.world.settings import (
+    WALL_STIFFNESS_NPM,
+    FingertipSettings,
+    FixedSurface,
+    PressSettings,
+    Surface,
+)
 from scenarios.world.truth import PressedTruth
 
 STROKE_MPS, STROKE_RADPS = 0.001, 0.02  # from here on the arm's mode is excited
 SPAN_S = 0.005  # the least that a speed is the mean of: a step to a sample may take a microsecond
 STEP_S = 0.015  # motion between two board samples, jitter included, is taken as straight
 KNOCK_STEP_S = 0.001
+GAP_M = 0.006  # from the start down to the apex; assumed
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
@@ -110,13 +117,13 @@ class PressedPad:
     ) -> None:  # fmt: skip
         self._stiffness_npm = 1 / (
             1 / press.finger_stiffness_npm + 1 / press.arm_stiffness_npm
-            + 1 / surface.wall_stiffness_npm
+            + 1 / WALL_STIFFNESS_NPM
         )  # fmt: skip
         self._mount_npmm = np.array([1e-3 * self._stiffness_npm])
         self._slope = np.array([press.slope_x, press.slope_y])
         self._from_axis_m = np.array([press.axis_x_m, press.axis_y_m])
         self._start_m = np.array(start_m)
-        self._apex_m = start_m[2] - press.gap_m
+        self._apex_m = start_m[2] - GAP_M
         self._off_apex_m = np.array([press.off_apex_x_m, press.off_apex_y_m])
         self.tips = Fingertips(fingertip, [_touched(surface)], rng)
         self._start_s = self._t_s = start_s
