@@ -24,7 +24,7 @@ from drivers.errors import BadFile
 from drivers.interfaces import PERIOD_S
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
-from scenarios.acquire.datasets.named_settings import with_values
+from scenarios.acquire.config import with_values
 from scenarios.world.fingertip import Fingertips
 from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 from studies.runner import Study, markdown

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from detector.recordings import Recording, write
 from drivers.errors import ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
-from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.config import AcquireConfig, with_values
 from scenarios.acquire.datasets.causes import GRASPED, make_grasped, make_pressed
-from scenarios.acquire.datasets.named_settings import with_values
 from scenarios.acquire.datasets.plan import Job, pressing
 from scenarios.acquire.labels import recording
 from scenarios.acquire.session import Session, open_acquire_rig

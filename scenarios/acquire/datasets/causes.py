@@ -22,10 +22,9 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.settings import Layer, load
 from grasp.states import OPEN_STATES
-from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.config import AcquireConfig, layout_file, with_values
 from scenarios.acquire.datasets.disturbances import Disturbances, Done, GripTrials, Performer
 from scenarios.acquire.datasets.drawn_objects import relaxed_n
-from scenarios.acquire.datasets.named_settings import layout_file, with_values
 from scenarios.acquire.labels import TURN_LEVER_M, Floats, moved, recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.session import Script, Session, open_acquire_rig
