@@ -356,12 +356,3 @@ def _draw(ranges: Mapping[str, Range], rng: np.random.Generator) -> dict[str, fl
 def pressing(surface: str, layout: str) -> AcquireConfig:
     """Settings of a session on that surface before anything is drawn."""
     return load_acquire_config(surface, "simulated", layout_file(layout))
-
-
-def first_of_each(jobs: Sequence[Job], share: float) -> list[Job]:
-    """So many of the recordings of every cause, the first in the plan."""
-    found: list[Job] = []
-    for cause in dict.fromkeys(job.metadata.cause for job in jobs):
-        its = [job for job in jobs if job.metadata.cause == cause]
-        found += its[: math.ceil(share * len(its))]
-    return found
