@@ -130,7 +130,7 @@ class PressedPad:
         self._motion_mm = np.zeros(2)
         self._at_m = np.zeros(2)
         self._height_m, self._angle_rad = start_m[2], 0.0
-        self._knock = (math.inf, 1.0, 0.0)  # start, duration, impulse
+        self._knock = (-math.inf, 1.0, 0.0)  # start, duration, impulse
 
     def knock(self, impulse_n_s: float, duration_s: float) -> None:
         """Something strikes the table now: a half sine added to the load, sideways nothing."""
@@ -146,8 +146,7 @@ class PressedPad:
         if span <= 0.0:
             return
         knocked = self._knock[0] + self._knock[1] > self._t_s - KNOCK_STEP_S
-        shaken = knocked and self._knock[2] > 0.0 and math.isfinite(self._knock[0])
-        steps = math.ceil(span / (KNOCK_STEP_S if shaken else STEP_S) - 1e-6)
+        steps = math.ceil(span / (KNOCK_STEP_S if knocked else STEP_S) - 1e-6)
         from_at, from_z, from_angle, from_s = self._at_m, self._height_m, self._angle_rad, self._t_s
         for i in range(1, steps + 1):
             part = i / steps
@@ -186,9 +185,7 @@ class PressedPad:
 
 def _touched(surface: FixedSurface) -> Surface:
     return Surface(
-        curvature_per_mm=(
-            1e-3 * _curvature(surface.radius_x_m), 1e-3 * _curvature(surface.radius_y_m)
-        ),
+        curvature_per_mm=(_per_mm(surface.radius_x_m), _per_mm(surface.radius_y_m)),
         texture_rms_mm=surface.texture_rms_m * 1e3,
         texture_length_mm=surface.texture_length_m * 1e3,
         friction_static=surface.friction_kinetic * surface.friction_ratio,
@@ -196,8 +193,8 @@ def _touched(surface: FixedSurface) -> Surface:
     )  # fmt: skip
 
 
-def _curvature(radius_m: float) -> float:
-    return 1.0 / radius_m if radius_m else 0.0
+def _per_mm(radius_m: float) -> float:
+    return 1e-3 * (1.0 / radius_m) if radius_m else 0.0
 
 
 def _turned(vector: Floats, angle: float) -> Floats:

@@ -267,9 +267,8 @@ def _metadata(
     """Of the index-th recording, on what is called so, of a cause or (none) of Table I."""
     seed = config.seed * SEEDS + BLOCKS[split] + index
     part = part_of_job(config.parts, index)
-    ranges = config.randomise | part.ranges(word)
-    if row is not None:
-        ranges = config.randomise | config.on.get(word, {}) | part.ranges(word) | row.randomise
+    ranges = config.randomise | config.on.get(word, {}) | part.ranges(word)
+    ranges |= row.randomise if row is not None else {}
     grasped = row is not None and row.grasped
     return Metadata(
         set="confusers" if row is not None else "slide", split=split, surface=name,
