@@ -105,8 +105,10 @@ class Console:
             time.sleep(PRESS_S)  # done is who has let go
         if "error" in reply:
             return str(reply["error"])
-        if words[0] in ("look", "scale"):
-            return (_look_text if words[0] == "look" else _scale_text)(reply["truth"])
+        if words[0] == "look":
+            return _look_text(reply["truth"])
+        if words[0] == "scale":
+            return _scale_text(reply["truth"])
         return f"done: {reply['told']}" if "told" in reply else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:

@@ -21,17 +21,9 @@ SIGNALLED = 128
 MOST_SAID = 1_800  # characters of a message, and of its remedy, on a terminal
 
 _CODE_OF_KIND = {
-    "usage": USAGE,
-    "config": USAGE,
-    "bad_file": USAGE,
-    "link_lost": DEVICE,
-    "device_fault": DEVICE,
-    "refused": SAFETY_STOP,
-    "stale": SAFETY_STOP,
-    "implausible": SAFETY_STOP,
-    "safety_stop": SAFETY_STOP,
-    "could_not_record": INTERNAL,
-    "internal": INTERNAL,
+    **dict.fromkeys(("usage", "config", "bad_file"), USAGE),
+    **dict.fromkeys(("link_lost", "device_fault"), DEVICE),
+    **dict.fromkeys(("refused", "stale", "implausible", "safety_stop"), SAFETY_STOP),
     "interrupted": INTERRUPTED,
 }
 

@@ -37,15 +37,6 @@ def module_of(command: str) -> ModuleType:
     return import_module(f"grasp.cli.{MODULES.get(command) or MODULES.get(group, group)}")
 
 
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("grasp-controller")
-    except PackageNotFoundError:
-        return "unknown (not installed)"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
     if COMPLETING in os.environ:
@@ -53,7 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     open_standard_streams()
     words = sys.argv[1:] if argv is None else argv
     if words[:1] == ["--version"]:
-        print(f"grasp {_version()}")
+        from importlib.metadata import version
+
+        print(f"grasp {version('grasp-controller')}")
         return exits.SUCCESS
     as_json = "--json" in words
     json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
@@ -112,8 +105,7 @@ def _failed(error: BaseException, as_json: bool) -> int:
 
 
 def _check_text(words: Sequence[str]) -> None:
-    """Raises UsageError for what no file can be called: a message that names it could not be
-    written either."""
+    """Raises UsageError for text that no file name or message can hold."""
     for word in words:
         if "\0" in word or word.encode(errors="replace").decode() != word:
             raise UsageError(f"{word}: no text in UTF-8 without NUL", "name it otherwise")

@@ -62,18 +62,12 @@ def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
     """What is shown of a tick."""
     slip = tick.decision.slip
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
+    shown = f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-"
     return Glimpse(
-        t_s=tick.t_ns * 1e-9,
-        phase=tick.decision.state.value,
-        slip=f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-",
-        registered=slip.registered,
-        news=news,
-        measured_n=tick.measured_n,
-        probabilities=tick.observation.probabilities.tolist(),
-        positions=tick.gripper.positions,
-        arm_m=tick.arm.position_m[2],
-        trial=trial,
-    )
+        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, news, tick.measured_n,
+        tick.observation.probabilities.tolist(), tick.gripper.positions, tick.arm.position_m[2],
+        trial,
+    )  # fmt: skip
 
 
 def sample_line(sample: Any) -> str:
