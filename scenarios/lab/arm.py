@@ -11,8 +11,8 @@ from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.lab.finger_steps import retry
 from scenarios.lab.hand import Say
+from scenarios.rigs.opening import open_arm
 from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving, require
-from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
 
 MOST_STEP_M = 0.005

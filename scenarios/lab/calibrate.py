@@ -41,7 +41,7 @@ from scenarios.lab.fit import (
     of_presses,
 )
 from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, step_targets
-from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
+from scenarios.rigs.calibration import FAR, MANUAL
 from scenarios.rigs.permission import MotionPermit, require
 from scenarios.rigs.rig import known_state
 from scenarios.trial.config import TrialConfig
@@ -237,63 +237,43 @@ def calibrate_hand(
     """The file of what force byte 0 presses with on a scale. Raises UsageError for data that do not
     support it, and before anything moves where ``up_to_n`` is less than it may press with."""
     with open_presser(config, permit, finger, up_to_n, say) as presser:
-        forces, reason = pressed(presser, presses, up_to_n, operator)
-        known = of_presses(forces)
+        known = of_presses(pressed(presser, presses, up_to_n, operator))
         say(f"byte 0: {known.mean_n:.2f} N, 95 % below {known.bound_n:.2f} N")
         presser.to(0)
-    return hand_file(finger, known, reason, note)
+    return hand_file(finger, known, note)
 
 
-def pressed(
-    presser: Presser, presses: int, up_to_n: float, operator: Operator
-) -> tuple[list[float], str]:
-    """What a person read of so many presses, N, and why they are far from the manual's, which is
-    asked of the first such press. A press that the others contradict is made again. Raises Refused
-    without a scale."""
+def pressed(presser: Presser, presses: int, up_to_n: float, operator: Operator) -> list[float]:
+    """What a person read of so many presses, N. A press that the others contradict is repeated.
+    Raises Refused without a scale."""
     forces: list[float] = []
-    reason = ""
     while len(forces) < presses:
         if not presser.to(CLOSED):
             presser.to(0)
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
         question = f"Press {len(forces) + 1} of {presses}: what does the scale say, {UNIT}?"
-        force_n, reason = _press(presser, question, up_to_n, operator, reason)
-        forces.append(force_n)
+        forces.append(_press_reading(presser, question, up_to_n, operator))
         if (odd := odd_press(forces)) is not None:
             operator.say(f"{forces.pop(odd):.2f} N contradicts the others: it is pressed again")
         presser.to(max(0, presser.counts - BACK_COUNTS))
-    return forces, reason
+    return forces
 
 
-def _press(
-    presser: Presser, question: str, up_to_n: float, operator: Operator, reason: str
-) -> tuple[float, str]:
-    """One reading, and the reason so far; asked again for what is none, or far from the manual's
-    for no reason."""
-    force_n: float | None = None
-    while force_n is None or (not reason and _far(force_n)):
-        far = "" if force_n is None else _far(force_n)
-        again = f"{far}: type it again {UNIT}; or, if it is so, type why" if far else question
-        line = ask(operator, again, presser.idle)
+def _press_reading(presser: Presser, question: str, up_to_n: float, operator: Operator) -> float:
+    """One reading; asked again where it is none, or so far from the manual's force that its unit
+    must be wrong: readings that all have the wrong unit would not contradict one another."""
+    low_n, high_n = MANUAL.least_force_n / FAR, MANUAL.least_force_n * FAR
+    while True:
         try:
-            force_n = load_of(line, up_to_n)
+            force_n = load_of(ask(operator, question, presser.idle), up_to_n)
+            if low_n <= force_n <= high_n:
+                return force_n
+            raise UsageError(
+                f"{force_n:.3g} N is far from the {MANUAL.least_force_n:.3g} N that the manual "
+                "says of byte 0", f"{low_n:.3g} to {high_n:.3g} N; is the unit right?",
+            )  # fmt: skip
         except UsageError as error:
-            if far and len(line.split()) >= LEAST_REASON and not line[0].isdecimal():
-                reason = line
-            else:
-                operator.say(f"{error.message}: {error.remedy}")
-    return force_n, reason
-
-
-def _far(force_n: float) -> str:
-    """Why a reading may have the wrong unit, as all of them may: none would contradict another."""
-    manual_n = MANUAL.least_force_n
-    if manual_n / FAR <= force_n <= manual_n * FAR:
-        return ""
-    return (
-        f"{force_n:.3g} N is far from the {manual_n:.3g} N that the manual says of byte 0 "
-        f"({manual_n / FAR:.3g} to {manual_n * FAR:.3g} would be believed)"
-    )
+            operator.say(f"{error.message}: {error.remedy}")
 
 
 def held_still(
@@ -339,14 +319,12 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
     return _usable(text, "guard", GuardSettings)
 
 
-def hand_file(finger: str, known: Presses, reason: str, note: str = "") -> str:
-    """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
-    ``reason``: why the hand is far from the manual's."""
+def hand_file(finger: str, known: Presses, note: str = "") -> str:
+    """A calibration, for `gripper.calibration`; raises UsageError for what none may say."""
     spread = f"{known.measured_spread_n:.2f}"
     if known.measured_spread_n < known.spread_n:
         spread += f", taken as {known.spread_n:.2f}"
     source = f"scale under finger {finger}, {now()}: {known.count} presses of byte 0"
-    source += f"; far from the manual's: {reason}" if reason else ""
     lines = [
         f"# What finger {finger} presses with on a scale, {now()}: an upper bound. 95 % of presses "
         "stay below, by a rule that is right of 95 % of such files.",
@@ -359,7 +337,6 @@ def hand_file(finger: str, known: Presses, reason: str, note: str = "") -> str:
         f"force_exponent = {STEEPEST:g}",
         "pressed_bytes = [0]",
         f"presses = {known.count}",
-        *([f"reason = {noted(reason, '')}"] if reason else []),
     ]
     return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
 

@@ -35,6 +35,7 @@ from grasp.guard import ForceGuard
 from scenarios.lab.finger_steps import Steps, lead_counts, retry, until_rest
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.opening import open_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     activate,
@@ -46,7 +47,6 @@ from scenarios.rigs.rig import (
     to_open,
     until_active,
 )
-from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 

@@ -25,7 +25,7 @@ from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.own_devices import check_offered
+from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import (
     HARDWARE,
     arm_address,
@@ -35,7 +35,6 @@ from scenarios.rigs.permission import (
     gripper_address,
 )
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
-from scenarios.rigs.wired import open_board
 
 Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
 APART_S = 0.1  # between two looks at the gripper
@@ -230,7 +229,7 @@ def _listened(tips: TakkTileDriver, clock: WallClock) -> Finding:
 
 def _foreign(device: str, config: Any) -> Finding:
     """A device of another package: is it installed? Opening it might move it."""
-    check_offered(config.devices)
+    config.devices.check_offered()
     return "warn", f"{config.devices.called(device)}: of another package, not asked"
 
 
