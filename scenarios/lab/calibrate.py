@@ -40,7 +40,7 @@ from scenarios.lab.fit import (
     odd_press,
     of_presses,
 )
-from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, step_targets
+from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, retry, step_targets
 from scenarios.rigs.calibration import FAR, MANUAL
 from scenarios.rigs.permission import MotionPermit, require
 from scenarios.rigs.rig import known_state
@@ -48,7 +48,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.person import Operator
 
 NEWTONS = {"n": 1.0, "g": N_PER_G, "kg": 1e3 * N_PER_G}
-READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
+READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)", re.IGNORECASE)
 UNIT = "with its unit (N, g, kg)"
 CLOSED = 255
 BACK_COUNTS = 20  # off the scale; some 15 mm
@@ -62,7 +62,7 @@ UNLOADED_S = 2.0  # recorded after a hold
 
 def newtons(text: str) -> float:
     """Of a number with its unit, N, g or kg; raises UsageError for anything else."""
-    found = READING.match(text.strip())
+    found = READING.fullmatch(text.strip())
     if found is None:
         raise UsageError(f"{text.strip()!r} is no reading", "a number and its unit: N, g or kg")
     return float(found[1].replace(",", ".")) * NEWTONS[found[2].lower()]
@@ -127,7 +127,7 @@ class Presser:
 
         with signals.deferred(sealed=True), SuppressBugs():
             off = max(0, self.counts - BACK_COUNTS)
-            there = self._hand.retry(back)
+            there = retry(back, self._hand.clock)
         say(
             f"the finger has backed off the scale and stands, at {self.counts} counts; to open "
             f"the hand: `{release}`" if there
@@ -171,12 +171,7 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
     the end of its codes."""
     i = FINGER_NAMES.index(finger)
     falls, rail = [], False
-    tick_ns = clock.now_ns
-    for _ in range(SAMPLES):
-        signals.check()
-        tick_ns += PERIOD_NS
-        clock.sleep_until_ns(tick_ns)
-        touch.pump(clock.now_ns)
+    for _ in touch.ticks(clock, SAMPLES):
         if touch.counts is not None and touch.rest is not None:
             counts = touch.counts[i]
             codes = counts + touch.rest[i]
@@ -303,42 +298,39 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
         f"{now()}: {line.points} readings of a scale under finger {finger}, {line.least_n:.2f} to "
         f"{line.most_n:.2f} N"
     )
-    text = (
-        f"# Counts of a fingertip, {measured}.\n"
-        f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %, "
-        "the scale taken as right).\n"
-        f"# Their line misses zero by {line.offset_n:+.2f} N (rest of the pad, tare of the scale), "
-        "which is left out.\n"
-        f"# A reading is at most {line.worst_n:.2f} N from one through zero. Nothing was measured "
-        "beyond, nor of the other fingertips.\n"
-        "# For `grasp run acquire` it is control.counts_per_newton.\n"
-        f"[source]\ncounts_per_newton = "
-        f"{noted(f'{measured}, {low:.1f} to {high:.1f} (95 %)', note)}\n"
-        f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
-    )
+    source = noted(f"{measured}, {low:.1f} to {high:.1f} (95 %)", note)
+    text = f"""\
+# Counts of a fingertip, {measured}.
+# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %, the scale taken as right).
+# Their line misses zero by {line.offset_n:+.2f} N (rest of the pad, tare of the scale), which is left out.
+# A reading is at most {line.worst_n:.2f} N from one through zero. Nothing was measured beyond, nor of the other fingertips.
+# For `grasp run acquire` it is control.counts_per_newton.
+[source]
+counts_per_newton = {source}
+[guard]
+counts_per_newton = {line.slope:.1f}
+"""  # noqa: E501
     return _usable(text, "guard", GuardSettings)
 
 
 def hand_file(finger: str, known: Presses, note: str = "") -> str:
     """A calibration, for `gripper.calibration`; raises UsageError for what none may say."""
-    spread = f"{known.measured_spread_n:.2f}"
-    if known.measured_spread_n < known.spread_n:
-        spread += f", taken as {known.spread_n:.2f}"
-    source = f"scale under finger {finger}, {now()}: {known.count} presses of byte 0"
-    lines = [
-        f"# What finger {finger} presses with on a scale, {now()}: an upper bound. 95 % of presses "
-        "stay below, by a rule that is right of 95 % of such files.",
-        f"# {known.count} presses of byte 0: {known.mean_n:.2f} N, spread {spread}, 95 % below "
-        f"{known.bound_n:.2f} N. Other bytes count as strong as can be.",
-        "[calibration]",
-        f"source = {noted(source, note)}",
-        f"least_force_n = {math.ceil(known.bound_n * 100) / 100:g}",
-        f"most_force_n = {MOST_N:g}",
-        f"force_exponent = {STEEPEST:g}",
-        "pressed_bytes = [0]",
-        f"presses = {known.count}",
-    ]
-    return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
+    spread, taken = known.measured_spread_n, known.spread_n
+    told = f"{spread:.2f}" + (f", taken as {taken:.2f}" if spread < taken else "")
+    day = now()
+    source = noted(f"scale under finger {finger}, {day}: {known.count} presses of byte 0", note)
+    text = f"""\
+# What finger {finger} presses with on a scale, {day}: an upper bound. 95 % of presses stay below, by a rule that is right of 95 % of such files.
+# {known.count} presses of byte 0: {known.mean_n:.2f} N, spread {told}, 95 % below {known.bound_n:.2f} N. Other bytes count as strong as can be.
+[calibration]
+source = {source}
+least_force_n = {math.ceil(known.bound_n * 100) / 100:g}
+most_force_n = {MOST_N:g}
+force_exponent = {STEEPEST:g}
+pressed_bytes = [0]
+presses = {known.count}
+"""  # noqa: E501
+    return _usable(text, "calibration", GripperCalibration, name="measured")
 
 
 def _usable(text: str, section: str, settings: type, **more: str) -> str:

@@ -110,8 +110,6 @@ def fit_counts(points: Sequence[Point]) -> Line:
         )
     if min(p.measured for p in points) <= 0.0:
         raise UsageError("a reading has no counts", "press the pad of the finger that was named")
-    if (odd := odd_one(points)) is not None:
-        raise UsageError(f"reading {odd + 1}, {forces[odd]:.2f} N, contradicts the others", AGAIN)
     if max(forces) < LEAST_MOST_N:
         raise UsageError(
             f"forces up to {max(forces):.2f} N are too near to what a kitchen scale resolves",
