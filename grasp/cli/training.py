@@ -16,7 +16,7 @@ from grasp.cli import exits
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
-from scenarios.acquire.datasets import build, collect
+from scenarios.acquire.datasets import build
 from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
@@ -58,7 +58,7 @@ def dataset_build(args: argparse.Namespace) -> int:
 def dataset_collect(args: argparse.Namespace) -> int:
     for source in args.source:
         require_labelled(source)
-    made = collect.collect(args.source, args.out)
+    made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
     show(args, value, f"{args.out}: {counts}")
