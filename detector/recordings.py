@@ -1,12 +1,15 @@
 """Tactile recordings with labels: the one owner of their file format.
 
-A recording is one ``.npz`` file: arrays named with their units (``_ARRAYS``) and ``header``, a
-JSON text with the format's version and ``Metadata``. Plain CSV of one fingertip is read too:
-``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in docs/data-formats.md.
+A recording is one ``.npz`` file: the arrays of ``_ARRAYS`` and ``header``, a JSON text. Plain CSV
+of one fingertip is read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in
+docs/data-formats.md.
 """
 
 import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +31,6 @@ OPTIONAL = "slip_true"
 MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
 RATE_SAMPLES = 20  # from which a rate can be judged
 MOVED_M = 0.001  # further than this has moved, by default
-
 
 LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
@@ -114,11 +116,6 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
         """Of a finger."""
         return int(self.counts.shape[2])
 
-    @property
-    def missed(self) -> int:
-        """Samples lost in gaps, judged by the time stamps."""
-        return int(missed_samples(self.t_s).sum())
-
 
 def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
     """Samples lost between each two neighbours: (n,) times in seconds to (n - 1,)."""
@@ -148,12 +145,20 @@ def write(path: Path | str, recording: Recording) -> None:
     arrays = {name: array for name, array in arrays.items() if array is not None}
     _check_arrays(arrays, str(path))
     header = msgspec.json.encode(_Header(FORMAT, VERSION, recording.metadata)).decode()
+    written = BytesIO()
+    np.savez_compressed(written, header=np.array(header), **arrays)
+    write_whole(path, written.getvalue(), mode=0o600)
+
+
+def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        private = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(private, "wb") as file:
-            np.savez_compressed(file, header=np.array(header), **arrays)
+        with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
+            file.write(content)
         partial.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 
@@ -164,19 +169,18 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     Raises BadFile for the first file that is none, and when there is nothing to read.
     """
     folder = Path(folder)
-    every = (read(path) for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")))
-    found = [r for r in every if split is None or _split(r) == split]
+    found = []
+    for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")):
+        recording = read(path)
+        if split is not None and recording.metadata is None:
+            raise BadFile(path, "belongs to no split", "write it with metadata")
+        if split is None or (recording.metadata and recording.metadata.split == split):
+            found.append(recording)
     if not found:
         what = f"no {split} recordings" if split else "no recordings"
         what = what if folder.is_dir() else "no such folder"
         raise BadFile(folder, what, "name a folder of `grasp dataset build`, or `collect`")
     return found
-
-
-def _split(recording: Recording) -> Split:
-    if recording.metadata is None:
-        raise BadFile(recording.source, "belongs to no split", "write it with metadata")
-    return recording.metadata.split
 
 
 class _Header(msgspec.Struct, frozen=True):
@@ -201,28 +205,36 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 
 def _read_npz(path: Path) -> Recording:
     source = str(path)
-    stored = _stored(path)
+    again = "copy or build the file again"
+    with _readable(path, again), np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
+        stored = {name: file[name] for name in file.files}
     header = _header(stored.pop("header", None), source)
     unknown = sorted(stored.keys() - _ARRAYS.keys())
     if unknown:
         raise BadFile(source, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md")
     _check_arrays(stored, source)
-    for array in stored.values():
-        array.flags.writeable = False
-    stored.setdefault("slip_true", None)
-    return Recording(**stored, source=source, metadata=header.metadata)
+    return _read_only(stored, source, header.metadata)
 
 
-def _stored(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        raise BadFile(path, "no such file", "check the path")
+@contextmanager
+def _readable(path: Path, remedy: str) -> Iterator[None]:
+    """What goes wrong in reading the file becomes a BadFile."""
     try:
-        # opened here: numpy forgets to close what turns out to be no zip file
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        yield
+    except FileNotFoundError:
+        raise BadFile(path, "no such file", "check the path") from None
     except Exception as error:  # numpy and zipfile raise many kinds for damage
         problem = f"cannot be read: {str(error) or type(error).__name__}"
-        raise BadFile(path, problem, "copy or build the file again") from None
+        raise BadFile(path, problem, remedy) from None
+
+
+def _read_only(
+    arrays: dict[str, NDArray[Any]], source: str, metadata: Metadata | None = None
+) -> Recording:
+    for array in arrays.values():
+        array.flags.writeable = False
+    known: dict[str, Any] = {"slip_true": None, **arrays}
+    return Recording(**known, source=source, metadata=metadata)
 
 
 def _header(stored: NDArray[Any] | None, source: str) -> _Header:
@@ -237,9 +249,8 @@ def _header(stored: NDArray[Any] | None, source: str) -> _Header:
         raise BadFile(source, f"format is {header.format!r}", foreign)
     if header.version != VERSION:
         problem = f"format version {header.version}, this program reads {VERSION}"
-        raise BadFile(
-            source, problem, "make it again: `grasp dataset build` or `grasp run acquire`"
-        )
+        again = "make it again: `grasp dataset build` or `grasp run acquire`"
+        raise BadFile(source, problem, again)
     return header
 
 
@@ -274,81 +285,62 @@ def read_csv(path: Path | str, labelled: bool = True) -> Recording:
     """Read a recording of one fingertip; raises BadFile at the first thing that is wrong. One that
     is not ``labelled`` may lack the label, and then holds no slip."""
     source = str(path)
-    lines = _lines(Path(path))
+    with _readable(Path(path), "give a CSV file in UTF-8"):
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     columns = _columns(lines, source, labelled)
     rows = {i: line.split(",") for i, line in enumerate(lines[1:], start=2) if line.strip()}
     if len(rows) < 2:
         raise BadFile(source, f"{len(rows)} samples", "at least 2 are needed")
-    for number, words in rows.items():
+    for line, words in rows.items():
         if len(words) != len(columns):
-            problem, remedy = f"{len(words)} columns", f"there must be {len(columns)}"
-            raise BadFile(source, problem, remedy, number)
+            remedy = f"there must be {len(columns)}"
+            raise BadFile(source, f"{len(words)} columns", remedy, line)
     table = {
-        name: _column(name, [words[i].strip() for words in rows.values()], list(rows), source)
+        name: _column(name, {line: words[i].strip() for line, words in rows.items()}, source)
         for i, name in enumerate(columns)
     }
     t_s = table["t_s"]
     _check_rate(t_s, source)
     _check_times(t_s, list(rows), source)
     counts = np.column_stack([table[name] for name in columns if name.startswith("p")])
-    slip = table.get(LABEL, np.zeros(len(t_s))) == 1.0
-    slip_true = table[OPTIONAL] == 1.0 if OPTIONAL in table else None
-    recording = Recording(t_s, counts.astype(np.int16)[:, None, :], slip, slip_true, source)
-    for array in (t_s, recording.counts, slip, slip_true):
-        if array is not None:
-            array.flags.writeable = False
-    return recording
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise BadFile(path, "no such file", "check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFile(path, f"cannot be read: {error}", "give a CSV file in UTF-8") from None
+    labels = {name: table[name] == 1.0 for name in (LABEL, OPTIONAL) if name in table}
+    arrays = {"t_s": t_s, "counts": counts.astype(np.int16)[:, None, :], **labels}
+    return _read_only({LABEL: np.zeros(len(t_s), np.bool_), **arrays}, source)
 
 
 def _columns(lines: list[str], source: str, labelled: bool) -> tuple[str, ...]:
-    kit = ",".join(_names(KIT_TAXELS))
+    def names(taxels: int) -> tuple[str, ...]:
+        return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
+
+    kit = ",".join(names(KIT_TAXELS))
     wanted = f"the first line must be {kit}, or of other taxels, with or without ,{OPTIONAL}"
     if not lines:
         raise BadFile(source, "empty", wanted)
     columns = tuple(word.strip() for word in lines[0].split(","))
     taxels = sum(name.startswith("p") for name in columns)
-    names = _names(taxels)
-    known = [names, (*names, OPTIONAL), *([] if labelled else [names[:-1]])]
+    known = [names(taxels), (*names(taxels), OPTIONAL)] + [names(taxels)[:-1]] * (not labelled)
     if taxels == 0 or columns not in known:
         raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
     return columns
 
 
-def _names(taxels: int) -> tuple[str, ...]:
-    """Columns of a fingertip of so many taxels."""
-    return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
-
-
-def _column(name: str, words: list[str], lines: list[int], source: str) -> NDArray[np.float64]:
-    """Its values (n,); raises BadFile for the first that it may not have."""
-    values = np.array([_number(word) for word in words])
-    if name.startswith("slip"):
-        good, remedy = np.isin(values, (0.0, 1.0)), "a label must be 0 or 1"
-    elif name == "t_s":
-        good, remedy = np.isfinite(values), "it must be a finite number"
-    else:
-        good = (values == np.rint(values)) & (abs(values) <= COUNTS_LIMIT)
-        remedy = f"counts are raw minus rest, unscaled: whole, within +-{COUNTS_LIMIT}"
-    if not good.all():
-        first = int(good.argmin())
-        raise BadFile(source, f"{name} is {words[first]!r}", remedy, lines[first])
-    return values
-
-
-def _number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
+def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64]:
+    """Values (n,) of words by line; raises BadFile for the first that it may not have."""
+    for line, word in words.items():
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if name.startswith("slip"):
+            good, remedy = value in (0.0, 1.0), "a label must be 0 or 1"
+        elif name == "t_s":
+            good, remedy = math.isfinite(value), "it must be a finite number"
+        else:
+            good = value.is_integer() and abs(value) <= COUNTS_LIMIT
+            remedy = f"counts are raw minus rest, unscaled: whole, within +-{COUNTS_LIMIT}"
+        if not good:
+            raise BadFile(source, f"{name} is {word!r}", remedy, line)
+    return np.array([float(word) for word in words.values()])
 
 
 def _check_rate(t_s: NDArray[np.float64], source: str) -> None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from detector.network_file import FORMAT, Mode, NetworkCard, read_network, sealed
-from detector.recordings import Recording
-from detector.training.fit import Training, write_whole
+from detector.recordings import Recording, write_whole
+from detector.training.fit import Training
 from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
 from detector.training.settings import SHIFT_MEAN, shift_taps
 from detector.training.validation import calibration, likelihood

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from detector.recordings import Recording
+from detector.recordings import Recording, write_whole
 from detector.training.augment import augment
 from detector.training.networks import build, odds_of
 from detector.training.sequences import (
@@ -208,18 +208,6 @@ class Training:
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
-    partial = path.with_name(f".{path.name}")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
