@@ -55,9 +55,8 @@ class DecisionRule:
     """When slip is registered, and on which fingers.
 
     ``consecutive``: after so many samples in a row above the threshold. ``cusum``: when the sum of
-    log-odds beyond the drift, never below zero, exceeds the limit; for calibrated probabilities
-    this is Page's test, the quickest at a given rate of false alarms. After ``release`` samples in
-    a row at or below the threshold on all fingers the event ends, and the sums restart.
+    log-odds beyond the drift, never below zero, exceeds the limit (Page's test). After ``release``
+    samples in a row at or below the threshold on all fingers the event ends, and the sums restart.
 
     With fusion ``mean`` one rule decides on the mean log-odds of all fingers; the one with the
     highest probability registers.
@@ -120,19 +119,16 @@ def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def mean_probability(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Probability (n, 1) of the mean log-odds of (n, fingers)."""
-    fused: NDArray[np.float64] = 1.0 / (
-        1.0 + np.exp(-log_odds(probabilities).mean(axis=1, keepdims=True))
-    )
+    odds = log_odds(probabilities).mean(axis=1, keepdims=True)
+    fused: NDArray[np.float64] = 1.0 / (1.0 + np.exp(-odds))
     return fused
 
 
 def registered_events(
     probabilities: NDArray[np.float64], settings: RuleSettings
 ) -> NDArray[np.intp]:
-    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them.
-
-    Each row is the sample that registered slip and the one that released it, n if none did.
-    """
+    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them: the
+    sample that registered slip and the one that released it, n if none did."""
     return events_of(fused(probabilities, settings), settings)
 
 

@@ -36,9 +36,8 @@ class EnergyDetector:
     """Mean absolute change as a probability.
 
     After a reset the first frame has no change, and until the window is full the changes still to
-    come count as zero. So the energy starts at 0 and can only be too small while it warms up: slip
-    may be found up to a window late, and a reset never raises an alarm by itself. A repeated frame
-    (a missed sample) is a change of zero like any other.
+    come count as zero: slip may be found up to a window late, and a reset never raises an alarm. A
+    repeated frame (a missed sample) is a change of zero like any other.
     """
 
     name = "energy"

@@ -1,9 +1,9 @@
 """Detectors of other people: a class in a Python file, or one that an installed package offers.
 
-Such a detector is any object with `reset()` and `update(counts)`. It is made for each use by
-calling what its name stands for, with those of `fingers`, `taxels` and the settings of section
-`own` that it has parameters for. It may have a `name`, a `threshold` and a `memory`
-(``detector.interface.SlipDetector``). Whatever it does wrong becomes one BadFile.
+It is made for each use by calling what its name stands for, with those of `fingers`, `taxels` and
+the settings of section `own` that it has parameters for. It needs `reset()` and `update(counts)`;
+`name`, `threshold` and `memory` are optional (``detector.interface.SlipDetector``). Whatever it
+does wrong becomes one BadFile.
 """
 
 import hashlib
@@ -74,14 +74,12 @@ class PluginDetector:
         """Take counts (fingers, taxels), give (fingers,); raises BadFile for what goes wrong."""
         shown = np.frombuffer(counts.tobytes(), counts.dtype).reshape(counts.shape)
         with _blamed(self._file, "update"):
-            given = self._inner.update(shown)
-            p = np.array(given)
-        if p.dtype.kind not in "biuf" or isinstance(given, np.ma.MaskedArray):
-            kind = "a masked array" if isinstance(given, np.ma.MaskedArray) else p.dtype
-            raise _bad(self._file, f"update gives {kind}, not a number a finger")
+            p = np.array(self._inner.update(shown))
+        if p.dtype.kind not in "biuf":
+            raise _bad(self._file, f"update gives {p.dtype}, not a number a finger")
         if p.shape != (self._fingers,):
-            problem = f"update gives shape {p.shape}, not ({self._fingers},): a number a finger"
-            raise _bad(self._file, problem)
+            wanted = f"({self._fingers},): a number a finger"
+            raise _bad(self._file, f"update gives shape {p.shape}, not {wanted}")
         if not ((p >= 0.0) & (p <= 1.0)).all():
             raise _bad(self._file, f"update gives {p.tolist()}, not probabilities from 0 to 1")
         return p.astype(np.float64)
@@ -105,8 +103,7 @@ def is_own(word: str) -> bool:
 
 def load_plugin(word: str, settings: OwnSettings, fingers: int, taxels: int) -> PluginDetector:
     """Make it, reset and tried on frames at rest; raises BadFile."""
-    file, found = _file(word), _found(word)
-    given = dict(settings.arguments)
+    file, found, given = _file(word), _found(word), dict(settings.arguments)
     with _blamed(file, "making it"):
         known = _parameters(found)
         unknown = [key for key in given if known is not None and key not in known]
@@ -114,8 +111,7 @@ def load_plugin(word: str, settings: OwnSettings, fingers: int, taxels: int) -> 
             raise _bad(file, f"takes no setting own.{unknown[0]}")
         if callable(found):
             shape = {"fingers": fingers, "taxels": taxels}
-            offers = {key: n for key, n in shape.items() if known is None or key in known}
-            made = found(**{**offers, **given})
+            made = found(**{k: n for k, n in shape.items() if known is None or k in known} | given)
         else:
             made = deepcopy(found)
     for verb in ("reset", "update"):

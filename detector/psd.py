@@ -1,9 +1,8 @@
 """Detectors from the power spectrum, after Holweg et al. 1996: as the paper ran it, and a fair one.
 
-The paper's standardises the taxels, adds them up first, and sums the power of one second from 1 to
-50 Hz: what the taxels have in common, nearly all of it below 5 Hz. It reached 57.4 %. The fair one
-asks the same question as the authors' own analysis of vibration: amplitudes from 5 to 50 Hz in the
-last 0.2 s, taxel by taxel.
+The paper's adds the standardised taxels up first and sums the power of one second from 1 to 50 Hz.
+It reached 57.4 %. The fair one takes amplitudes from 5 to 50 Hz in the last 0.2 s, taxel by taxel,
+as the authors' own analysis of vibration does.
 """
 
 from typing import Annotated, Any

@@ -1,8 +1,7 @@
 """A decision rule set without labels: from minutes in which nothing slips, and one unloading.
 
-What a rule compares with its threshold has a tail while nothing slips: how seldom its largest value
-of a second exceeds a level. That tail is taken for exponential beyond what a quarter of the seconds
-exceed, and followed to the budget of false events, which may be less than the minutes have shown.
+The largest values of each second that a rule compares with its threshold are taken for exponential
+beyond what a quarter of the seconds exceed. That tail is followed to the budget of false events.
 The unloading says that the fingertips felt anything at all, and where the hold ended.
 """
 
@@ -61,14 +60,14 @@ def compared(probabilities: Floats, rule: RuleSettings) -> Floats:
     so many samples in a row, or their sum."""
     p = mean_probability(probabilities) if rule.fusion == "mean" else probabilities
     if rule.kind == "cusum":
-        sums: Floats = cusum(p, rule).max(axis=1)
-        return sums
-    odds = log_odds(p)
-    if len(odds) < rule.consecutive:
+        values = cusum(p, rule)
+    elif len(p) < rule.consecutive:
         return np.empty(0)
-    windows = np.lib.stride_tricks.sliding_window_view(odds, rule.consecutive, axis=0)
-    lasting: Floats = windows.min(axis=2).max(axis=1)
-    return lasting
+    else:
+        windows = np.lib.stride_tricks.sliding_window_view(log_odds(p), rule.consecutive, axis=0)
+        values = windows.min(axis=2)
+    most: Floats = values.max(axis=1)
+    return most
 
 
 def level_of(maxima: Floats, budget_per_min: float) -> float:

@@ -96,12 +96,8 @@ def fingers_of(
 
 
 def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float64]:
-    """How often each recording is drawn (n,), of 1.
-
-    As often as it has samples; a cause as often as the samples of all its recordings to the power
-    of 1 - ``evenness``: 0 leaves them as they come, 1 has every cause as often as any other. What
-    is rare is so learnt too.
-    """
+    """How often each recording is drawn (n,), of 1: by its samples, and a cause by those of all its
+    recordings to the power of 1 - ``evenness``."""
     causes = [cause_of(r) for r in recordings]
     lengths = np.array([len(r.t_s) for r in recordings], np.float64)
     of_cause = {c: lengths[[c == each for each in causes]].sum() for c in set(causes)}
@@ -113,11 +109,9 @@ def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float
 def targets(
     recording: Recording, label: LabelName, moved_m: float = MOVED_M
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """What is to be learnt of each sample (n,), and how much it weighs (n,).
-
-    A blow that moved what is held for good is slip from its first motion on for BLOW_SAMPLES, one
-    that did not is none and weighs more, and what lies between teaches nothing.
-    """
+    """What is to be learnt of each sample (n,), and how much it weighs (n,). A blow that moved what
+    is held for good is slip from its first motion on for BLOW_SAMPLES, one that did not is none and
+    weighs more, and what lies between teaches nothing."""
     known = recording.label(label, moved_m)
     weights = np.ones(len(known), np.float32)
     if label != "slip":
@@ -155,10 +149,8 @@ def digest(recordings: Sequence[Recording]) -> str:
     """Names the data: equal recordings in equal order give an equal digest."""
     found = hashlib.sha256()
     for recording in recordings:
-        found.update(recording.counts.tobytes())
-        found.update(recording.slip.tobytes())
-        if recording.moved_m is not None:
-            found.update(recording.moved_m.tobytes())
+        for array in (recording.counts, recording.slip, recording.moved_m):
+            found.update(b"" if array is None else array.tobytes())
     return found.hexdigest()[:16]
 
 
@@ -174,11 +166,9 @@ def crops(
     """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
     learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
-    Hands are drawn as often as `shares` has it, and the fingers of one weigh as much as a finger
-    that is alone: they are given one answer. A share ``fresh`` is learnt from the first sample on:
-    so looks the time after a reset. A share ``near_blows`` is drawn for one of the blows, all of
-    them alike, and is learnt from before it to its end (where a recording has ``warm`` samples
-    before it, and ``crop`` room for it).
+    Hands are drawn as often as `shares` has it; the fingers of one weigh as much as a finger alone.
+    A share ``fresh`` is learnt from the first sample on, like the time after a reset. A share
+    ``near_blows`` is drawn for one of the blows, all of them alike, and learnt from before it on.
     """
     drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
     struck = np.full(batch, -1)

@@ -14,7 +14,6 @@ WINDOW = 100  # samples: one second, the paper's
 NORM_EPS = 1e-3  # of the authors' layer norms
 
 Input = Literal["counts", "changes", "shifts"]
-
 EVERY: tuple[Input, ...] = ("shifts", "changes", "counts")
 
 # a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
@@ -43,25 +42,17 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     held: int = 1  # of a gated tcn: samples whose greatest features its head takes
 
     @property
-    def receptive_field(self) -> int:
-        """Inputs that one output of a `tcn` depends on; a block has two convolutions, or a gated
+    def memory(self) -> int:
+        """Samples that one output of a `tcn` depends on; a block has two convolutions, or a gated
         one."""
         convolutions = 1 if self.gated else 2
-        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations)
-
-    @property
-    def memory(self) -> int:
-        """Samples that one output of a `tcn` depends on."""
         reach = SHIFT_REACH if "shifts" in self.inputs else int("changes" in self.inputs)
-        return self.receptive_field + reach
+        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations) + reach
 
 
 def shift_taps() -> tuple[int, ...]:
-    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN.
-
-    A sample less an earlier one is the sum of the changes between them, so no count of the past is
-    needed, and the past before a reset is no change. Whole numbers: any order of summation agrees.
-    """
+    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN: whole
+    numbers, so that any order of summation agrees. The past before a reset is no change."""
     ages = range(SHIFT_REACH - 1, -1, -1)
     return tuple(SHIFT_MEAN if age < SHIFT_LAG else SHIFT_REACH - age for age in ages)
 
@@ -90,8 +81,7 @@ ARCHITECTURES = {
 
 
 class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long, on what, and how a network is trained; stored in its checkpoints. The command line
-    bounds what it sets."""
+    """How a network is trained; stored in its checkpoints. The command line bounds what it sets."""
 
     steps: int  # of the optimiser, planned
     dense: bool = True  # learn from every sample of a stretch, not from a window's last
