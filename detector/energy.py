@@ -26,10 +26,8 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         int, Meta(ge=1, le=100, description="changes averaged, samples of 10 ms; assumed")
     ] = 10
     threshold_counts: Annotated[
-        float,
-        Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample; assumed: "
-             "twice that of three loaded taxels of six at rest"),
-    ] = 6.0  # fmt: skip
+        float, Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample")
+    ] = 6.0  # assumed: twice that of three loaded taxels of six at rest
 
 
 class EnergyDetector:

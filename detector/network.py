@@ -33,9 +33,8 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
     weights: Annotated[
         str,
-        Meta(description="file ending in .onnx, or the name of a packaged network; empty: the one "
-             "of the detector's own name"),
-    ] = ""  # fmt: skip
+        Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name"),
+    ] = ""
 
 
 class StreamingNetwork:

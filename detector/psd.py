@@ -27,18 +27,16 @@ class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """How much power reads as slip."""
 
     threshold_power: Annotated[
-        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip, of the "
-                    "authors' configuration; 4800 was tried too")
-    ] = 11000.0  # fmt: skip
+        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip")
+    ] = 11000.0  # of the authors' configuration
 
 
 class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How much vibration reads as slip."""
 
     threshold_counts: Annotated[
-        float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5; assumed: "
-                    "between the authors' clip at rest (59) and slipping (373)")
-    ] = 150.0  # fmt: skip
+        float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5")
+    ] = 150.0  # assumed: between the authors' clip at rest (59) and slipping (373)
 
 
 class SampleWindow:
@@ -74,9 +72,7 @@ class PsdDetector:
         check_layout(self.name, len(MEAN_COUNTS), taxels)
         self.settings = settings
         self._window = SampleWindow(fingers, PAPER_WINDOW, taxels)
-
-    def reset(self) -> None:
-        self._window.reset()
+        self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""
@@ -96,9 +92,7 @@ class PsdFairDetector:
     def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self._window = SampleWindow(fingers, FAIR_WINDOW, taxels)
-
-    def reset(self) -> None:
-        self._window.reset()
+        self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""

@@ -48,13 +48,7 @@ class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What was done, and all that is needed to do it again.
-
-    ``direction`` is degrees in the fingertip's plane, "0" to "315", or "cw" or "ccw"; empty where
-    there is none. ``cause`` names what shook the signal in a recording of the set ``confusers``.
-    ``parameters`` are the physical ones that were drawn for this recording, units in the names;
-    ``object`` is what the hand holds, ``acts`` what was done to it, in the order of time.
-    """
+    """What was done, and all that is needed to do it again."""
 
     set: Literal["slide", "confusers"]
     split: Split
@@ -62,15 +56,15 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     motion: Literal["primary", "oblique", "rotation", "none"]
     speed_mps: float  # commanded; 0 for a rotation
     spin_radps: float  # commanded; 0 for a translation
-    direction: str
+    direction: str  # degrees in the fingertip's plane, "0" to "315", or "cw", "ccw"; empty: none
     seed: int
-    cause: str = ""
+    cause: str = ""  # of a `confusers`: what shook the signal
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # of one's own that it was made with, and a fingerprint of each
     part: str = ""  # of a data set that draws from several sets of ranges
-    parameters: dict[str, float] = {}
-    object: dict[str, float | str | bool | list[int]] = {}
-    acts: tuple[Act, ...] = ()
+    parameters: dict[str, float] = {}  # physical ones drawn for it, units in the names
+    object: dict[str, float | str | bool | list[int]] = {}  # what the hand holds
+    acts: tuple[Act, ...] = ()  # in the order of time
     commit: str = ""
 
 
@@ -79,9 +73,8 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
 
     ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
     0.2 rad/s); ``slip_true`` says that the contact itself slides; ``moved_m`` is how far what is
-    touched lies from where it last rested against the fingertips, 0 while it rests
-    (docs/datasets.md says when that is). What only a simulation knows is None elsewhere, and so are
-    the fingertip's velocities where nobody measured them.
+    touched lies from where it last rested against the fingertips (docs/datasets.md). What nobody
+    knows or measured is None.
     """
 
     t_s: NDArray[np.float64]  # (n,)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, mean_probability, registered_events
 from detector.interface import SlipDetector
 from detector.recordings import MOVED_M, LabelName, Recording
-from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of, within
+from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of
 from detector.scores.events import (
+    EventMetrics,
     Events,
     EventSettings,
     Judgement,
@@ -45,8 +46,8 @@ RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
 SLIDE = "slide"  # false events on recordings of the paper's kind, beside the causes of the others
 
 
-class Evaluation(msgspec.Struct, frozen=True):
-    """Figures of samples, of events (see `EventMetrics`) and of cost; None where undefined."""
+class Evaluation(EventMetrics, frozen=True, kw_only=True):
+    """Figures of events, of samples and of cost; None where undefined."""
 
     detector: str
     data: str
@@ -58,14 +59,8 @@ class Evaluation(msgspec.Struct, frozen=True):
     slip_f1: float
     balanced_accuracy: float | None
     auc: float | None
-    event_recall: float | None
-    event_precision: float | None
-    false_events_per_min: float | None  # of the recordings as they are
     false_events_per_min_by_cause: dict[str, float]
     false_events_per_min_hand: float | None  # as if every recording had three fingers
-    delay_ms: Quantiles | None
-    delay_mm: Quantiles | None  # needs the sliding speed
-    release_delay_ms: Quantiles | None
     ece: float
     compute_us: Quantiles | None  # one update of all fingers; needs a clock
     intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
@@ -73,10 +68,6 @@ class Evaluation(msgspec.Struct, frozen=True):
     blows: BlowScore | None
     confusion: Confusion
     recordings: int
-    true_events: int
-    missed_events: int
-    registered_events: int
-    false_events: int
 
 
 class Streamed(msgspec.Struct, frozen=True, eq=False):
@@ -155,11 +146,13 @@ def scored(streamed: Streamed, apart: bool = False) -> Scored:
     false."""
     recording = streamed.recording
     speed, blows = recording.contact_speed_mps, blows_of(recording)
+    in_blow = np.zeros(len(recording.t_s), np.bool_)
+    for blow in blows if apart else ():
+        in_blow[blow.struck : blow.until] = True
     slips = slips_of(
         streamed.labels, recording.t_s, events_by_label(streamed.label),
-        first_sample=WARM_UP_SAMPLES,
+        first_sample=WARM_UP_SAMPLES, left_out=in_blow,
         speed_mps=None if speed is None else speed.astype(np.float64),
-        left_out=within(blows, len(recording.t_s)) if apart and blows else None,
     )  # fmt: skip
     counted = [blow for blow in blows if blow.struck >= WARM_UP_SAMPLES]
     moved_m, weak = [blow.moved_m for blow in counted], [blow.weak for blow in counted]
@@ -262,13 +255,11 @@ def hand_rate(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> float
 
 
 def _by_cause(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> dict[str, float]:
-    rates = {}
-    for cause in sorted({cause_of(s.recording) for s in streams}):
-        chosen = [j for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == cause]
-        rate = pooled(chosen).false_events_per_min
-        if rate is not None:
-            rates[cause] = rate
-    return rates
+    of_cause: dict[str, list[Judgement]] = {}
+    for s, j in zip(streams, judged, strict=True):
+        of_cause.setdefault(cause_of(s.recording), []).append(j)
+    rates = {cause: pooled(each).false_events_per_min for cause, each in sorted(of_cause.items())}
+    return {cause: rate for cause, rate in rates.items() if rate is not None}
 
 
 def stroke_intervals(

@@ -88,7 +88,9 @@ def set_rule(
     threshold separates what is held from slip."""
     if budget_per_min <= 0.0:
         raise UsageError("a tail never ends", "allow some false events with --budget, 0.1 a minute")
-    maxima = np.concatenate([_maxima(compared(p, rule)) for p in holds])
+    values = [compared(p, rule) for p in holds]
+    seconds = [v[: len(v) // BLOCK * BLOCK].reshape(-1, BLOCK).max(axis=1) for v in values]
+    maxima = np.concatenate(seconds)
     if len(maxima) < LEAST_BLOCKS:
         raise UsageError(
             f"{len(maxima)} s of hold are too few", f"record {LEAST_BLOCKS} s or more, best 180"
@@ -107,22 +109,11 @@ def set_rule(
     return Unlabelled(made, level, interval, len(maxima) * BLOCK / SAMPLES_PER_MIN, load_counts)
 
 
-def _maxima(values: Floats) -> Floats:
-    blocks = len(values) // BLOCK
-    largest: Floats = values[: blocks * BLOCK].reshape(blocks, BLOCK).max(axis=1)
-    return largest
-
-
 def _interval(maxima: Floats, budget_per_min: float) -> tuple[float, float]:
     rng = np.random.default_rng(0)
-    starts = np.arange(max(1, len(maxima) - CHUNK + 1))
+    starts, chunks = np.arange(max(1, len(maxima) - CHUNK + 1)), math.ceil(len(maxima) / CHUNK)
     drawn = sorted(
-        level_of(
-            np.concatenate([
-                maxima[s : s + CHUNK] for s in rng.choice(starts, math.ceil(len(maxima) / CHUNK))
-            ]),
-            budget_per_min,
-        )
-        for _ in range(RESAMPLES)
-    )  # fmt: skip
+        level_of(np.concatenate([maxima[s : s + CHUNK] for s in each]), budget_per_min)
+        for each in (rng.choice(starts, chunks) for _ in range(RESAMPLES))
+    )
     return quantile(drawn, LOW), quantile(drawn, HIGH)

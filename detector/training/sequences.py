@@ -119,7 +119,7 @@ def targets(
     known = known.copy()
     for blow in blows_of(recording):
         its = slice(blow.struck, blow.until)
-        if blow.moved:
+        if blow.moved_m >= MOVED_M:
             known[blow.onset : min(blow.onset + BLOW_SAMPLES, blow.until)] = True
         elif blow.moved_m < UNSURE_M:
             known[its], weights[its] = False, UNMOVED_WEIGHT
