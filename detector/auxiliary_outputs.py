@@ -53,19 +53,15 @@ class Dense(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class OutputsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Two layers with a SELU between, and where they come from.
-
-    ``network``: SHA-256 of the weights file that they were trained on, whose state they read.
-    ``scores``: on the split `test`, each with its 95 % interval over recordings.
-    """
+    """Two layers with a SELU between, and where they come from."""
 
     format: Literal[1] = 1
-    network: str
+    network: str  # SHA-256 of the weights file that they were trained on, whose state they read
     data_digest: str
     seed: int
     commit: str
     samples: int
-    scores: dict[str, tuple[float, float, float]]
+    scores: dict[str, tuple[float, float, float]]  # of the split `test`, with 95 % intervals
     layers: tuple[Dense, Dense]
 
 
@@ -131,10 +127,8 @@ def outputs_path(weights: Path) -> Path:
 
 
 def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> AuxiliaryOutputs | None:
-    """Auxiliary outputs beside a network's weights; None where it has none.
-
-    Raises BadFile for a damaged file, and for one of another network (another ``digest``).
-    """
+    """Auxiliary outputs beside a network's weights, if it has any; raises BadFile for a damaged
+    file, and for one of another network (another ``digest``)."""
     path = outputs_path(weights)
     remedy = REINSTALL if is_packaged(weights) else REMEDY
     if not path.exists():

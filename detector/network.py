@@ -32,8 +32,7 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Which weights a network runs with."""
 
     weights: Annotated[
-        str,
-        Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name"),
+        str, Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name")
     ] = ""
 
 

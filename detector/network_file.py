@@ -1,7 +1,7 @@
 """Trained networks as files: ONNX, and in the file's metadata a card of what it is and where from.
 
-Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, and only after the
-card and the shapes have been checked.
+Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, once card and shapes
+have been checked.
 """
 
 import hashlib
@@ -118,8 +118,7 @@ def weights_digest(path: Path) -> str:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load, check and try a weights file, of ours or of the same form (docs/extending.md); raises
-    BadFile for anything else."""
+    """Load, check and try a weights file (docs/extending.md); raises BadFile for anything else."""
     content = _content(path)
     if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
         raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
@@ -127,7 +126,10 @@ def read_network(path: Path) -> LoadedNetwork:
         raise _bad(path, "takes data from other files, which is not allowed")
     try:
         loaded = _loaded(path, _session(content))
-        _check_sum(path, content, loaded.card)
+        told = loaded.card.sha256
+        has_sum = told or loaded.card.format >= FORMAT
+        if has_sum and (not told or _checksum(content, told) != told):
+            raise _bad(path, "damaged: it is not what its checksum says")
         for fingers in (1, FINGERS):
             _try(path, loaded, fingers)
     except BadFile:
@@ -152,13 +154,6 @@ def _checksum(content: bytes, written: str) -> str:
     return hashlib.sha256(content.replace(written.encode(), NO_CHECKSUM.encode())).hexdigest()
 
 
-def _check_sum(path: Path, content: bytes, card: NetworkCard) -> None:
-    """A card of format 2 has a checksum; what has no card of ours, or an older one, has none."""
-    known = card.sha256 or card.format >= FORMAT
-    if known and (not card.sha256 or _checksum(content, card.sha256) != card.sha256):
-        raise _bad(path, "damaged: it is not what its checksum says")
-
-
 def _content(path: Path) -> bytes:
     """No more of the file than a network may have."""
     try:
@@ -172,8 +167,7 @@ def _content(path: Path) -> bytes:
 
 
 def _session(content: bytes) -> Any:
-    # without this, versions from 1.29 on report each session to their maker: a thread, files in the
-    # user's cache, and packets to the Internet
+    # versions from 1.29 on report each session to their maker, over the Internet
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
 

@@ -13,7 +13,6 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import deepcopy
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -109,11 +108,8 @@ def load_plugin(word: str, settings: OwnSettings, fingers: int, taxels: int) -> 
         unknown = [key for key in given if known is not None and key not in known]
         if unknown:
             raise _bad(file, f"takes no setting own.{unknown[0]}")
-        if callable(found):
-            shape = {"fingers": fingers, "taxels": taxels}
-            made = found(**{k: n for k, n in shape.items() if known is None or k in known} | given)
-        else:
-            made = deepcopy(found)
+        shape = {"fingers": fingers, "taxels": taxels}
+        made = found(**{k: n for k, n in shape.items() if known is None or k in known} | given)
     for verb in ("reset", "update"):
         with _blamed(file, verb):
             if not callable(getattr(made, verb, None)):
@@ -138,7 +134,7 @@ def _file(word: str) -> str:
 
 
 def _found(word: str) -> Any:
-    """The class, factory or object that it names."""
+    """The class or function that it names."""
     if not is_code(word):
         try:
             return offered()[word].load()
@@ -148,8 +144,8 @@ def _found(word: str) -> Any:
     module = _module(Path(file))
     with _blamed(file, name):
         found = getattr(module, name, None)
-    if found is None:
-        raise BadFile(file, f"has no {name!r}", "name a class of it, as FILE.py:NAME")
+    if not callable(found):
+        raise BadFile(file, f"has no class or function {name!r}", "name one, as FILE.py:NAME")
     return found
 
 
@@ -174,8 +170,6 @@ def _module(path: Path) -> ModuleType:
 
 def _parameters(found: Any) -> set[str] | None:
     """Names that it can be called with; None: any."""
-    if not callable(found):
-        return set()
     try:
         known = inspect.signature(found).parameters.values()
     except (TypeError, ValueError):  # made in C

@@ -23,14 +23,12 @@ from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
-FORMAT = "grasp-recording"
-VERSION = 2
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
 RATE_SAMPLES = 20  # from which a rate can be judged
-MOVED_M = 0.001  # further than this has moved, by default
+MOVED_M = 0.001  # further than this has moved
 
 LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
@@ -89,13 +87,10 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     spin_radps: NDArray[np.float32] | None = None  # (n,) fingertip, about its normal
     moved_m: NDArray[np.float32] | None = None  # (n,)
 
-    def label(self, name: LabelName, moved_m: float = MOVED_M) -> NDArray[np.bool_]:
-        """(n,) by that name; ``moved``: further than ``moved_m``. Raises BadFile where the
-        recording lacks it."""
-        if name == "moved":
-            found = None if self.moved_m is None else self.moved_m > moved_m
-        else:
-            found = self.slip if name == "slip" else self.slip_true
+    def label(self, name: LabelName) -> NDArray[np.bool_]:
+        """(n,) by that name; ``moved``: further than MOVED_M. Raises BadFile for a lacking one."""
+        moved = None if self.moved_m is None else self.moved_m > MOVED_M
+        found = {"slip": self.slip, "slip_true": self.slip_true, "moved": moved}[name]
         if found is None:
             raise BadFile(self.source, f"has no {name}", "judge it by another label")
         return found
@@ -137,7 +132,7 @@ def write(path: Path | str, recording: Recording) -> None:
     arrays = {name: getattr(recording, name) for name in _ARRAYS}
     arrays = {name: array for name, array in arrays.items() if array is not None}
     _check_arrays(arrays, str(path))
-    header = msgspec.json.encode(_Header(FORMAT, VERSION, recording.metadata)).decode()
+    header = msgspec.json.encode(_Header("grasp-recording", 2, recording.metadata)).decode()
     written = BytesIO()
     np.savez_compressed(written, header=np.array(header), **arrays)
     write_whole(path, written.getvalue(), mode=0o600)
@@ -177,8 +172,8 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
 
 
 class _Header(msgspec.Struct, frozen=True):
-    format: str
-    version: int
+    format: Literal["grasp-recording"]
+    version: Literal[2]
     metadata: Metadata | None
 
 
@@ -231,20 +226,13 @@ def _read_only(
 
 
 def _header(stored: NDArray[Any] | None, source: str) -> _Header:
-    foreign = "give a file that `grasp` wrote, or a CSV file"
+    again = "make it again with this version: `grasp dataset build` or `grasp run acquire`"
     if stored is None or stored.shape != () or stored.dtype.kind != "U":
-        raise BadFile(source, "has no header: not a recording", foreign)
+        raise BadFile(source, "has no header: not a recording", again)
     try:
-        header = msgspec.json.decode(str(stored), type=_Header)
+        return msgspec.json.decode(str(stored), type=_Header)
     except msgspec.DecodeError as error:
-        raise BadFile(source, f"bad header: {error}", foreign) from None
-    if header.format != FORMAT:
-        raise BadFile(source, f"format is {header.format!r}", foreign)
-    if header.version != VERSION:
-        problem = f"format version {header.version}, this program reads {VERSION}"
-        again = "make it again: `grasp dataset build` or `grasp run acquire`"
-        raise BadFile(source, problem, again)
-    return header
+        raise BadFile(source, f"bad header: {error}", again) from None
 
 
 def _check_arrays(arrays: dict[str, Any], source: str) -> None:
@@ -340,9 +328,8 @@ def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
     """Raises BadFile for a recording at another rate than that for which detectors are made; a few
     lost or uneven samples are no other rate."""
     period_s = float(np.median(np.diff(t_s)))
-    if len(t_s) < RATE_SAMPLES or period_s <= 0.0:
-        return
-    if not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
+    judged = len(t_s) >= RATE_SAMPLES and period_s > 0.0
+    if judged and not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
         raise BadFile(
             source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
             f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it (with a filter): detectors, rules "

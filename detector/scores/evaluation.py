@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, mean_probability, registered_events
 from detector.interface import SlipDetector
-from detector.recordings import MOVED_M, LabelName, Recording
+from detector.recordings import LabelName, Recording
 from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of
 from detector.scores.events import (
+    EARLY_S,
     EventMetrics,
     Events,
-    EventSettings,
     Judgement,
     Slips,
     judge,
@@ -39,7 +39,9 @@ from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
-PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: detecting that is no false event
+# the pad shears before the contact slides, and what has moved began to before it had gone far
+# enough for the label: detecting that is early, not false
+PRE_SLIDING_S = 0.3
 Interval = tuple[float, float]
 LOW, HIGH = 0.025, 0.975
 RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
@@ -77,23 +79,18 @@ class Streamed(msgspec.Struct, frozen=True, eq=False):
     probabilities: Floats  # (n, fingers)
     spent_us: Floats  # (n,), or none
     label: LabelName = "slip"
-    moved_m: float = MOVED_M  # of the label `moved`
 
     @property
     def labels(self) -> Labels:
         """(n,) by the chosen label; raises BadFile where the recording lacks it."""
-        return self.recording.label(self.label, self.moved_m)
+        return self.recording.label(self.label)
 
 
 def stream(
-    detector: SlipDetector,
-    counts: NDArray[np.int16],
-    clock_ns: Callable[[], int] | None = None,
+    detector: SlipDetector, counts: NDArray[np.int16], clock_ns: Callable[[], int] | None = None
 ) -> tuple[Floats, Floats]:
-    """Reset, then feed frames (n, fingers, 6) one by one.
-
-    Gives probabilities (n, fingers), and microseconds of each update (n,), none without a clock.
-    """
+    """Reset, then feed frames (n, fingers, 6) one by one: probabilities (n, fingers), and
+    microseconds of each update (n,), none without a clock."""
     detector.reset()
     probabilities, spent_us = [], []
     for frame in counts:
@@ -150,8 +147,8 @@ def scored(streamed: Streamed, apart: bool = False) -> Scored:
     for blow in blows if apart else ():
         in_blow[blow.struck : blow.until] = True
     slips = slips_of(
-        streamed.labels, recording.t_s, events_by_label(streamed.label),
-        first_sample=WARM_UP_SAMPLES, left_out=in_blow,
+        streamed.labels, recording.t_s, first_sample=WARM_UP_SAMPLES, left_out=in_blow,
+        early_s=EARLY_S if streamed.label == "slip" else PRE_SLIDING_S,
         speed_mps=None if speed is None else speed.astype(np.float64),
     )  # fmt: skip
     counted = [blow for blow in blows if blow.struck >= WARM_UP_SAMPLES]
@@ -217,12 +214,6 @@ def spoken(streamed: Streamed, rule: RuleSettings) -> Floats:
     return one
 
 
-def events_by_label(label: LabelName) -> EventSettings:
-    """What counts as caught: the pad shears before the contact slides, and what has moved began to
-    before it had gone far enough for the label; detecting that is early, not false."""
-    return EventSettings() if label == "slip" else EventSettings(early_s=PRE_SLIDING_S)
-
-
 def evaluate_recording(
     detector: SlipDetector,
     rule: RuleSettings,
@@ -280,13 +271,10 @@ def stroke_intervals(
 
 
 def recording_intervals(
-    parts: Sequence[tuple[Floats, Labels]],
-    judged: Sequence[Judgement],
-    threshold: float,
-    seed: int = 0,
+    parts: Sequence[tuple[Floats, Labels]], judged: Sequence[Judgement], threshold: float
 ) -> dict[str, Interval]:
     """AUC, accuracy, recall, false events a minute and median delay of several recordings."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     drawn = [rng.integers(0, len(parts), len(parts)) for _ in range(RESAMPLES_OF_A_SET)]
     block = np.repeat(np.arange(len(parts)), [len(labels) for _, labels in parts])
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -14,16 +14,11 @@ from detector.scores.metrics import Floats, Labels
 from detector.scores.quantiles import Quantiles, quantiles
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
+MERGE_GAP_S = 0.1  # static gaps shorter than this do not end a slip; assumed
+# an event may begin this long before the label: sliding starts below its speed; assumed
+EARLY_S = 0.02
 RUN_UP_S = 0.3  # longest time before the label that a contact which moves already counts for slip
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
-
-
-class EventSettings(msgspec.Struct, frozen=True):
-    """What counts as one slip, and what as caught."""
-
-    merge_gap_s: float = 0.1  # static gaps shorter than this do not end a slip; assumed
-    # an event may begin this long before the label: sliding starts below its speed; assumed
-    early_s: float = 0.02
 
 
 class EventMetrics(msgspec.Struct, frozen=True):
@@ -82,22 +77,20 @@ class Slips(msgspec.Struct, frozen=True, eq=False):
 def slips_of(
     slip: Labels,
     t_s: Floats,
-    settings: EventSettings,
     *,
+    early_s: float = EARLY_S,
     first_sample: int = 0,
     speed_mps: Floats | None = None,
     left_out: Labels | None = None,
 ) -> Slips:
-    """Of labels (n,) at times (n,).
-
-    Slips and false events count if they begin at ``first_sample`` or later, and not in what is
-    ``left_out`` (n,), which is no rest either. ``speed_mps`` (n,) is the sliding speed; with it
-    an event may begin as soon as the contact moves, and delays are given in mm slipped, too.
+    """Of labels (n,) at times (n,). Slips and false events count if they begin at ``first_sample``
+    or later, and not in what is ``left_out`` (n,), which is no rest either. With ``speed_mps`` (n,)
+    of sliding an event may begin as soon as the contact moves, and delays are also in mm slipped.
     """
     counted = np.arange(len(t_s)) >= first_sample
     if left_out is not None:
         counted &= ~left_out
-    truth = true_events(slip, t_s, settings.merge_gap_s)
+    truth = true_events(slip, t_s, MERGE_GAP_S)
     static = counted.copy()
     for first, after in truth:
         static[first:after] = False
@@ -106,7 +99,7 @@ def slips_of(
     if speed_mps is not None:  # a speed holds until the next sample
         steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
         path_mm = np.concatenate([[0.0], np.cumsum(steps_mm)])
-    earliest_s = _earliest_s(truth, t_s, settings, speed_mps, left_out)
+    earliest_s = _earliest_s(truth, t_s, early_s, speed_mps, left_out)
     return Slips(truth, t_s, earliest_s, counted, static_s, path_mm)
 
 
@@ -159,17 +152,13 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
 
 
 def _earliest_s(
-    truth: Events,
-    t_s: Floats,
-    settings: EventSettings,
-    speed_mps: Floats | None,
-    left_out: Labels | None,
+    truth: Events, t_s: Floats, early_s: float, speed_mps: Floats | None, left_out: Labels | None
 ) -> Floats:
     """From when on (m,) an event detects each slip: a little before the label, or since the contact
     has been moving without rest. What is left out is no run-up, nor is what follows another slip so
     closely that it would be one with it."""
     onset = truth[:, 0]
-    earliest_s: Floats = t_s[onset] - settings.early_s
+    earliest_s: Floats = t_s[onset] - early_s
     if speed_mps is None:
         return earliest_s
     rests = ~(np.abs(speed_mps) >= MOVING_MPS)
@@ -177,7 +166,7 @@ def _earliest_s(
         rests |= left_out
     still = np.concatenate([[-1], np.flatnonzero(rests)])
     began_s = t_s[still[np.searchsorted(still, onset) - 1] + 1]
-    late_s = np.concatenate([[-np.inf], _at(t_s, truth[:-1, 1]) + settings.merge_gap_s])
+    late_s = np.concatenate([[-np.inf], _at(t_s, truth[:-1, 1]) + MERGE_GAP_S])
     run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - RUN_UP_S)
     found: Floats = np.minimum(earliest_s, run_up_s)
     return found

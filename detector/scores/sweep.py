@@ -67,10 +67,6 @@ def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
 
 
-def _odds(probability: float) -> float:
-    return math.log(probability / (1.0 - probability))
-
-
 def point(
     streams: Sequence[Streamed], rule: RuleSettings, judged: Sequence[Judged]
 ) -> SweepPoint | None:
@@ -126,14 +122,13 @@ def at_the_budget(points: Iterable[SweepPoint], budget_per_min: float) -> list[R
         return (p.rule.fusion, p.rule.release, p.rule.consecutive)
 
     found = []
-    consecutive = sorted(
-        (p for p in points if p.rule.kind == "consecutive"),
-        key=lambda p: (*family(p), p.rule.threshold),
-    )
+    consecutive = [p for p in points if p.rule.kind == "consecutive"]
+    consecutive.sort(key=lambda p: (*family(p), p.rule.threshold))
     for _, alike in itertools.groupby(consecutive, key=family):
         for below, above in itertools.pairwise(alike):
             if not allowed(below, budget_per_min) and allowed(above, budget_per_min):
-                low, high = (_odds(p.rule.threshold) for p in (below, above))
+                odds_of = (p.rule.threshold / (1.0 - p.rule.threshold) for p in (below, above))
+                low, high = map(math.log, odds_of)
                 found += [
                     msgspec.structs.replace(above.rule, threshold=_logistic(float(odds)))
                     for odds in np.linspace(low, high, BETWEEN + 2)[1:-1]

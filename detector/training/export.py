@@ -35,13 +35,10 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     slides = [r for r in validation if r.metadata is None or r.metadata.set == "slide"]
     s, scored = training.settings, slides or validation
     z = np.concatenate([o.ravel() for o in odds_of(training.network, training.arch, scored)])
-    y = np.concatenate([np.repeat(r.label(s.label, s.moved_m), r.fingers) for r in scored])
+    y = np.concatenate([np.repeat(r.label(s.label), r.fingers) for r in scored])
     temperature, shift = calibration(z, y)
     calibrated = (z + shift) / temperature
-    figures = {
-        "loss": likelihood(calibrated, y),
-        "accuracy": float(((calibrated > 0) == y).mean()),
-    }
+    figures = {"loss": likelihood(calibrated, y), "accuracy": float(((calibrated > 0) == y).mean())}
     if training.best is not None and math.isfinite(training.best.delay_ms):
         figures["mean_delay_ms_within_budget"] = training.best.delay_ms
     mode: Mode = "stream" if training.arch.streaming else "window"

@@ -1,7 +1,7 @@
-"""The training loop: one thread, repeatable step by step, resumed from its checkpoints.
+"""The training loop: one thread, resumed from its checkpoints.
 
 Every random draw of a step comes from the seed and the step's number, so a training that was
-interrupted and resumed ends with the same weights as one that was not.
+resumed ends with the same weights as one that was not interrupted.
 """
 
 import math
@@ -52,7 +52,7 @@ class Training:
         torch.manual_seed(settings.seed % 2**31)
         self.name, self.settings, self.data_digest = name, settings, data_digest
         self._validation = validation
-        self._fingers = fingers_of(train, settings.label, settings.moved_m, settings.evenness)
+        self._fingers = fingers_of(train, settings.label, settings.evenness)
         self.arch = msgspec.structs.replace(
             of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
         )
@@ -123,7 +123,9 @@ class Training:
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
         odds = self.network(counts) if s.dense else self.network(counts, last=True)
-        loss = _loss(_fused(odds, batch.hands), labels, weights)
+        odds = _fused(odds, batch.hands)
+        each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
+        loss = (each * weights).sum() / weights.sum()
         for group in self._optimiser.param_groups:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()
@@ -140,7 +142,7 @@ class Training:
 
     def _validate(self) -> Score:
         s, odds = self.settings, odds_of(self.network, self.arch, self._validation)
-        found = score(odds, self._validation, s.label, self.shift, s.moved_m)
+        found = score(odds, self._validation, s.label, self.shift)
         if found.better_than(self.best):
             self.best, self._waited = found, 0
             self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
@@ -184,11 +186,6 @@ class Training:
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
-
-
-def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
-    return (each * weights).sum() / weights.sum()
 
 
 def _fused(odds: torch.Tensor, hands: NDArray[np.intp]) -> torch.Tensor:

@@ -1,8 +1,7 @@
 """The networks in torch: counts (batch, time, taxels) in, log-odds of slip (batch, time) out.
 
-`SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, `GatedTcn`
-ours; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's second method
-(after Meier et al. 2016), as published.
+`SlipTcn` and `FrequencyCnn` (after Meier et al. 2016) are those of Grover, Nadeau, Grebe and Kelly
+2022 as their authors built them, `GatedTcn` and `SlipGru` ours.
 """
 
 import math
@@ -72,7 +71,6 @@ def shifts(changes: Tensor) -> Tensor:
 
 
 def layer_norm(width: int, norm: bool) -> nn.Module:
-    """Over channels; without: what goes in."""
     return nn.LayerNorm(width, eps=NORM_EPS) if norm else nn.Identity()
 
 

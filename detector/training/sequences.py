@@ -39,14 +39,10 @@ class FingerSequences(msgspec.Struct, frozen=True, eq=False):
         return self.counts[0].shape[1]
 
     @property
-    def firsts(self) -> NDArray[np.intp]:
-        """The first finger (hands,) of each hand."""
-        return np.unique(self.hands, return_index=True)[1]
-
-    @property
     def slip_share(self) -> float:
         """Share of slip among all samples, those of a hand's fingers counted once."""
-        return float(np.concatenate([self.labels[i] for i in self.firsts]).mean())
+        firsts = np.unique(self.hands, return_index=True)[1]
+        return float(np.concatenate([self.labels[i] for i in firsts]).mean())
 
 
 class Statistics(msgspec.Struct, frozen=True):
@@ -67,10 +63,7 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
 
 
 def fingers_of(
-    recordings: Sequence[Recording],
-    label: LabelName,
-    moved_m: float = MOVED_M,
-    evenness: float = 0.0,
+    recordings: Sequence[Recording], label: LabelName, evenness: float = 0.0
 ) -> FingerSequences:
     """Every finger of every recording, under the recording's one label; of the label `slip` with
     blows as `targets` has them. ``evenness``: see `shares`."""
@@ -82,7 +75,7 @@ def fingers_of(
             "train on recordings of one layout",
         )
     for recording in recordings:
-        known, weight = targets(recording, label, moved_m)
+        known, weight = targets(recording, label)
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
             labels.append(known)
@@ -106,13 +99,11 @@ def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float
     return found
 
 
-def targets(
-    recording: Recording, label: LabelName, moved_m: float = MOVED_M
-) -> tuple[NDArray[np.bool_], Floats]:
+def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
     """What is to be learnt of each sample (n,), and how much it weighs (n,). A blow that moved what
     is held for good is slip from its first motion on for BLOW_SAMPLES, one that did not is none and
     weighs more, and what lies between teaches nothing."""
-    known = recording.label(label, moved_m)
+    known = recording.label(label)
     weights = np.ones(len(known), np.float32)
     if label != "slip":
         return known, weights

@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from detector.network_file import check_layout
-from detector.recordings import MOVED_M, LabelName
+from detector.recordings import LabelName
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
 from drivers.interfaces import KIT_TAXELS
@@ -88,7 +88,6 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
     label: LabelName = "slip"  # by speed; slip_true: by the contact's own; moved: by the distance
-    moved_m: float = MOVED_M  # of the label moved: further than this from where it last rested
     seed: int = 0
     window: int = WINDOW  # samples that `tcn-paper` sees
     norm: bool = True  # layer norm in `tcn-paper`, as in the paper
@@ -104,9 +103,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     patience: int = 8  # validations without a better one that end it
 
 
-# A window costs as much as a stretch of its length and gives one label instead of a hundred. So
-# `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
-# before it that the network will see; `--windows` trains it as its authors did.
+# `tcn-paper` learns from every sample of stretches as long as its window, each with the zeros before
+# it that the network will see: a hundred labels at the cost of one. `--windows`: as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(
         steps=12_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.4, evenness=0.5

@@ -261,10 +261,8 @@ def _add_train(train: Parser, labelled: str) -> None:
     train.flag("--windows", "tcn-paper: learn from the last sample of windows alone, at one rate, "
         "as its authors did")  # fmt: skip
     train.option("--label", "what to learn: slip by the fingertip's speed, slip of the contact "
-        "itself, or distance from where it last rested (default: slip)",
+        "itself, or 1 mm from where it last rested (default: slip)",
         choices=LABELS)  # fmt: skip
-    train.option("--moved-m M", "of the label moved: further than this, in metres (default: "
-        "0.001)", decimal(1e-5, 0.1))  # fmt: skip
     share(train, "json")
 
 

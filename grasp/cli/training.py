@@ -23,7 +23,7 @@ from scenarios.trial.result import versions
 
 TELL_S = 10.0  # at least so often how far a training is
 # options that are settings of a training
-SETTINGS = ("seed", "steps", "augmentation", "label", "moved_m", "validations")
+SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
 def dataset_build(args: argparse.Namespace) -> int:

@@ -20,7 +20,6 @@ from detector.scores.evaluation import (
 )
 from detector.scores.events import (
     EventMetrics,
-    EventSettings,
     pooled,
     slips_of,
 )
@@ -59,9 +58,8 @@ def times(n: int) -> NDArray[np.float64]:
 
 
 def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
-    settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
     registered = np.array(events, np.intp).reshape(-1, 2)
-    found = slips_of(slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
+    found = slips_of(slip, times(len(slip)), **more)  # type: ignore[arg-type]
     return pooled([judged(registered, found)])
 
 
