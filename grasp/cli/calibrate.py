@@ -87,7 +87,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import rule_of
+    from scenarios.benchmark.label_free import tune_unlabelled
 
     config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -106,7 +106,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         counts = calibrate.held_still(config, permit, args.seconds, operator, aside)
-        found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
+        found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
         return _rule_file(args, found, found.rule == judged.rule)
 
     return _measure(args, config, plan, look, act)

@@ -296,9 +296,13 @@ def _add_lab(parser: Parser, moves: bool = True) -> None:
 
 
 def _add_doctor(root: Parser, section: str) -> None:
-    doctor = root.command("doctor", "check this machine and the devices of a rig; moves nothing",
-        ". Reads only.", ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
+    doctor = root.command("doctor", "check this machine and the devices of a rig, or which devices "
+        "answer at addresses; moves nothing", ". Reads only.", ("grasp doctor",
+        "grasp doctor --rig hardware --config lab.toml", "grasp doctor 192.168.1.10"),
         section=section)  # fmt: skip
+    doctor.option("hosts HOST", "query only these and print settings for a --config file. HOST: "
+        "gripper (Modbus, port 502) and arm (29999, 30004); HOST:PORT: a gripper there; "
+        "tcp://HOST:PORT: an emulated fingertip board", nargs="*")  # fmt: skip
     doctor.option("--rig NAME", "also query the devices of this rig (one of config/rigs, or a "
         ".toml file)")  # fmt: skip
     share(doctor, "object profile detector config set runs json")

@@ -19,15 +19,14 @@ from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import motion
-from scenarios.campaign.config import load_config
+from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words
 from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
-from scenarios.tap.tap import tap_config
-from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard
+from scenarios.trial.layers import trial_layers
 
 ENOUGH = "q"
 POLL_S = 0.05
@@ -59,7 +58,7 @@ def run_lift(args: argparse.Namespace) -> int:
             print(rule)
         warn_of_untuned_rule(config, trial_layers(*chosen))
 
-    scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
+    scenario = EXPERIMENTS[args.scenario].own(config)
     return run_trials(args, scenario, permit, begin)
 
 
@@ -201,7 +200,7 @@ def dry_code(against: list[Any]) -> int:
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them; raises ConfigError for what would be refused."""
     if args.scenario == "tap":
-        config = tap_config(config.for_tap())
+        config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:
         config = gently(config)
     make_guard(config)

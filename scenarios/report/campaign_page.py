@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.summary import TABLE_IV, TRIALS, Variant, paper_rate, summarize, wilson
 from scenarios.campaign.summary import Cell as Counted
-from scenarios.campaign.summary import Variant, paper_rate, summarize
 from scenarios.campaign.worker import Row
 from scenarios.report.run_settings import command_of
 from scenarios.report.tables import Cell, Part, Section, Table, cells, table_page

@@ -90,9 +90,10 @@ def evaluation_page(file: Path) -> str:
         "Shaded above: labelled slip. Pressed: the sum of a fingertip's taxels, over its mean "
         "before slip began.", code=told.command)  # fmt: skip
     versions = ", ".join(f"{name} {text}" for name, text in sorted(told.versions.items()))
+    sections = [Section("Scores", [scores], _speed_plots(every)), *worst, again]
     return table_page(
         f"evaluation on {told.data}", f"label {told.label} · {every[0][1].n_samples} samples",
-        _sentence(every), [Section("Scores", [scores]), *worst, again], origins=[versions],
+        _sentence(every), sections, origins=[versions],
     )  # fmt: skip
 
 
@@ -130,6 +131,26 @@ def _sentence(every: Sequence[Scored]) -> str:
     each, sheet = min(every, key=lambda pair: pair[1].missed_events)
     caught = sheet.true_events - sheet.missed_events
     return f"{told}{each.detector} caught most slips, {caught} of {sheet.true_events}."
+
+
+def _speed_plots(every: Sequence[Scored]) -> list[Plot]:
+    """Delay against false events over all thresholds, and accuracy against the cost of an update;
+    the dot is the detector's own rule. A detector that misses the half of slips has no delay."""
+    delays, costs = [], []
+    for each, s in every:
+        known = [(c.false_per_min, c.delay_ms) for c in each.choices if c.delay_ms is not None]
+        rate, delay_ms = s.false_events_per_min_hand, s.delay_ms.p50
+        own = None if rate is None or delay_ms is None else (rate, delay_ms)
+        delays.append(Curve(each.detector, [(at, ms) for at, ms in known], dot=own))
+        if s.compute_us is not None and s.compute_us.p50 is not None:
+            costs.append(Curve(each.detector, (), dot=(s.compute_us.p50, 100 * s.accuracy)))
+    slowest_ms = max([100.0, *(ms for curve in delays for _, ms in curve.points)])
+    rates = Axis("false events a minute of three fingers", 0.1, 1000.0, log=True)
+    cost = Axis("one update, µs (median)", 10.0, 1000.0, log=True)
+    return [
+        curves("Delay", rates, Axis("median delay, ms", 0.0, slowest_ms), delays),
+        curves("Accuracy", cost, Axis("samples classified correctly, %", 50.0, 100.0), costs),
+    ]
 
 
 def _missed(trace: SlipTrace) -> str:

@@ -31,9 +31,9 @@ from grasp.recording import RunRecording
 from grasp.settings import Layer, load
 from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_settings import scenario_of
-from scenarios.tap.result import TapResult
+from scenarios.tap.scoring import TapResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.truth import Truth

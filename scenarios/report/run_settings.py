@@ -15,10 +15,11 @@ from drivers.errors import ConfigError
 from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
-from scenarios.tap.settings import TapSettings
-from scenarios.tap.tap import tap_config
+from scenarios.tap.config import TapSettings
+from scenarios.tap.tap import tap
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE, detector_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import detector_layers
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
@@ -115,8 +116,8 @@ def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
     """With what the experiment itself sets before it begins."""
     table: dict[str, Any] = msgspec.to_builtins(config)
     if scenario_of(told) == "tap":
-        tap = load(TapSettings, [Layer("recording", told["tap"])])
-        begun = tap_config(msgspec.structs.replace(config.for_tap(), tap=tap))
+        mallet = load(TapSettings, [Layer("recording", told["tap"])])
+        begun = tap.configure(msgspec.structs.replace(config.for_tap(), tap=mallet))
         return {**msgspec.to_builtins(begun), "tap": table["tap"]}
     if told.get("controller", {}).get("hold_s") == person.HOLD_S:  # until it has been read
         table["controller"]["hold_s"] = person.HOLD_S

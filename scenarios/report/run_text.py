@@ -4,7 +4,7 @@ import math
 
 from grasp.guard import limit_in_words
 from scenarios.report.run_record import RunRecord, Verdict
-from scenarios.tap.result import TapResult
+from scenarios.tap.scoring import TapResult
 
 HEADS = {
     "lift": {

@@ -22,11 +22,12 @@ class Tick(msgspec.Struct, frozen=True):
 
 class Line(msgspec.Struct, frozen=True):
     """One of a plot: its name, `x,y x,y ...` of SVG. ``style``: a class of `page.css`; empty: the
-    next of its colours."""
+    next of its colours. ``dot``: a point on it."""
 
     name: str
     points: str
     style: str
+    dot: tuple[float, float] | None
 
 
 class Plot(msgspec.Struct, frozen=True):
@@ -42,15 +43,19 @@ class Plot(msgspec.Struct, frozen=True):
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """From ``low`` to ``high``, what lies beyond drawn at the edge."""
+    """From ``low`` to ``high``, what lies beyond drawn at the edge. ``log``: by decades."""
 
     label: str
     low: float
     high: float
+    log: bool = False
 
     def share(self, value: float) -> float:
         """Where a value stands, from 0 at ``low`` to 1 at ``high``."""
-        return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
+        inside = min(max(value, self.low), self.high)
+        if self.log:
+            return math.log(inside / self.low) / math.log(self.high / self.low)
+        return (inside - self.low) / (self.high - self.low)
 
     def x(self, value: float) -> float:
         return round(LEFT + self.share(value) * (RIGHT - LEFT), 1)
@@ -59,7 +64,10 @@ class Axis(msgspec.Struct, frozen=True):
         return round(BOTTOM - self.share(value) * (BOTTOM - TOP), 1)
 
     def ticks(self) -> list[float]:
-        """About five round numbers."""
+        """About five round numbers, or the powers of ten."""
+        if self.log:
+            first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
+            return [10.0**i for i in range(first, last + 1)]
         rough = (self.high - self.low) / TICKS
         magnitude = 10.0 ** math.floor(math.log10(rough))
         step = next(m * magnitude for m in (1.0, 2.0, 5.0, 10.0) if m * magnitude >= rough * 0.999)
@@ -73,6 +81,7 @@ class Curve(msgspec.Struct, frozen=True):
     name: str
     points: Sequence[tuple[float, float]]
     style: str = ""
+    dot: tuple[float, float] | None = None
 
 
 def curves(
@@ -80,9 +89,12 @@ def curves(
 ) -> Plot:
     """A plot. ``spans`` of x are shaded."""
     lines = [
-        Line(c.name, " ".join(f"{x.x(at)},{y.y(value)}" for at, value in c.points), c.style)
+        Line(
+            c.name, " ".join(f"{x.x(at)},{y.y(value)}" for at, value in c.points), c.style,
+            c.dot and (x.x(c.dot[0]), y.y(c.dot[1])),
+        )
         for c in drawn
-    ]
+    ]  # fmt: skip
     return Plot(
         title, x.label, y.label,
         [Tick(x.x(at), f"{at:g}") for at in x.ticks()],
