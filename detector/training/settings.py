@@ -103,8 +103,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     patience: int = 8  # validations without a better one that end it
 
 
-# `tcn-paper` learns from every sample of stretches as long as its window, each with the zeros before
-# it that the network will see: a hundred labels at the cost of one. `--windows`: as its authors did.
+# `tcn-paper` learns from every sample of stretches as long as its window, with the zeros before it
+# that the network will see: a hundred labels at the cost of one. `--windows`: as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(
         steps=12_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.4, evenness=0.5
