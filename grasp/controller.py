@@ -15,14 +15,13 @@ from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import TRIAL, Fault, lines
-from grasp.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.lift_progress import AT_HEIGHT_M, LiftLine, StateClock
 from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
 from grasp.safe_state import Missing, Pursuit, SafeState
 from grasp.set_down import SetDown, Transition
 from grasp.slip_monitor import SlipMonitor, SlipStatus
-from grasp.slip_response import make_response
-from grasp.state_clock import StateClock
+from grasp.slip_response import RESPONSES
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
 ALARM_HOLD_NS = 2_000_000_000  # alarms that no closing ends prolong a hold by this; assumed
@@ -60,7 +59,7 @@ class GraspController:
         self._clock = StateClock()
         self._monitor = RunMonitor(settings, self._clock, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._clock)
-        self.response = make_response(settings, plan, self._line)
+        self.response = RESPONSES[settings.answer](settings, plan, self._line)
         self._firm = False  # the grip is being closed to the force cap
         self._out: list[Command] = []
         self._reset_detector = False

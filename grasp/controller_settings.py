@@ -1,11 +1,11 @@
-"""What a grasp is given beforehand: where, how fast, how patient."""
+"""Settings of the controller and its loop, and the plan of one grasp."""
 
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from drivers.interfaces import Counts3, Vector3
+from drivers.interfaces import PERIOD_S, Counts3, Vector3
 from grasp.contact_estimator import Stiffness
 
 
@@ -82,3 +82,18 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         steps = () if self.answer == "stop_and_step" else ("margin_steps",)
         stops = ("answer_stop_mps2",) if self.answer == "jump" else ()
         return dict.fromkeys((*steps, *stops), f"controller.answer = {self.answer}")
+
+
+class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Period and deadlines of the control loop (`grasp.loop`)."""
+
+    period_s: Annotated[
+        float, Meta(ge=0.002, le=0.1, description="one tactile sample (paper: 100 Hz)")
+    ] = PERIOD_S
+    decision_delay_s: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="virtual time that a decision takes; default: p50 "
+                    "with `energy`; the paper's inference takes 0.021 s")
+    ] = 0.00002  # fmt: skip
+    deadline_s: Annotated[
+        float, Meta(ge=1.0, le=3600.0, description="a run may last, whatever its states; assumed")
+    ] = 180.0

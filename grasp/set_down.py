@@ -12,9 +12,8 @@ import msgspec
 from grasp.commands import Command, OpenFingers, StopArm
 from grasp.contact_estimator import ContactEstimator, thumb_n
 from grasp.controller_settings import ControllerSettings
-from grasp.lift_line import AT_HEIGHT_M, LiftLine
+from grasp.lift_progress import AT_HEIGHT_M, LiftLine, StateClock
 from grasp.observation import Observation
-from grasp.state_clock import StateClock
 from grasp.states import Trigger
 
 CREEP_SHARE = 0.8  # of the time that a state may last

@@ -11,7 +11,7 @@ from grasp.cli.output import aside
 from grasp.guard import limit_in_words
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import Onlooker
+from grasp.viewer_process import ViewerProcess
 from scenarios.trial.result import spelt
 
 REFRESH_TICKS = 6
@@ -42,14 +42,14 @@ class Display:
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
-        self._there: Onlooker | None = None
+        self._there: ViewerProcess | None = None
         self._here: view.Panel | view.Lines | None = None
         if quiet:
             return
         if rig == "simulated":
             self._here = view.Panel() if self._panel else view.Lines()
         else:
-            self._there = Onlooker(view)
+            self._there = ViewerProcess(view)
             self._there.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:

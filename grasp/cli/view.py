@@ -1,7 +1,7 @@
 """What is drawn of a run: plain lines, or a panel in a terminal.
 
-In wall time this is a process of its own (``python -m grasp.cli.view``, begun by ``grasp.watch``),
-which reads one JSON message a line until its input ends.
+In wall time this is a process of its own (``python -m grasp.cli.view``, begun by
+``grasp.viewer_process``), which reads one JSON message a line until its input ends.
 """
 
 import math
@@ -14,7 +14,7 @@ from detector.auxiliary_outputs import SECTOR_DEG
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import leave_signals_to_the_run
+from grasp.viewer_process import ignore_signals
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -215,7 +215,7 @@ def _bar(part: float, cells: int) -> str:
 
 def main() -> None:
     """Draw what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
     shown = Panel() if isinstance(first, Begin) and first.panel else Lines()

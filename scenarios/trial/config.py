@@ -17,9 +17,8 @@ from detector.network_file import is_weights, weights_digest, weights_path
 from detector.plugins import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
 from detector.psd import PsdFairSettings, PsdSettings
 from drivers.errors import ConfigError
-from grasp.controller_settings import ControllerSettings
+from grasp.controller_settings import ControllerSettings, LoopSettings
 from grasp.guard import GuardSettings
-from grasp.loop_settings import LoopSettings
 from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import (

@@ -1,6 +1,6 @@
 """The side of the run: what it tells a live page, never waiting for anybody.
 
-`grasp.watch.Onlooker` hands it to a process of its own; what that cannot take in time is lost.
+`grasp.viewer_process` hands it to a process of its own; what that cannot take in time is lost.
 """
 
 import math
@@ -18,7 +18,7 @@ from drivers.interfaces import FINGER_NAMES, FINGERS, PERIOD_S
 from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from grasp.watch import Onlooker
+from grasp.viewer_process import ViewerProcess
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.press import PressPhase
 from scenarios.acquire.session import Sample
@@ -187,9 +187,9 @@ class Feed:
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
-            self._onlooker = Onlooker(server, STDERR, (listening.fileno(),))
+            self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
             shown = any(os.environ.get(name) for name in DISPLAYS)
-            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
+            self._viewer.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._begun = 0  # trials, also those of which nobody heard
@@ -206,20 +206,20 @@ class Feed:
     @property
     def pid(self) -> int:
         """Of the process that serves."""
-        return self._onlooker.pid
+        return self._viewer.pid
 
     @property
     def lost(self) -> int:
         """Messages that were not taken."""
-        return self._onlooker.lost
+        return self._viewer.lost
 
     def say(self, text: str) -> None:
         """A line between two trials."""
-        self._onlooker.tell(Said(text))
+        self._viewer.tell(Said(text))
 
     def close(self) -> None:
         """The page stays as it is in whichever browser shows it; safe to call twice."""
-        self._onlooker.close()
+        self._viewer.close()
 
     def begin(self, data: dict[str, Any], number: int = 1) -> None:
         """Another trial, of which rows follow; ``number``: which of all, from 1."""
@@ -237,7 +237,7 @@ class Feed:
     def show(self, phase: str, values: list[float | None], left_s: float | None = None) -> None:
         """One instant. A trial of which nobody heard that it began is begun first."""
         if self._begin is not None:
-            if not self._onlooker.show(self._begin):
+            if not self._viewer.show(self._begin):
                 return
             self._begin = None
-        self._onlooker.show(Row(phase, values, left_s))
+        self._viewer.show(Row(phase, values, left_s))

@@ -1,7 +1,7 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
-Begun by `grasp.watch`; reads `messages.Message` a line from standard input until that ends. Whoever
-looks on is handed what has come since he was handed something last, as much as still is kept: one
+Begun by `grasp.viewer_process`; reads `messages.Message` a line from standard input until that
+ends. Whoever looks on is handed what has come since he was handed something last, as much as still is kept: one
 who is slow sees less, and nobody else does. Nothing that a browser says is listened to.
 """
 
@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
-from grasp.watch import leave_signals_to_the_run
+from grasp.viewer_process import ignore_signals
 from scenarios.report.drawn import Seen
 from scenarios.report.page import render
 
@@ -234,7 +234,7 @@ async def _serve(told: Serve) -> None:
 
 def main() -> None:
     """Serve what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     os.nice(NICE)
     # more viewers than there are descriptors: no tracebacks on the terminal of a run
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)

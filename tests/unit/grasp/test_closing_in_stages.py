@@ -9,10 +9,9 @@ from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
+from grasp.lift_progress import LiftLine
 from grasp.observation import Observation
-from grasp.slip_response.base import STAGE_NS
-from grasp.slip_response.close import Close
+from grasp.slip_response import STAGE_NS, Close
 from tests.unit.grasp.builders import gripper, seen
 
 S = ControllerSettings(closing_speed_mps=0.1)

@@ -8,11 +8,11 @@ from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import ARM, Fault
-from grasp.lift_line import LiftLine
+from grasp.lift_progress import LiftLine
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
 from grasp.safe_state import Pursuit, SafeState
-from grasp.slip_response.close import Close
+from grasp.slip_response import Close
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, seen
 
