@@ -1,17 +1,14 @@
-"""Runs on disk: MCAP files with one JSON channel a topic, written chunk by chunk.
+"""Recordings of runs: MCAP files with one JSON channel a topic, written chunk by chunk.
 
-A recorder never disturbs a run: nothing here raises into the loop, the first failure is kept and
-the half-written file goes. The same messages give the same bytes: times come from the caller, and
-no clock, host name or random number gets in. A writer that is killed leaves a file without its
-index; all chunks that were complete are read back.
+A recorder never disturbs a run: it raises nothing into the loop, keeps its first failure and
+removes the incomplete file. Equal messages give equal bytes: times come from the caller. A writer
+that is killed leaves a file without an index, whose complete chunks can be read.
 """
 
-import contextlib
 import io
-import itertools
-import os
-import stat
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +22,13 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from drivers.errors import BadFile
 from grasp.files import private_opener
 
+LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
+METADATA_NAME = "run"
+UNIX_NS = "unix_ns"  # of the metadata; a file without it counts from 0
+FILE_WANTED = "give the path of a run's .mcap file"
+CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
+
+Channels = Mapping[str, type[msgspec.Struct]]
 _Schema = dict[str, Any]
 PLAIN_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
@@ -32,9 +36,9 @@ PLAIN_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 def viewer_schema(kind: type[msgspec.Struct]) -> _Schema:
     """JSON Schema of a message as MCAP viewers read it: nested objects, no references.
 
-    Viewers refuse a whole channel over a property without a plain ``type``: an optional value is
-    described by its type, and what has no plain type at all (a list of lists, a union, a tuple of
-    mixed types) is left undescribed, which a schema allows; it is recorded all the same.
+    Viewers refuse a whole channel over one property without a plain ``type``. So an optional value
+    is described by its type, and a list of lists, a union or a tuple of mixed types is recorded but
+    left out of the schema.
     """
     schema = msgspec.json.schema(kind)
     plain = _plain_schema(schema, schema.get("$defs", {}), ())
@@ -43,13 +47,8 @@ def viewer_schema(kind: type[msgspec.Struct]) -> _Schema:
     return plain
 
 
-def schema_name(kind: type[msgspec.Struct]) -> str:
-    """What viewers know it by: a type of theirs says so itself."""
-    return str(getattr(kind, "schema_name", kind.__name__))
-
-
 def _plain_schema(schema: _Schema, defs: _Schema, within: tuple[str, ...]) -> _Schema | None:
-    """The schema without references, or None when a viewer would refuse it."""
+    """The schema without references, or None where a viewer would refuse it."""
     if (reference := schema.get("$ref")) is not None:
         if reference in within:
             return None
@@ -77,22 +76,13 @@ def _plain_schema(schema: _Schema, defs: _Schema, within: tuple[str, ...]) -> _S
     return None
 
 
-LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
-METADATA_NAME = "run"
-UNIX_NS = "unix_ns"  # of the metadata; a file without it counts from nought
-FILE_WANTED = "give the path of a run's .mcap file"
-CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
-
-Channels = Mapping[str, type[msgspec.Struct]]
-
-
 class RunRecorder:
     """Writes one run to ``path``. No method raises; look at ``failure`` when the run is over.
 
-    channels: topic to message type; a type that has no JSON form is a TypeError here, before
-    anything runs. A message that is not written is a ``failure``. Times are integer nanoseconds of
-    the run's own clock; in the file they count from 1970, by ``unix_ns`` of the metadata, the
-    instant at which that clock stood at nought.
+    channels: topic to message type; a type without a JSON form is a TypeError here, before anything
+    runs. A message that is not written is a ``failure``. Times are integer nanoseconds of the run's
+    own clock; in the file they count from 1970, by the metadata's ``unix_ns``, the instant at which
+    that clock was zero.
     """
 
     def __init__(
@@ -110,11 +100,18 @@ class RunRecorder:
         self._writer: Writer | None = None
         self._topics: dict[str, tuple[int, Iterator[int]]] = {}
         self._unix_ns = int(metadata.get(UNIX_NS, "0"))
-        schemas = {
-            topic: msgspec.json.encode(viewer_schema(kind)) for topic, kind in channels.items()
-        }
+        schemas = {topic: viewer_schema(kind) for topic, kind in channels.items()}
         try:
-            self._start(schemas, metadata, chunk_size)
+            self._stream = _Unbuffered(io.FileIO(path, "w", opener=private_opener))
+            writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.ZSTD)
+            writer.start(profile="", library=LIBRARY)
+            writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
+            for topic, kind in channels.items():
+                name = getattr(kind, "schema_name", kind.__name__)  # viewers know some by name
+                schema = msgspec.json.encode(schemas[topic])
+                schema_id = writer.register_schema(name, "jsonschema", schema)
+                self._topics[topic] = writer.register_channel(topic, "json", schema_id), count()
+            self._writer = writer
         except Exception as error:
             self._fail(error)
 
@@ -127,9 +124,8 @@ class RunRecorder:
     def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
         """Append one message; after a failure nothing more is written."""
         if self._writer is None:
-            self.failure = self.failure or ValueError(
-                f"{self.path} was closed before the last message"
-            )
+            closed = ValueError(f"{self.path} was closed before the last message")
+            self.failure = self.failure or closed
             return
         try:
             if not isinstance(message, self._kinds[topic]):
@@ -146,13 +142,12 @@ class RunRecorder:
         if self._writer is None:
             return
         try:
-            at_ns = self._unix_ns
-            self._writer.add_attachment(at_ns, at_ns, name, media_type, content)
+            self._writer.add_attachment(self._unix_ns, self._unix_ns, name, media_type, content)
         except Exception as error:
             self._fail(error)
 
     def close(self) -> None:
-        """Write the index and close the file. Twice is once."""
+        """Write the index and close the file; safe to call twice."""
         writer, self._writer = self._writer, None
         if writer is None or self._stream is None:
             return
@@ -162,34 +157,21 @@ class RunRecorder:
         except Exception as error:
             self._fail(error)
 
-    def _start(
-        self, schemas: Mapping[str, bytes], metadata: Mapping[str, str], chunk_size: int
-    ) -> None:
-        self._stream = _Unbuffered(io.FileIO(self.path, "w", opener=private_opener))
-        writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.ZSTD)
-        writer.start(profile="", library=LIBRARY)
-        writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
-        for topic, schema in schemas.items():
-            schema_id = writer.register_schema(
-                schema_name(self._kinds[topic]), "jsonschema", schema
-            )
-            channel_id = writer.register_channel(topic, "json", schema_id)
-            self._topics[topic] = channel_id, itertools.count()
-        self._writer = writer
-
     def _fail(self, error: Exception) -> None:
+        """Keep the first failure, and remove the file; a device (`/dev/null`) stays."""
         self.failure = self.failure or error
         self._writer = None
         if self._stream is None:
             return
-        with contextlib.suppress(Exception):
+        with suppress(Exception):
             self._stream.close()
-        with contextlib.suppress(OSError):
-            _remove_file(self.path)
+        with suppress(OSError):
+            if self.path.is_symlink() or self.path.is_file():
+                self.path.unlink()
 
 
 class RunRecording:
-    """One recording in memory: ``metadata``, and messages decoded as their types.
+    """One recording in memory: ``metadata``, and messages of ``channels`` decoded as their types.
 
     ``complete`` is False when the writer was killed: the last chunk is missing then.
     """
@@ -211,14 +193,14 @@ class RunRecording:
                     topics[record.id] = record.topic
                 case Metadata(name=name) if name == METADATA_NAME:
                     self.metadata = record.metadata
-                    unix_ns = _unix_ns(path, record.metadata)
+                    text = record.metadata.get(UNIX_NS, "0")
+                    try:
+                        unix_ns = int(text)
+                    except ValueError:
+                        problem = f"damaged recording: {UNIX_NS} is {text!r:.40}"
+                        raise BadFile(path, problem, FILE_WANTED) from None
                 case Footer():
                     self.complete = True
-
-    @classmethod
-    def open(cls, path: Path, channels: Channels) -> Self:
-        """Read ``path``; topics that ``channels`` does not name are left out."""
-        return cls(path, channels)
 
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         """Topic, time in ns and message, in the order written."""
@@ -257,21 +239,6 @@ class _Unbuffered(io.BufferedWriter):
         count: int = super().write(data)
         self.flush()
         return count
-
-
-def _remove_file(path: Path) -> None:
-    """Remove a file or a link, never a device (a run may be recorded to /dev/null)."""
-    mode = os.lstat(path).st_mode
-    if stat.S_ISREG(mode) or stat.S_ISLNK(mode):
-        path.unlink()
-
-
-def _unix_ns(path: Path, metadata: Mapping[str, str]) -> int:
-    text = metadata.get(UNIX_NS, "0")
-    try:
-        return int(text)
-    except ValueError:
-        raise BadFile(path, f"damaged recording: {UNIX_NS} is {text!r:.40}", FILE_WANTED) from None
 
 
 def _records(path: Path) -> Iterator[McapRecord]:

@@ -29,7 +29,7 @@ class RunMonitor:
         """Why the run cannot go on: what the step found already, or the first check that fails."""
         if obs.faults:
             return obs.faults
-        if obs.tactile_stale and state not in OPEN_STATES:
+        if obs.frame is not None and obs.frame.stale and state not in OPEN_STATES:
             return (stale(FINGERTIPS, "no fresh fingertip sample"),)
         fault = (
             obs.device_fault(self._settings.stale_after_s * 1e9)

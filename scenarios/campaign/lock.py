@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.errors import ConfigError, CouldNotRecord, one_line
-from grasp.files import PRIVATE_FILE
-from grasp.lock import Holder, locked
+from grasp.files import PRIVATE_FILE, Holder, locked
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
 Begun by `grasp.viewer_process`; reads `messages.Message` a line from standard input until that
-ends. Whoever looks on is handed what has come since he was handed something last, as much as still is kept: one
-who is slow sees less, and nobody else does. Nothing that a browser says is listened to.
+ends. A browser is sent what has come since it was sent something last, as much as is still kept: a
+slow one gets less, and delays no other. Nothing that a browser sends is read.
 """
 
 import asyncio
