@@ -6,8 +6,8 @@ import msgspec
 
 from grasp.observation import Observation
 
-LOST_NS = 50_000_000  # without contact for so long it is lost; assumed
-GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' restlessness swings
+LOST_NS = 50_000_000  # contact that is absent for so long is lost; assumed
+GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' own oscillation
 
 
 class Stiffness(msgspec.Struct, frozen=True):
@@ -21,7 +21,7 @@ class Stiffness(msgspec.Struct, frozen=True):
 
 
 class ContactEstimate(msgspec.Struct, frozen=True):
-    """What all samples up to ``t_ns`` say; times are those of the last sample that said so.
+    """Estimate after all samples up to ``t_ns``; a time is that of the last such sample.
 
     ``grip_n``: force of the thumb, low-pass filtered. ``longest_gap_ns``: longest time without
     contact of the thumb while the object may have been in the air.
@@ -59,13 +59,13 @@ class ContactEstimator:
 
     @property
     def thumb_lost(self) -> bool:
-        """Whether the thumb has touched nothing for too long."""
+        """Whether the thumb has had no contact for too long."""
         return self.estimate.t_ns - self.estimate.thumb_contact_ns >= LOST_NS
 
     @property
     def lost(self) -> bool:
-        """Whether no finger has touched anything for too long: on the way down a thumb that bears
-        the object by a taxel or two may feel nothing once it stands, and be pressed as before."""
+        """Whether no finger has had contact for too long. On the way down the thumb alone may show
+        none once the object stands, though it is pressed as before."""
         return self.estimate.t_ns - self.estimate.contact_ns >= LOST_NS
 
     @property
@@ -75,6 +75,6 @@ class ContactEstimator:
 
 
 def thumb_n(obs: Observation) -> float:
-    """Force of the thumb in one sample, estimated by all fingers, whose sum is twice as much: a
-    finger whose taxels are at a rail measures no rise."""
+    """Force of the thumb in one sample, as half the sum of all fingers: a finger whose taxels are
+    at a rail shows no rise."""
     return sum(obs.measured_n) / 2

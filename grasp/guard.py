@@ -22,8 +22,8 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
-# Full speed ends where limit plus overshoot would still be kept on a contact this many times stiffer
-# than stated, after a first grasp this much stronger than measured; assumed
+# Full speed ends where limit plus overshoot would still be kept on a contact this many times
+# stiffer than stated, after a first grasp this much stronger than measured; assumed
 STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
 
@@ -156,10 +156,9 @@ class ForceGuard:
         s = self._settings
         # with `each_motor` the thumb carries what two motors push
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
-        limits_n = (thumb_limit_n, s.force_limit_n, s.force_limit_n)
-        return any(
-            n > most + s.measured_margin_n for n, most in zip(measured_n, limits_n, strict=True)
-        )
+        thumb_n, *others_n = measured_n
+        margin_n = s.measured_margin_n
+        return thumb_n > thumb_limit_n + margin_n or max(others_n) > s.force_limit_n + margin_n
 
     def _admit_move(
         self, command: MoveFingers, state: GripperState, measured_n: Vector3

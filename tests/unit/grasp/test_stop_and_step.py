@@ -98,7 +98,7 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
     assert d.controller.state is State.COMPENSATE
     assert told(d, MoveFingers, CloseFast) == []
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def held_by(end: int, **settings: object) -> Driver:
