@@ -185,9 +185,9 @@ class SetDown:
         return min(max(conclusive_m, SHORTEST_STEP_M), STEP_M)
 
     def _judge(self, obs: Observation, grip_n: float) -> Transition:
-        """A step down changes the grip only where the object stands: a flank tightens it, a textured
-        face may loosen a tight one. Above the height at which an object can stand, drifting codes
-        are the cause. The arm goes no further where the grip has tightened much in all."""
+        """A step down changes the grip only where the object stands: a flank tightens it, a
+        textured face may loosen a tight one. Too high for that, drifting codes are the cause. The
+        arm goes no further where the grip has tightened much in all."""
         rise_n = grip_n - self._grip_n
         tight = grip_n - self._least_n >= RISE_N
         high = self._line.height_m(obs) > self._near_m + AT_HEIGHT_M
