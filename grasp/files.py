@@ -25,19 +25,6 @@ LEADS_NOWHERE = frozenset({
 MOST_HOLDER_BYTES = 65_536
 
 
-def waits_for_a_writer(path: Path) -> bool:
-    """Whether it is a named pipe that blocks whoever opens it; one that this program was started
-    with (`/dev/stdin`, the shell's `<(...)`) is open already. Raises OSError."""
-    if not path.is_fifo():
-        return False
-    pipe = path.stat()
-    for descriptor in map(int, os.listdir("/dev/fd")):
-        with suppress(OSError):  # that of the listing itself
-            if os.path.samestat(os.fstat(descriptor), pipe):
-                return False
-    return True
-
-
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     """Replace a file by its new content, or leave it as it was. Raises OSError."""
     if path.exists() and not path.is_file():  # /dev/stdout

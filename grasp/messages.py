@@ -151,7 +151,7 @@ def arm_message(arm: ArmState) -> ArmMessage:
 def recorded_arm(message: ArmMessage) -> ArmState:
     """The arm's state of a recorded step."""
     *numbers, sampled_ns = msgspec.structs.astuple(message)
-    return ArmState(*map(_nan_for_null, numbers), sampled_ns)
+    return ArmState(*[*map(_nan_for_null, numbers), sampled_ns])
 
 
 def _nan_for_null(value: Any) -> Any:

@@ -41,34 +41,29 @@ def viewer_schema(kind: type[msgspec.Struct]) -> _Schema:
     left out of the schema.
     """
     schema = msgspec.json.schema(kind)
-    plain = _plain_schema(schema, schema.get("$defs", {}), ())
-    if plain is None or plain["type"] != "object":
-        raise TypeError(f"{kind.__name__} is no JSON object")
-    return plain
+    return _plain_schema(schema, schema["$defs"]) or {}
 
 
-def _plain_schema(schema: _Schema, defs: _Schema, within: tuple[str, ...]) -> _Schema | None:
+def _plain_schema(schema: _Schema, defs: _Schema) -> _Schema | None:
     """The schema without references, or None where a viewer would refuse it."""
-    if (reference := schema.get("$ref")) is not None:
-        if reference in within:
-            return None
-        return _plain_schema(defs[reference.rsplit("/", 1)[-1]], defs, (*within, reference))
+    if "$ref" in schema:
+        return _plain_schema(defs[schema["$ref"].rsplit("/", 1)[-1]], defs)
     if "anyOf" in schema:
         options = [option for option in schema["anyOf"] if option.get("type") != "null"]
-        return _plain_schema(options[0], defs, within) if len(options) == 1 else None
+        return _plain_schema(options[0], defs) if len(options) == 1 else None
     if "enum" in schema:
         kinds = {type(value) for value in schema["enum"] if value is not None}
         return {"type": PLAIN_TYPES[kinds.pop()]} if len(kinds) == 1 else None
     match schema.get("type"):
         case "object":
             inner = schema.get("properties", {}).items()
-            properties = {name: _plain_schema(value, defs, within) for name, value in inner}
+            properties = {name: _plain_schema(value, defs) for name, value in inner}
             described = {name: value for name, value in properties.items() if value is not None}
             return {"type": "object", "properties": described}
         case "array":
             first, *others = schema.get("prefixItems") or [schema.get("items") or {}]
             mixed = any(item != first for item in others)
-            items = None if mixed else _plain_schema(first, defs, within)
+            items = None if mixed else _plain_schema(first, defs)
             nested = items is None or items["type"] == "array"
             return None if nested else {"type": "array", "items": items}
         case "boolean" | "integer" | "number" | "string":
@@ -210,30 +205,27 @@ class RunRecording:
 
     def of(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Time in ns and message of one topic, in the order written."""
-        return (
-            (t_ns, self._decode(name, data)) for name, t_ns, data in self._messages if name == topic
-        )
+        found = (message[1:] for message in self._messages if message[0] == topic)
+        return ((t_ns, self._decode(topic, data)) for t_ns, data in found)
 
     def _decode(self, topic: str, data: bytes) -> Any:
         try:
             return self._decoders[topic].decode(data)
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise BadFile(
-                self.path,
-                f"a message on {topic} does not fit: {error}",
-                "read it with the version that recorded it (see the file's metadata)",
-            ) from error
+            remedy = "read it with the version that recorded it (see the file's metadata)"
+            problem = f"a message on {topic} does not fit: {error}"
+            raise BadFile(self.path, problem, remedy) from error
 
 
 def _plain(value: object) -> Any:
-    """A number or list for what numpy computed."""
+    """A number or list for a value of numpy's."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 class _Unbuffered(io.BufferedWriter):
-    """Hands every write to the kernel at once: what was written survives a kill."""
+    """Passes every write to the kernel at once, so that it survives a kill."""
 
     def write(self, data: Any, /) -> int:
         count: int = super().write(data)
@@ -248,13 +240,12 @@ def _records(path: Path) -> Iterator[McapRecord]:
     except EndOfFile:
         return  # the writer was killed: there is no footer
     except Exception as error:  # the library names no base for what damage may raise
-        raise BadFile(
-            path, f"damaged recording: {error}", "record again, or restore the file from a copy"
-        ) from error
+        remedy = "record again, or restore the file from a copy"
+        raise BadFile(path, f"damaged recording: {error}", remedy) from error
 
 
 class _Cut(io.BytesIO):
-    """A file that may end in the middle of a record: the library takes that for damage."""
+    """A file that may end in the middle of a record, which the library would take for damage."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         data = super().read(size)
@@ -264,7 +255,7 @@ class _Cut(io.BytesIO):
 
 
 def _load(path: Path) -> bytes:
-    if path.is_char_device():  # which may never end
+    if path.is_char_device():  # it may never end
         raise BadFile(path, "is no file", FILE_WANTED)
     try:
         data = path.read_bytes()

@@ -86,7 +86,7 @@ class SetDown:
     def begin(self, cause: str) -> Transition:
         """Down to where the lift began, unless the object may have fallen and been gripped again
         higher up: a closed hand would be driven down along it."""
-        gap_ns = self._contact.estimate.longest_gap_ns
+        gap_ns = self._contact.longest_gap_ns
         if gap_ns >= CONTACT_GAP_NS:
             gap = f"nothing was felt for {gap_ns * 1e-9:.2f} s on the way"
             return Transition(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
@@ -139,12 +139,12 @@ class SetDown:
         return min(self._slipped_m + SLIP_MARGIN_M, self._settings.lift_height_m)
 
     def _take_grip(self) -> None:
-        self._grip_n = self._contact.estimate.grip_n
+        self._grip_n = self._contact.grip_n
         self._least_n = min(self._least_n, self._grip_n)
 
     def _tightened(self, obs: Observation) -> Transition | None:
         """The arm stops where the grip has tightened: the object may stand."""
-        rise_n = self._contact.estimate.grip_n - self._grip_n
+        rise_n = self._contact.grip_n - self._grip_n
         if rise_n < RISE_N:
             return None
         self._step = Step.SETTLE
