@@ -20,8 +20,7 @@ from grasp.slip_monitor import SlipMonitor, SlipStatus
 from grasp.slip_response import RESPONSES
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
-# alarms that no closing ends prolong a hold by this at most; assumed
-ALARM_HOLD_NS = 2_000_000_000
+ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by futile alarms; assumed
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -119,15 +118,14 @@ class GraspController:
         if self._pursuit:
             self._commands += self._pursuit.step(obs)
         elif faults := self._monitor.check(obs, self.state):
-            self._enter_fault(obs, faults)
+            self._enter_safe_state(Trigger.FAIL, obs, faults)
         elif obs.inputs.stop:
-            self.faults = (obs.inputs.stop,)
-            self._enter_safe_state(Trigger.STOP, obs, obs.inputs.stop.line)
+            self._enter_safe_state(Trigger.STOP, obs, (obs.inputs.stop,))
         elif self.state not in END_STATES:
             self._handlers[self.state](obs)
         return Decision(
-            state=self.state, slip=self.monitor.status, commands=tuple(self._commands),
-            reset_detector=self._reset_detector, anchor=self._anchor, finished=self.finished,
+            self.state, self.monitor.status, tuple(self._commands),
+            self._reset_detector, self._anchor, self.finished,
         )  # fmt: skip
 
     def aborted(self) -> tuple[Command, ...]:
@@ -157,15 +155,13 @@ class GraspController:
 
     def _start(self, obs: Observation) -> None:
         """A hand that is not open ends the run before anything moves."""
-        if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
-            self._fail(obs, "the hand is closed, and may hold something")
-            return
-        if max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
-            self._fail(obs, "the hand is not open: what it may hold would fall, or be hit")
-            return
         if self._plan.home is None:
             self._line.home = obs.arm.position_m
-        if math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
+        if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
+            self._fail(obs, "the hand is closed, and may hold something")
+        elif max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
+            self._fail(obs, "the hand is not open: what it may hold would fall, or be hit")
+        elif math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
             self._go(Trigger.AT_HOME, obs, "run started", self._preshape())
         else:
             move = self._line.down(0.0, self._settings.lower_speed_mps)
@@ -348,18 +344,17 @@ class GraspController:
 
     def _lose(self, obs: Observation, cause: str) -> None:
         """The object is lost: the arm stops, and nothing is lowered."""
-        self._enter_safe_state(Trigger.LOSE, obs, cause)
+        self._enter_safe_state(Trigger.LOSE, obs, cause=cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:
         """The grasp failed, though no device did."""
-        self._enter_fault(obs, (Fault("grasp_failed", TRIAL, cause),))
+        self._enter_safe_state(Trigger.FAIL, obs, (Fault("grasp_failed", TRIAL, cause),))
 
-    def _enter_fault(self, obs: Observation, faults: tuple[Fault, ...]) -> None:
+    def _enter_safe_state(
+        self, trigger: Trigger, obs: Observation, faults: tuple[Fault, ...] = (), cause: str = ""
+    ) -> None:
         self.faults = faults
-        self._enter_safe_state(Trigger.FAIL, obs, lines(faults))
-
-    def _enter_safe_state(self, trigger: Trigger, obs: Observation, cause: str) -> None:
-        self._go(trigger, obs, cause)
+        self._go(trigger, obs, cause or lines(faults))
         before = self.machine.before
         half_closed = before is State.COMPENSATE and obs.first_stage
         safe = SafeState(self.state, before, obs.t_ns, self.faults, half_closed)

@@ -46,17 +46,14 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     cap_mode: CapMode = "every_finger"
     # by which true force may pass the limit on a rigid object
     overshoot_n: Annotated[float, Meta(ge=0.1, le=20.0, description="past the limit")] = 1.0
-    contact_stiffness_npm: Annotated[
-        float, Meta(ge=100.0, le=1e5, description="of objects that state none; 600-10000 N/m")
-    ] = 2500.0
+    # of objects that state none; they have 600-10000 N/m
+    contact_stiffness_npm: Annotated[float, Meta(ge=100.0, le=1e5, description="default")] = 2500.0
     # of finger and motor, at the tip
     tip_mass_kg: Annotated[float, Meta(ge=0.001, le=5.0, description="moving inertia")] = 0.1
-    travel_bound: Annotated[
-        bool, Meta(description="also bound closing by position: F0 + stiffness x travel = limit")
-    ] = False
-    counts_per_newton: Annotated[
-        float, Meta(ge=1.0, le=5000.0, description="of a fingertip's sum: calibrate on hardware")
-    ] = 160.0
+    # to where first grasp + stiffness x travel reaches the limit
+    travel_bound: Annotated[bool, Meta(description="also limit closing by position")] = False
+    # of the sum of a fingertip's taxels
+    counts_per_newton: Annotated[float, Meta(ge=1.0, le=5e3, description="calibrate it")] = 160.0
     # by which measured force may pass the limit before closing stops: the estimate's own error
     measured_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
 

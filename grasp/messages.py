@@ -94,14 +94,9 @@ TACTILE, GRIPPER, ARM, CONTROL, MOTION, COMMANDS, PHASES, TRUTH = (
 )  # fmt: skip
 
 CHANNELS: dict[str, type[msgspec.Struct]] = {
-    TACTILE: TactileMessage,
-    GRIPPER: GripperState,
-    ARM: ArmMessage,
-    CONTROL: ControlMessage,
-    MOTION: Motion,
-    COMMANDS: CommandMessage,
-    PHASES: PhaseChange,
-}
+    TACTILE: TactileMessage, GRIPPER: GripperState, ARM: ArmMessage, CONTROL: ControlMessage,
+    MOTION: Motion, COMMANDS: CommandMessage, PHASES: PhaseChange,
+}  # fmt: skip
 
 Write = Callable[[str, int, msgspec.Struct], None]
 

@@ -1,26 +1,13 @@
 """SlipMonitor: from slip probabilities to registered slip events, masked while the hand closes."""
 
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-
-class DecisionRule(Protocol):
-    """See ``detector.decision``."""
-
-    threshold: float
-
-    @property
-    def registered(self) -> bool: ...
-
-    def reset(self) -> None: ...
-
-    def interrupt(self) -> None: ...
-
-    def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]: ...
+from detector.decision import DecisionRule
 
 
 class SlipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

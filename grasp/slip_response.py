@@ -12,8 +12,6 @@ that little momentum carries it past.
 
 import math
 
-import msgspec
-
 from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast, Command, MoveFingers, StopArm
 from grasp.controller_settings import ControllerSettings, GripPlan
@@ -128,15 +126,6 @@ class Close:
         return not obs.first_stage and thumb.requested_counts < reach_counts
 
 
-class Pause(msgspec.Struct, frozen=True):
-    """A stop of the arm as of one sample. ``alarm_ns``: when slip was last not known to be over;
-    ``useless``: no closing could do anything when it began."""
-
-    alarm_ns: int
-    stands: bool
-    useless: bool
-
-
 class StopAndClose(Close):
     """In the lift the arm stops, the hand closes, then the arm goes on gently; else as ``Close``.
 
@@ -144,8 +133,11 @@ class StopAndClose(Close):
     slip ends some 30 ms after the arm stops, while the hand needs 100 to 200 ms to press harder.
     """
 
-    _pause: Pause | None = None
+    _stopped = False  # the arm, for the present response
+    _stands = False  # the arm did so in the last sample
+    _useless = False  # no closing could have an effect when the arm stopped
     _useless_s = 0.0
+    _alarm_ns = 0  # when slip was last not known to be over
 
     def begin(self, obs: Observation, rising: bool, lost: bool) -> tuple[Command, ...]:
         return (*self._stop_arm(obs, rising), *super().begin(obs, rising, lost))
@@ -154,20 +146,20 @@ class StopAndClose(Close):
         """Begin a pause, where the arm is on its way."""
         if not rising:
             return ()
-        self._pause = Pause(obs.t_ns, not obs.arm.moving, obs.closed_out)
+        self._stopped, self._alarm_ns = True, obs.t_ns
+        self._stands, self._useless = not obs.arm.moving, obs.closed_out
         return (StopArm(self._settings.answer_stop_mps2),)
 
     @property
     def arm_stop(self) -> StopArm | None:
-        return StopArm(self._settings.answer_stop_mps2) if self._pause else None
+        return StopArm(self._settings.answer_stop_mps2) if self._stopped else None
 
     def update(self, obs: Observation, alarm: bool, passed_ns: int) -> None:
-        if self._pause is None:
-            return
-        self.paused_s += passed_ns * 1e-9 * self._pause.stands
-        self._useless_s += passed_ns * 1e-9 * self._pause.useless
-        alarm_ns = obs.t_ns if alarm else self._pause.alarm_ns
-        self._pause = Pause(alarm_ns, not obs.arm.moving, self._pause.useless)
+        if self._stopped:
+            self.paused_s += passed_ns * 1e-9 * self._stands
+            self._useless_s += passed_ns * 1e-9 * self._useless
+            self._alarm_ns = obs.t_ns if alarm else self._alarm_ns
+            self._stands = not obs.arm.moving
 
     @property
     def exhausted(self) -> bool:
@@ -175,17 +167,15 @@ class StopAndClose(Close):
 
     def over(self, obs: Observation) -> bool:
         """Whether the arm stands and slip has been over for long enough."""
-        if self._pause is None:
-            return True
-        quiet = obs.t_ns - self._pause.alarm_ns >= RESUME_QUIET_NS
-        return quiet and not obs.pending and not obs.arm.moving
+        quiet = obs.t_ns - self._alarm_ns >= RESUME_QUIET_NS
+        return not self._stopped or (quiet and not obs.pending and not obs.arm.moving)
 
     def end(self) -> tuple[Command, ...]:
         """The arm goes on so gently that a grip which only just holds goes on holding. It brakes no
         harder than the stop did, so that a stop on the way carries it past no end."""
-        if self._pause is None:
+        if not self._stopped:
             return ()
-        self._pause = None
+        self._stopped = False
         s = self._settings
         gently_mps2 = min(s.lift_acceleration_mps2, RESUME_MPS2, s.answer_stop_mps2)
         return (self._line.move(s.lift_height_m, s.lift_speed_mps, gently_mps2),)

@@ -161,10 +161,7 @@ class StateMachine:
 
     def first_ns(self, state: State) -> int:
         """When that state was entered for the first time; raises ValueError if it never was."""
-        times = [change.t_ns for change in self.log if change.phase == state]
-        if not times:
-            raise ValueError(f"{state} was never entered")
-        return times[0]
+        return min(change.t_ns for change in self.log if change.phase == state)
 
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
         """Make the transition; raises transitions.MachineError where the table has none."""

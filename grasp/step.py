@@ -6,13 +6,13 @@ before: no clock, no sleep, no I/O.
 """
 
 from collections.abc import Callable
-from typing import Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
+from detector.interface import SlipDetector
 from drivers.errors import GraspError, SuppressBugs, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
@@ -25,14 +25,6 @@ from grasp.observation import Observation, StepInput
 from grasp.states import OPEN_STATES, UNTARED_STATES
 
 SLIP_LIKELY = 0.5  # the kind of slip is learnt from slip alone, and means nothing below this
-
-
-class Detector(Protocol):
-    """See ``detector.interface``."""
-
-    def reset(self) -> None: ...
-
-    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]: ...
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -48,7 +40,7 @@ class GraspStep:
 
     def __init__(
         self,
-        detector: Detector,
+        detector: SlipDetector,
         controller: GraspController,
         guard: ForceGuard,
         monitors: Monitors | None = None,
