@@ -33,7 +33,7 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     partial = path.with_name(partial_of(path.name, str(os.getpid())))
     try:
         if private:
-            make_private_file(partial)
+            os.close(private_opener(str(partial), os.O_WRONLY | os.O_CREAT))
         partial.write_bytes(content)
         partial.replace(path)
     except OSError as error:  # of the name that was given
@@ -59,11 +59,6 @@ def make_private_folder(path: Path, exist_ok: bool = True) -> None:
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=exist_ok)
-
-
-def make_private_file(path: Path) -> None:
-    """An empty file, unless it exists. Raises OSError."""
-    os.close(private_opener(str(path), os.O_WRONLY | os.O_CREAT))
 
 
 def nearest(folder: Path) -> Path:

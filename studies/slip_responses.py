@@ -23,10 +23,10 @@ from grasp.loop import ControlLoop, Tick
 from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.campaign.config import load_config
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
-from scenarios.rigs.world_of_seed import cell_settings
+from scenarios.rigs.simulated import cell_settings
 from scenarios.trial.execution import make_controller, make_guard
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.settings import GROSS_SLIP_MPS

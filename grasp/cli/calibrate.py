@@ -23,7 +23,7 @@ from grasp.cli.options import check_new, check_writable, need
 from grasp.cli.output import aside, progress, show
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
-from scenarios.lab import fingertips, ready, scale, sessions
+from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import guard_of
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.wired import ANY_BOARD
@@ -42,11 +42,11 @@ def calibrate_force(args: argparse.Namespace) -> int:
     up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
 
     def look() -> str:
-        ready.check_hearing(config)
+        preflight.check_rest(config)
         return "move nothing"
 
     def act(permit: Any, operator: Any) -> str:
-        return sessions.calibrate_force(config, args.finger, up_to_n, operator, aside, args.note)
+        return calibrate.calibrate_force(config, args.finger, up_to_n, operator, aside, args.note)
 
     return _measure(args, config, look, look, act, moves=False)
 
@@ -54,7 +54,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
 def calibrate_hand(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     check_new(args.out)
-    scale.check_force(args.up_to)
+    calibrate.check_force(args.up_to)
 
     def plan() -> str:
         return (
@@ -63,15 +63,14 @@ def calibrate_hand(args: argparse.Namespace) -> int:
         )
 
     def look() -> str:
-        ready.check_pressing(config, hearing=False)
+        preflight.check_pressing(config)
         lab.warn_of_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        return sessions.calibrate_hand(
-            config, permit, args.finger, [0], args.presses, args.up_to, [], operator, aside,
-            args.note,
-        )  # fmt: skip
+        return calibrate.calibrate_hand(
+            config, permit, args.finger, args.presses, args.up_to, operator, aside, args.note
+        )
 
     def how_to_use(text: str) -> str:
         limit_n = config.guard.force_limit_n
@@ -88,7 +87,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import rule_of
+    from scenarios.benchmark.label_free import tune_unlabelled
 
     config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -101,13 +100,13 @@ def calibrate_noise(args: argparse.Namespace) -> int:
         return f"move the fingers, {held}; the arm stands"
 
     def look() -> str:
-        ready.check_close(config, ready.active_hand(config), CLOSED)
+        preflight.check_close(config, preflight.active_hand(config), CLOSED)
         lab.warn_of_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        counts = sessions.held_still(config, permit, args.seconds, operator, aside)
-        found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
+        counts = calibrate.held_still(config, permit, args.seconds, operator, aside)
+        found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
         return _rule_file(args, found, found.rule == judged.rule)
 
     return _measure(args, config, plan, look, act)
@@ -149,14 +148,14 @@ def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
                "lifting or of taps")  # fmt: skip
         how = "below the packaged rule"
     source = (
-        f"a hold of {found.minutes:.1f} minutes, {scale.now()}, {args.detector}: level "
+        f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
         f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %), {how}"
     )
     return (
-        f"# Rule for {args.detector}, {scale.now()}: {found.minutes:.1f} minutes of hold, "
+        f"# Rule for {args.detector}, {calibrate.now()}: {found.minutes:.1f} minutes of hold, "
         f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
         f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {why}.\n"
-        f"[source]\nrule = {scale.noted(source, args.note)}\n"
+        f"[source]\nrule = {calibrate.noted(source, args.note)}\n"
         + "\n".join(rule_lines(found.rule)) + "\n"
     )  # fmt: skip
 
@@ -293,7 +292,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
 def _draw(out: Path, setup: Any, recording: Any) -> None:
     from scenarios.acquire.fingertip_fit import JUDGE_SEED
     from scenarios.acquire.strokes import simulate
-    from scenarios.report.run_figure import draw_clips, simulated
+    from scenarios.report.export import draw_clips, simulated
 
     clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
     real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)

@@ -18,11 +18,19 @@ from grasp.cli.options import workers
 from grasp.cli.output import print_json, progress
 from grasp.settings import file_of
 from scenarios.campaign.config import load_config
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.run import default_path, run
 from scenarios.campaign.spec import CampaignSpec, read_spec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.summary import Cell, Summary, Variant, paper_rate, summarize
+from scenarios.campaign.summary import (
+    TABLE_IV,
+    TRIALS,
+    Cell,
+    Summary,
+    Variant,
+    paper_rate,
+    summarize,
+    wilson,
+)
 
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
 WIDTH_WITHOUT_TERMINAL = 160

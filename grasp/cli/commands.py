@@ -104,8 +104,11 @@ def _add_run(group: Parser) -> None:
     for name, parser in (("lift", lift), ("tap", tap), ("acquire", press)):
         parser.set_defaults(scenario=name)
         parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-        parser.flag("--view", "show the run on a page in a browser, on this machine only; opens it "
-            "if there is a display, and prints its address on standard error")  # fmt: skip
+        if parser is press:
+            parser.set_defaults(view=False)
+        else:
+            parser.flag("--view", "show the run on a page for a browser, on this machine only; its "
+                "address is printed on standard error")  # fmt: skip
         parser.option("--pace", "on the simulated rig: virtual time in real time, or as fast as "
             "possible (default: real in a terminal and with --view, max otherwise)",
             choices=("real", "max"))  # fmt: skip
@@ -295,9 +298,13 @@ def _add_lab(parser: Parser, moves: bool = True) -> None:
 
 
 def _add_doctor(root: Parser, section: str) -> None:
-    doctor = root.command("doctor", "check this machine and the devices of a rig; moves nothing",
-        ". Reads only.", ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
+    doctor = root.command("doctor", "check this machine and the devices of a rig, or which devices "
+        "answer at addresses; moves nothing", ". Reads only.", ("grasp doctor",
+        "grasp doctor --rig hardware --config lab.toml", "grasp doctor 192.168.1.10"),
         section=section)  # fmt: skip
+    doctor.option("hosts HOST", "query only these and print settings for a --config file. HOST: "
+        "gripper (Modbus, port 502) and arm (29999, 30004); HOST:PORT: a gripper there; "
+        "tcp://HOST:PORT: an emulated fingertip board", nargs="*")  # fmt: skip
     doctor.option("--rig NAME", "also query the devices of this rig (one of config/rigs, or a "
         ".toml file)")  # fmt: skip
     share(doctor, "object profile detector config set runs json")

@@ -12,7 +12,7 @@ import msgspec
 
 from detector import network_file
 from detector.decision import RuleSettings
-from detector.interface import DETECTORS
+from detector.interface import DETECTORS, FORMULAS, NETWORK
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -21,8 +21,9 @@ from grasp.cli.output import listing, progress, show
 from grasp.files import write_whole
 from grasp.settings import config_dir, meant, named_layer, names, sources_of
 from scenarios.campaign.config import load_config
-from scenarios.report.run_decision import in_words
-from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS, NETWORK, trial_layers
+from scenarios.report.run_view import in_words
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
@@ -61,12 +62,14 @@ def detector_evaluate(args: argparse.Namespace) -> int:
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
     """Write the file of an evaluation."""
-    from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
+    from scenarios.benchmark.evaluation_file import EvaluationFile
 
-    source = args.data or [args.recording]
-    more = {"--split": [args.split] if args.data else [], "--set": args.set}
-    more["--config"] = [str(file) for file in args.config or ()]
-    command = shlex.join(command_of(args.detector, source, args.label, more))
+    source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
+    words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]
+    words += ["--split", args.split] if args.data else []
+    for option, values in (("--set", args.set), ("--config", args.config or ())):
+        words += [word for value in values for word in (option, str(value))]
+    command = shlex.join(words)
     file = EvaluationFile(
         data=data, label=args.label, command=command, versions=versions(), detectors=kept
     )
@@ -127,10 +130,10 @@ def check_testable(minutes: float, budget: float, more: str) -> None:
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
-    from scenarios.benchmark.label_free import tune_unlabelled
+    from scenarios.benchmark.label_free import hold_in, tune_unlabelled
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    found = tune_unlabelled(config, args.unlabelled, args.budget)
+    found = tune_unlabelled(config, map(hold_in, args.unlabelled), args.budget)
     known = {k: v for k, v in msgspec.structs.asdict(found).items() if k != "rule"}
     lines = ["on the holds; the level is the limit of a cusum, else log-odds of the threshold:",
              *listing(known).splitlines()]  # fmt: skip

@@ -8,14 +8,13 @@ from typing import Any
 from drivers.errors import UsageError
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SPREADS, TO_BASIC, other_than_basic
-from drivers.ur.link import preflight
+from drivers.ur.link import preflight as arm_look
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
-from scenarios.lab import arm, hand, ready
-from scenarios.rigs.device_checks import STRANGE, arm_checks, read_gripper
+from scenarios.lab import arm, hand, preflight
+from scenarios.rigs.device_checks import STRANGE, arm_checks, other_devices, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
-from scenarios.rigs.release import make_ready, not_active, other_devices
-from scenarios.rigs.rig import calibration, to_open
+from scenarios.rigs.rig import calibration, not_active, to_open
 
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: it is active"
@@ -55,7 +54,7 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     state = (
         []
         if config.devices.arm
-        else preflight.lines(preflight.look(host, config.ur.step_timeout_s)[1])
+        else arm_look.lines(arm_look.look(host, config.ur.step_timeout_s)[1])
     )
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS
@@ -76,7 +75,7 @@ def gripper_activate(args: argparse.Namespace) -> int:
 
     def look() -> str:
         to_open(config)  # raises without a calibration
-        seen = ready.check_activation(config)
+        seen = preflight.check_activation(config)
         return IDLE if seen is None else SET_BASIC if seen.well else ALL
 
     def ask() -> None:
@@ -118,10 +117,10 @@ def _move(
             order = f"; B and C no further than where anything is felt{thumb}"
 
     def look() -> str:
-        seen = ready.active_hand(config)
+        seen = preflight.active_hand(config)
         to = targets(seen.state.positions)
         if closing:
-            ready.check_close(config, seen, to)
+            preflight.check_close(config, seen, to)
         lab.warn_of_mode(config, opened=not closing)
         moving = config if closing else to_open(config)
         return _motion(moving, seen.state.positions, to) + order
@@ -143,7 +142,7 @@ def release(args: argparse.Namespace) -> int:
 
     def look() -> str:
         to_open(config)  # raises without a calibration
-        seen = ready.hand_seen(config)
+        seen = preflight.hand_seen(config)
         if not seen.state.active:
             if not args.activate:
                 raise not_active(seen.state, "the same with --activate")
@@ -152,8 +151,7 @@ def release(args: argparse.Namespace) -> int:
         return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
     def act(permit: Any) -> lab.Done:
-        make_ready(config, permit, args.activate)
-        with hand.open_hand(config, permit, closing=False) as opened:
+        with hand.open_hand(config, permit, False, args.activate) as opened:
             will = _motion(to_open(config), opened.state.positions, OPEN)
             lab.say(f"will {will}{_spread(opened.mode)}")
             moved = opened.open(lab.say)
@@ -194,8 +192,7 @@ def _spread(mode: int) -> str:
 def arm_step(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
-    arm.checked_step(by_m)
-    arm.check_inside(config, by_m)
+    arm.check_step(config, by_m)
     way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
 
     def plan() -> str:
@@ -203,7 +200,7 @@ def arm_step(args: argparse.Namespace) -> int:
 
     def look() -> str:
         would = plan()
-        ready.check_arm(config)
+        preflight.check_arm(config)
         return would
 
     def warn() -> None:

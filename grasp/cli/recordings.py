@@ -178,7 +178,7 @@ def _layout(run: Path, out: Path | None) -> Path:
 
 def _picture(run: Path, out: Path | None) -> Path:
     need("charts", "matplotlib")
-    from scenarios.report.run_figure import draw_run
+    from scenarios.report.export import draw_run
     from scenarios.trial.run_folder import find_recording
 
     out = out or find_recording(run).with_name("run.svg")

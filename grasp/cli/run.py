@@ -12,23 +12,21 @@ from grasp import signals
 from grasp.cli import exits
 from grasp.cli.detector import check_weights, rule_of_weights, warn_of_untuned_rule
 from grasp.cli.lab import TerminalOperator, motion_permit, say, warn_of_mode, warn_of_slow_arm
-from grasp.cli.live import Display, viewed
+from grasp.cli.live import Display
 from grasp.cli.output import show
 from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
 from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import motion
-from scenarios.campaign.config import load_config
-from scenarios.lab.ready import SOFT, WHAT_TO_DO, close_in_free_air, gently
-from scenarios.report.live.feed import LiveAcquisition
+from scenarios.campaign.config import EXPERIMENTS, load_config
+from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words
 from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
-from scenarios.tap.tap import tap_config
-from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard
+from scenarios.trial.layers import trial_layers
 
 ENOUGH = "q"
 POLL_S = 0.05
@@ -60,7 +58,7 @@ def run_lift(args: argparse.Namespace) -> int:
             print(rule)
         warn_of_untuned_rule(config, trial_layers(*chosen))
 
-    scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
+    scenario = EXPERIMENTS[args.scenario].own(config)
     return run_trials(args, scenario, permit, begin)
 
 
@@ -92,11 +90,7 @@ def run_acquire(args: argparse.Namespace) -> int:
         for line in press_plan(config, course, args.seconds):
             say(f"will {line}")
         warn_of_slow_arm(config)
-    title = f"acquisition on {config.surface.name} · seed {args.seed}"
-    with (
-        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as page,
-        Display(config.rig, quiet=args.json, page=page) as display,
-    ):
+    with Display(config.rig, quiet=args.json) as display:
         display.setting_up(hand=False)
         done = acquire.run(
             config, course, args.seed, args.seconds, args.runs, is_paced(args), display.sample,
@@ -206,7 +200,7 @@ def dry_code(against: list[Any]) -> int:
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them; raises ConfigError for what would be refused."""
     if args.scenario == "tap":
-        config = tap_config(config.for_tap())
+        config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:
         config = gently(config)
     make_guard(config)

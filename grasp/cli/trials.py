@@ -17,9 +17,9 @@ from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
 from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import aside, show
-from scenarios.campaign import experiment as experiments
+from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
-from scenarios.report.live.feed import LiveTrials
+from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.result import Failure
 from scenarios.trial.series import Bench
 
@@ -60,7 +60,7 @@ def run_trials(
     """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called once nothing
     prevents them any more."""
     single = is_single(args)
-    experiment = experiments.Experiment(config, args.seed, trials_of(args))
+    experiment = trial_series.TrialSeries(args.scenario, config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
         raise UsageError(told, "leave it out, or --trials 1")
@@ -108,7 +108,7 @@ def _follow(
             watch=None if page is None else page.watch, placed=args.first,
         )  # fmt: skip
         try:
-            for finished, row in experiments.run(experiment, bench, store):
+            for finished, row in trial_series.run(experiment, bench, store):
                 failure, result = finished.failure, finished.result
                 if row is not None:
                     rows[row.trial] = row

@@ -23,8 +23,8 @@ def counts_per_newton(config: AcquireConfig, seed: int) -> float:
 
 def pressed_gain(config: AcquireConfig, seed: int) -> float:
     """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
-    weight on this very one, tilted as it is, would show."""
-    from scenarios.rigs.world_of_seed import make_pressed_cell
+    weight on this very one, tilted as it is, would tell."""
+    from scenarios.rigs.simulated import make_pressed_cell
 
     still = msgspec.structs.replace(
         config.fingertip, wander_mm=0.0, vibration_mm=0.0, sway_mm=0.0, noise_counts=0.0

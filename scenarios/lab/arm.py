@@ -9,8 +9,8 @@ from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import signals
 from grasp.clock import Clock, WallClock
+from scenarios.lab.finger_steps import retry
 from scenarios.lab.hand import Say
-from scenarios.lab.steps import insist
 from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving, require
 from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
@@ -22,17 +22,13 @@ MOVE_S, STAND_S = 5.0, 3.0
 PRESS = "press the emergency stop if it still moves"
 
 
-def checked_step(step_m: Vector3) -> float:
-    """Its length, m; raises UsageError for none, or one too long."""
+def check_step(config: TrialConfig, step_m: Vector3) -> None:
+    """Raises UsageError for no step or one too long, Refused for one out of the workspace, which is
+    measured from where it begins."""
     length_m = math.hypot(*step_m)
     if not 0.0 < length_m <= MOST_STEP_M + 1e-9:
         most = f"above 0, to {MOST_STEP_M * 1e3:g} mm in all"
         raise UsageError(f"a step of {length_m * 1e3:g} mm", most)
-    return length_m
-
-
-def check_inside(config: TrialConfig, step_m: Vector3) -> None:
-    """Raises Refused for a step out of the workspace, which is measured from where it begins."""
     s = config.arm
     box = zip("xyz", s.workspace_low_m, step_m, s.workspace_high_m, strict=True)
     for axis, low_m, by_m, high_m in box:
@@ -47,12 +43,12 @@ def step_arm(
     config: TrialConfig, permit: MotionPermit | None, step_m: Vector3, say: Say
 ) -> Vector3:
     """One straight step in the base frame, at 10 mm/s; where the tool stands then, m. Ctrl-C stops
-    it: that is told by ``say`` once it is seen.
+    it, which ``say`` is told once it is seen.
 
-    Raises UsageError without a permit and for too long a step, and the drivers' errors.
+    Raises UsageError without a permit, as ``check_step``, and the drivers' errors.
     """
     require(permit)
-    checked_step(step_m)
+    check_step(config, step_m)
     clock = WallClock(WallClock().now_ns)
     with driving(arm_of(config)), open_arm(config, lambda: clock.now_ns) as arm:
         arm.pump(clock.now_ns)
@@ -62,7 +58,7 @@ def step_arm(
         dx, dy, dz = step_m
         try:
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
-            _until_stands(arm, clock, MOVE_S, watching=True)
+            _until_stands(arm, clock, MOVE_S, interruptible=True)
         except BaseException:
             with signals.deferred(sealed=True):
                 say(_stopped(arm, clock))
@@ -76,10 +72,10 @@ def _place(arm: Arm) -> Vector3:
     return arm.state.position_m
 
 
-def _until_stands(arm: Arm, clock: Clock, within_s: float, watching: bool) -> None:
+def _until_stands(arm: Arm, clock: Clock, within_s: float, interruptible: bool) -> None:
     end_ns = clock.now_ns + round(within_s * 1e9)
     while clock.now_ns < end_ns:
-        if watching:
+        if interruptible:
             signals.check()
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         arm.pump(clock.now_ns)
@@ -93,9 +89,9 @@ def _stopped(arm: Arm, clock: Clock) -> str:
 
     def stand() -> None:
         arm.stop(STOP_MPS2)
-        _until_stands(arm, clock, STAND_S, watching=False)
+        _until_stands(arm, clock, STAND_S, interruptible=False)
 
-    if insist(stand, clock):
+    if retry(stand, clock):
         return "the arm stands"
     with SuppressBugs():
         if arm.state is not None and arm.state.stopped_by_safety:
@@ -106,7 +102,7 @@ def _stopped(arm: Arm, clock: Clock) -> str:
 def stop_arm(config: TrialConfig) -> Vector3:
     """End whatever program moves the arm, by its dashboard, and look until it stands; where, m.
 
-    Whoever drives it is not asked. Raises LinkLost, and DeviceFault where it is not seen to stand.
+    Raises LinkLost, and DeviceFault where it is not seen to stand.
     """
     if config.devices.arm:
         raise UsageError("an arm of another package has no dashboard", PRESS)

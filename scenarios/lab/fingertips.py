@@ -1,4 +1,4 @@
-"""Fingertips listened to: counts, rest, noise, and what was lost on the way."""
+"""Fingertips read without a run: counts, rest, noise, and frames lost."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS, Vector3
-from drivers.takktile.driver import TakkTileDriver, TakkTileStatistics
-from drivers.takktile.link import ReadingThread
+from drivers.takktile.driver import TakkTileDriver
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
 from scenarios.rigs.permission import board_address
-from scenarios.rigs.wired import board_finder
+from scenarios.rigs.wired import open_board
 
 REST_S = 5.0  # within which the rest is taken
+A_SECOND = 100  # samples
 
 Raw = NDArray[np.int16]
+Table = tuple[tuple[float, ...], ...]  # (3, taxels)
 
 
 class Touch:
@@ -34,8 +35,7 @@ class Touch:
         self._frames, self._fresh_ns = 0, 0
 
     def pump(self, now_ns: int) -> None:
-        """One tick; raises what the board raises, and Stale while nothing has come from it for
-        long: what was felt then says nothing of now."""
+        """One tick; raises what the board raises, and Stale where it has sent nothing for long."""
         self.tips.pump(now_ns)
         frames = self.tips.statistics.frames
         if frames != self._frames or not self._fresh_ns:
@@ -70,24 +70,18 @@ def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[T
     if config.devices.fingertips:
         raise Refused("fingertips of another package are not read by this verb", "unset devices")
     board_address(config)
-    reading = ReadingThread(
-        board_finder(config, lambda: clock.now_ns), config.tactile, lambda: clock.now_ns
-    )
-    with TakkTileDriver(reading, config.tactile) as tips:
-        known = config.tactile.rest_reference
-        rest = taken_rest(tips, clock) if unloaded else None
-        if rest is None and known is not None:
+    with open_board(config, lambda: clock.now_ns) as tips:
+        rest = config.tactile.rest_reference
+        touch = Touch(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
+        if unloaded:
+            tips.begin_rest()
+            _until(tips, clock, lambda: tips.rest_taken)
+            assert tips.frame is not None  # noqa: S101  (the rest is taken)
+            touch.rest = tips.frame.rest
+        elif rest is not None:
             _until(tips, clock, lambda: tips.latest_raw is not None)
-            rest = np.array(known, np.int16)
-        yield Touch(tips, rest, config.tactile.stale_after_missed * PERIOD_NS)
-
-
-def taken_rest(tips: TakkTileDriver, clock: Clock) -> Raw:
-    """Rest codes (3, taxels), taken now; raises Refused where they cannot be right."""
-    tips.begin_rest()
-    _until(tips, clock, lambda: tips.rest_taken)
-    assert tips.frame is not None  # noqa: S101  (the rest is taken)
-    return tips.frame.rest
+            touch.rest = np.array(rest, np.int16)
+        yield touch
 
 
 def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None:
@@ -99,30 +93,15 @@ def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None
         tips.pump(clock.now_ns)
 
 
-A_SECOND = 100  # samples
-LOST = ("empty_ticks", "implausible", "too_old")  # each a tick without a frame
-
-Table = tuple[tuple[float, ...], ...]  # (3, taxels)
-
-
-class Heard(msgspec.Struct, frozen=True):
+class Listened(msgspec.Struct, frozen=True):
     """A stretch of samples, (3, taxels) each: rest codes, mean counts below or above them, and the
-    standard deviation of the codes. ``lost``: ticks without a frame, by cause."""
+    standard deviation of the codes. ``lost``: ticks without a frame."""
 
-    ticks: int
+    samples: int
+    lost: int
     rest: Table
     counts: Table
     noise_counts: Table
-    lost: dict[str, int]
-
-    @property
-    def dropped(self) -> int:
-        return sum(self.lost.values())
-
-    @property
-    def samples(self) -> int:
-        """That the means are of."""
-        return self.ticks - self.dropped
 
     @property
     def codes(self) -> tuple[tuple[int, ...], ...]:
@@ -132,46 +111,46 @@ class Heard(msgspec.Struct, frozen=True):
             for finger in zip(self.rest, self.counts, strict=True)
         )
 
+    @property
+    def most_noise_counts(self) -> float:
+        return max(map(max, self.noise_counts))
+
     def in_words(self) -> str:
-        """One line: what each finger bears, the loudest taxel, frames lost."""
-        sums = (
-            f"{name} {sum(counts):+.0f}"
-            for name, counts in zip(FINGER_NAMES, self.counts, strict=True)
-        )
-        loudest = max(max(finger) for finger in self.noise_counts)
+        """One line: what each finger bears, the noisiest taxel, frames lost."""
+        fingers = zip(FINGER_NAMES, self.counts, strict=True)
+        sums = (f"{name} {sum(counts):+.0f}" for name, counts in fingers)
         return (
-            f"counts {', '.join(sums)}; noise at most {loudest:.2f} counts; "
-            f"{self.dropped} of {self.ticks} frames lost"
+            f"counts {', '.join(sums)}; noise at most {self.most_noise_counts:.2f} counts; "
+            f"{self.lost} of {self.samples + self.lost} frames lost"
         )
 
     def table(self) -> str:
         """Every taxel: rest, counts and noise."""
         rows = [f"{'finger':>6} {'taxel':>5} {'rest':>5} {'counts':>7} {'noise':>6}"]
-        for name, *columns in zip(
-            FINGER_NAMES, self.rest, self.counts, self.noise_counts, strict=True
-        ):
+        fingers = zip(FINGER_NAMES, self.rest, self.counts, self.noise_counts, strict=True)
+        for name, *columns in fingers:
             for taxel, (rest, counts, noise) in enumerate(zip(*columns, strict=True)):
                 rows.append(f"{name:>6} {taxel:>5} {rest:5.0f} {counts:+7.1f} {noise:6.2f}")
         return "\n".join(rows)
 
 
-def listen(config: AnyRigConfig, seconds: float) -> Iterator[Heard]:
-    """What was heard of each second, then of all of them; the hand must be unloaded to begin with,
-    for its rest is taken. Raises the board's errors, and Refused for a rest that cannot be."""
+def listen(config: AnyRigConfig, seconds: float) -> Iterator[Listened]:
+    """Each second, then all of them; the hand must be unloaded to begin with, for its rest is
+    taken. Raises the board's errors, and Refused for a rest that cannot be."""
     clock = WallClock(WallClock().now_ns)
     with open_touch(config, clock, unloaded=True) as touch:
         every: list[Raw] = []
-        before = first = touch.tips.statistics
+        ticks = 0
         for _ in range(max(1, round(seconds))):
             raw = _samples(touch, clock)
-            yield _heard(touch, raw, before)
-            before = touch.tips.statistics
+            ticks += A_SECOND
             every += raw
-        yield _heard(touch, every, first)
+            yield _listened(touch, raw, A_SECOND)
+        yield _listened(touch, every, ticks)
 
 
 def _samples(touch: Touch, clock: Clock) -> list[Raw]:
-    """A second of them; what is lost is left out."""
+    """A second of them, without the ticks that brought no frame."""
     raw: list[Raw] = []
     tick_ns, frames = clock.now_ns, touch.tips.statistics.frames
     for _ in range(A_SECOND):
@@ -188,30 +167,25 @@ def _samples(touch: Touch, clock: Clock) -> list[Raw]:
     return raw
 
 
-def _heard(touch: Touch, raw: list[Raw], before: TakkTileStatistics) -> Heard:
+def _listened(touch: Touch, raw: list[Raw], ticks: int) -> Listened:
     codes, rest = np.stack(raw), touch.rest
     assert rest is not None  # noqa: S101  (taken when it was opened)
-    now = touch.tips.statistics
-    lost = {name: getattr(now, name) - getattr(before, name) for name in LOST}
-    return Heard(
-        len(raw) + sum(lost.values()), _table(rest), _table(codes.mean(axis=0) - rest),
-        _table(codes.std(axis=0)), lost,
-    )  # fmt: skip
+    tables = (rest, codes.mean(axis=0) - rest, codes.std(axis=0))
+    return Listened(len(raw), ticks - len(raw), *map(_table, tables))
 
 
-def _table(values: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> Table:
+def _table(values: NDArray[np.generic]) -> Table:
     return tuple(tuple(map(float, row)) for row in values.tolist())
 
 
-def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Heard, str]:
-    """The rest of an unloaded hand, and what a file for `--config` would say of it."""
+def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Listened, str]:
+    """The rest of an unloaded hand, and the lines of a file for `--config` that state it."""
     replace = msgspec.structs.replace
     tactile = replace(config.tactile, rest_reference=None)  # it is this that is renewed
-    *_, heard = listen(replace(config, tactile=tactile), seconds)
-    rows = ",\n".join(f"    {list(row)}" for row in heard.codes)
-    loudest = max(max(finger) for finger in heard.noise_counts)
+    *_, found = listen(replace(config, tactile=tactile), seconds)
+    rows = ",\n".join(f"    {list(row)}" for row in found.codes)
     day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
-    return heard, (
-        f"# rest codes of an unloaded hand, {day}: mean of {heard.samples} samples, the loudest "
-        f"taxel {loudest:.2f} counts\n[tactile]\nrest_reference = [\n{rows},\n]\n"
+    return found, (
+        f"# rest codes of an unloaded hand, {day}: mean of {found.samples} samples, noise at most "
+        f"{found.most_noise_counts:.2f} counts\n[tactile]\nrest_reference = [\n{rows},\n]\n"
     )

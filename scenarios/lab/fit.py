@@ -1,105 +1,74 @@
-"""From what a person read on a scale to figures with their spread: pure functions.
+"""From readings of a scale to figures with their spread: pure functions.
 
-Nothing here is believed because it was typed: one reading that the others contradict is named, and
-data that do not support a figure are refused.
+A reading that the others contradict is named, and data that do not support a figure are refused.
 """
 
 import math
 from collections.abc import Sequence
-from itertools import accumulate, pairwise
 from statistics import NormalDist, fmean, median, stdev
 
 import msgspec
 
 from drivers.errors import UsageError
-from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES
+from scenarios.rigs.calibration import MANUAL, WEAK_PRESSES
 
-ODD = 0.25  # share by which a reading must differ from what the others say, to be doubted; assumed
-ODD_SIGMAS = 5.0  # and so many times their own spread
-LEAST_ODD_N, LEAST_ODD_MM = 0.3, 1.5  # below these a difference is how a scale is read; assumed
+ODD = 0.25  # a reading is odd that differs from what the others say by this share (assumed) ...
+ODD_SIGMAS = 5.0  # ... by so many times their own spread ...
+LEAST_ODD_N = 0.3  # ... and by more than a scale is read to; assumed
 LEAST_POINTS = 5
 SPAN = 3.0  # largest force over the least
-MOST_BEND = 0.15  # of the range, by which counts may leave a straight line
-LEAST_BEND_N = 0.3
+MOST_BEND, LEAST_BEND_N = 0.15, 0.3  # by which counts may leave a straight line: share of range, N
 LEAST_MOST_N = 0.5  # of the strongest reading: ten steps of a kitchen scale of 5 g; assumed
 MOST_HALF = 0.25  # of the slope, by which it may be uncertain
 WEIGHT = -1.5  # power of force: noise may be constant or grow with it
 N_PER_G = 0.00980665
-STEPS_MM = 1.0, 0.5, 0.1  # in which a ruler or a caliper is read
-STEPS_N = *(g * N_PER_G for g in (10, 5, 2, 1, 0.5, 0.1)), 0.1, 0.05, 0.02, 0.01  # a scale
-CREEP = 0.01  # of the slope: a pad that stays loaded goes on to change, by its rubber; assumed
+CREEP = 0.01  # of the slope: a loaded pad goes on to change, by its rubber; assumed
 # Standard deviations of a sample above its mean below which 95 % of presses lie in 95 % of samples,
-# by its size, where presses scatter exponentially to the harder side: the longest tail of laws
-# whose logarithm bends down (normal ones of ten need 2.9). Between sizes a straight line is above.
+# by its size (the largest that is not above it), where presses scatter exponentially to the harder
+# side: the longest tail of laws whose logarithm bends down (normal ones of ten need 2.9).
 TOLERANCE = {
     4: 12.3, 5: 9.55, 6: 8.05, 8: 6.5, 10: 5.65, 12: 5.12, 15: 4.6, 20: 4.09, 30: 3.56, 50: 3.11,
     100: 2.73,
 }  # fmt: skip
 LEAST_SPREAD = 0.01  # no press repeats better than this; assumed
-LEAST_PRESSES = 4  # of a byte
-MOST_N = 80.0  # the most that a calibration may say
-WORST_EXPONENT, MOST_EXPONENT = 0.3, 3.0  # of the curves that a calibration may state
-LEAST_TRAVEL_MM = 20.0
-MOST_BEND_MM = 1.5
+LEAST_PRESSES = 4
 
 AGAIN = "look at what was typed, then take the readings again"
 
 
 class Point(msgspec.Struct, frozen=True):
-    """A reading of the scale and the counts measured with it. ``round``: that of the press it
-    belongs to, whose readings err alike; 0: it was loaded again."""
+    """A reading of the scale and the counts measured with it."""
 
     force_n: float
     measured: float
-    round: int = 0
 
 
 class Line(msgspec.Struct, frozen=True):
-    """Slope with its 95 % interval, the worst distance of a point from it, and the range.
-    ``groups``: of points, whose spread the interval is of. ``offset``: of the scale, by which it
-    misses zero."""
+    """Counts a newton with the 95 % interval, the worst distance of a point from it (N), and the
+    range. ``offset_n``: by which the scale misses zero."""
 
     slope: float
     interval: tuple[float, float]
-    worst: float
-    least: float
-    most: float
+    worst_n: float
+    least_n: float
+    most_n: float
     points: int
-    groups: int
-    offset: float = 0.0
+    offset_n: float
 
 
-class Byte(msgspec.Struct, frozen=True):
-    """Presses of one force byte: mean, spread as it is reckoned with and as it was ``seen``, and
-    what 95 % of presses stay below, of which one may be 95 % sure."""
+class Presses(msgspec.Struct, frozen=True):
+    """Presses of force byte 0: how many, mean, spread as measured and as used, and what 95 % of
+    presses stay below with 95 % confidence."""
 
-    byte: int
-    presses: int
+    count: int
     mean_n: float
+    measured_spread_n: float
     spread_n: float
     bound_n: float
-    seen_n: float = 0.0
-
-
-class Law(msgspec.Struct, frozen=True):
-    """Of bytes, N: nowhere below what the hand may press with."""
-
-    least_force_n: float
-    most_force_n: float
-    force_exponent: float
-
-    def force_n(self, byte: int) -> float:
-        span = self.most_force_n - self.least_force_n
-        return float(self.least_force_n + span * (byte / 255) ** self.force_exponent)
 
 
 def quantile_t(share: float, freedom: int) -> float:
-    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on, and
-    exact below."""
-    if freedom == 1:
-        return math.tan(math.pi * (share - 0.5))
-    if freedom == 2:
-        return (2 * share - 1) / math.sqrt(2 * share * (1 - share))
+    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on."""
     z, v = NormalDist().inv_cdf(share), freedom
     return (
         z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2)
@@ -107,54 +76,41 @@ def quantile_t(share: float, freedom: int) -> float:
     )  # fmt: skip
 
 
-def tolerance(count: int) -> float:
-    """Standard deviations above the mean of so many presses, of which one may be 95 % sure that
-    they bound 95 % of presses."""
-    known = sorted(TOLERANCE)
-    above = next(each for each in known if each >= min(count, known[-1]))
-    below = max(each for each in known if each <= count)
-    share = (min(count, above) - below) / (above - below) if above > below else 0.0
-    return TOLERANCE[below] + share * (TOLERANCE[above] - TOLERANCE[below])
-
-
 # Counts to newtons
 
 
 def odd_one(points: Sequence[Point]) -> int | None:
     """Which reading the others contradict, by a power law through them: that without which they
-    agree best, for a wrong one bends what it is told by. None: none."""
+    agree best. None: none."""
     if len(points) < LEAST_POINTS or any(p.force_n <= 0.0 or p.measured <= 0.0 for p in points):
         return None
     x = [math.log(p.measured) for p in points]
     y = [math.log(p.force_n) for p in points]
 
-    def misses(i: int) -> list[float]:
-        """Of all, from the law through all but one."""
+    def misses(i: int) -> tuple[float, list[float]]:
+        """Of one reading and of the others, from the law through the others."""
         intercept, slope = _line(x[:i] + x[i + 1 :], y[:i] + y[i + 1 :])
-        return [b - intercept - slope * a for a, b in zip(x, y, strict=True)]
+        away = [b - intercept - slope * a for a, b in zip(x, y, strict=True)]
+        return away.pop(i), away
 
-    def among_others(i: int) -> list[float]:
-        return [miss for other, miss in enumerate(misses(i)) if other != i]
-
-    odd = min(range(len(points)), key=lambda i: sum(miss * miss for miss in among_others(i)))
-    miss = misses(odd)[odd]
-    away = abs(miss) > max(math.log1p(ODD), ODD_SIGMAS * _spread(among_others(odd)))
+    odd = min(range(len(points)), key=lambda i: sum(miss * miss for miss in misses(i)[1]))
+    miss, others = misses(odd)
+    away = abs(miss) > max(math.log1p(ODD), ODD_SIGMAS * _spread(others))
     away_n = abs(points[odd].force_n - math.exp(y[odd] - miss))
     return odd if away and away_n > LEAST_ODD_N else None
 
 
 def fit_counts(points: Sequence[Point]) -> Line:
     """Counts a newton: the slope of a line that need not meet zero, for a scale that was not tared
-    and a pad that was not at rest shift it, and turn a line that must.
+    and a pad that was not at rest only shift it.
 
-    Raises UsageError for too few or too narrow data, for one that does not fit, where counts are no
-    straight line of force that begins near zero, and for a slope that is not
-    known to a quarter.
+    Raises UsageError for too few or too narrow data, for a reading that does not fit, where counts
+    are no straight line of force that begins near zero, and for a slope that is not known to a
+    quarter.
     """
     forces = [p.force_n for p in points]
     if len(points) < LEAST_POINTS:
-        remedy = f"take {LEAST_POINTS} or more"
-        raise UsageError(f"{len(points)} readings are too few", remedy)
+        raise UsageError(f"{len(points)} readings are too few", f"take {LEAST_POINTS} or more")
     if min(forces) <= 0.0 or max(forces) < SPAN * min(forces):
         raise UsageError(
             f"forces from {min(forces):.2f} to {max(forces):.2f} N are too much alike",
@@ -169,7 +125,6 @@ def fit_counts(points: Sequence[Point]) -> Line:
             f"forces up to {max(forces):.2f} N are too near to what a kitchen scale resolves",
             f"load {LEAST_MOST_N:g} N or more",
         )
-    groups = _groups(points)
     offset, slope = _weighed(points)
     if slope <= 0.0:
         raise UsageError("the counts do not rise with force", AGAIN)
@@ -180,44 +135,27 @@ def fit_counts(points: Sequence[Point]) -> Line:
             "tare the scale, begin with nothing on the pad; else take readings up to a smaller "
             "force, --up-to",
         )
-    half = _half(points, groups)
+    half = _half(points)
     if half > MOST_HALF * slope:
         raise UsageError(
             f"{slope:.1f} counts a newton are uncertain by {half:.1f}, more than {MOST_HALF:.0%}",
             "take more readings, weak ones and strong ones",
         )
     half += CREEP * slope
-    if all(p.round for p in points):  # at the same places, of which the ends are rounded alike
-        half += slope * _step(forces, STEPS_N) / (max(forces) - min(forces))
-    interval = slope - half, slope + half
     return Line(
-        slope, interval, worst_n, min(forces), max(forces), len(points), len(groups),
+        slope, (slope - half, slope + half), worst_n, min(forces), max(forces), len(points),
         offset / slope,
     )  # fmt: skip
 
 
-def _groups(points: Sequence[Point]) -> list[list[Point]]:
-    """Of which none errs with another: the rounds; readings that were each loaded anew are groups
-    by themselves. Raises UsageError for a single round."""
-    rounds = {p.round for p in points}
-    if 0 in rounds:
-        return [[point] for point in points]
-    if len(rounds) == 1:
-        raise UsageError("one round tells no spread", "press twice or more, three times best")
-    return [[p for p in points if p.round == number] for number in sorted(rounds)]
-
-
-def _half(points: Sequence[Point], groups: Sequence[Sequence[Point]]) -> float:
-    """Half of the 95 % interval of the slope, by leaving out each group in turn: that needs no law
-    of the noise."""
-    slopes = []
-    for left_out in groups:
-        rest = [p for p in points if p not in left_out]
-        slopes.append(_weighed(rest)[1])
-    count, mean = len(slopes), fmean(slopes)
-    freedom = count - (2 if count == len(points) else 1)
+def _half(points: Sequence[Point]) -> float:
+    """Half of the 95 % interval of the slope, by leaving out each point in turn (jackknife): that
+    needs no law of the noise."""
+    count = len(points)
+    slopes = [_weighed([*points[:i], *points[i + 1 :]])[1] for i in range(count)]
+    mean = fmean(slopes)
     spread = math.sqrt((count - 1) / count * sum((s - mean) ** 2 for s in slopes))
-    return quantile_t(0.975, freedom) * spread
+    return quantile_t(0.975, count - 2) * spread
 
 
 def _weighed(points: Sequence[Point]) -> tuple[float, float]:
@@ -226,11 +164,11 @@ def _weighed(points: Sequence[Point]) -> tuple[float, float]:
     return _line(forces, [p.measured for p in points], [force**WEIGHT for force in forces])
 
 
-# Bytes to newtons
+# Force byte 0 to newtons
 
 
 def odd_press(forces_n: Sequence[float]) -> int | None:
-    """Which press of one byte the others contradict; None: none."""
+    """Which press the others contradict; None: none."""
     if len(forces_n) < LEAST_PRESSES:
         return None
     middle = median(forces_n)
@@ -240,133 +178,25 @@ def odd_press(forces_n: Sequence[float]) -> int | None:
     return worst if away_n > max(ODD * middle, ODD_SIGMAS * spread, LEAST_ODD_N) else None
 
 
-def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
-    """Of its presses. Raises UsageError for too few, for one that does not fit, and for too few of
-    a byte that would be weaker than the manual's."""
+def of_presses(forces_n: Sequence[float]) -> Presses:
+    """Raises UsageError for too few, for one that does not fit, and for too few of a hand that
+    would be weaker than the manual's."""
     count = len(forces_n)
     if count < LEAST_PRESSES:
-        raise UsageError(
-            f"byte {byte}: {count} presses are too few", f"press {LEAST_PRESSES} times or more"
-        )
+        raise UsageError(f"{count} presses are too few", f"press {LEAST_PRESSES} times or more")
     if (odd := odd_press(forces_n)) is not None:
-        told = f"byte {byte}, press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
+        told = f"press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
         raise UsageError(told, AGAIN)
-    mean = fmean(forces_n)
-    seen = stdev(forces_n)
-    spread = max(seen, LEAST_SPREAD * mean)
-    bound, manual_n = mean + tolerance(count) * spread, MANUAL.force_n(byte)
+    mean, measured = fmean(forces_n), stdev(forces_n)
+    spread = max(measured, LEAST_SPREAD * mean)
+    sigmas = TOLERANCE[max(size for size in TOLERANCE if size <= count)]
+    bound, manual_n = mean + sigmas * spread, MANUAL.least_force_n
     if bound < manual_n and count < WEAK_PRESSES:
         raise UsageError(
-            f"byte {byte} would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by "
-            f"{count} presses alone", f"press {WEAK_PRESSES} times or more",
+            f"byte 0 would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by {count} "
+            "presses alone", f"press {WEAK_PRESSES} times or more",
         )  # fmt: skip
-    return Byte(byte, count, mean, spread, bound, seen)
-
-
-def law_of(measured: Sequence[Byte]) -> Law:
-    """The least law that a calibration may state above what the hand may press with each byte.
-
-    Raises UsageError without byte 0, and for a stronger byte that presses less.
-    """
-    known = sorted(measured, key=lambda each: each.byte)
-    if not known or known[0].byte != 0:
-        raise UsageError("byte 0 was not pressed", "press it: no limit can be kept without")
-    for low, high in pairwise(known):
-        if high.mean_n < low.mean_n:
-            told = f"byte {high.byte} pressed with {high.mean_n:.1f} N, less than byte {low.byte}"
-            raise UsageError(told, AGAIN)
-    bounds_n = dict(
-        zip((k.byte for k in known), accumulate((k.bound_n for k in known), max), strict=True)
-    )
-    least_n = math.ceil(bounds_n[0] * 100) / 100
-    most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL.force_n(0)) if 255 in bounds_n
-                       else MOST_N)  # fmt: skip
-    if not least_n < most_n <= MOST_N:
-        told = f"{max(bounds_n.values()):.0f} N is more than any such hand"
-        raise UsageError(told, "press each byte more often, and look at what was typed")
-    may_n = [_may_press(byte, bounds_n, most_n) for byte in range(256)]
-    for hundredths in range(300, round(100 * WORST_EXPONENT), -1):
-        law = Law(least_n, most_n, hundredths / 100)
-        if all(law.force_n(byte) >= may_n[byte] for byte in range(256)):
-            return law
-    return Law(least_n, most_n, WORST_EXPONENT)
-
-
-def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
-    """What a hand may press with a byte, N, of which no more is believed than that more force is
-    told by more, and that its curve is one which a calibration may state; and, of a byte beyond
-    those that were pressed, no less than a third of what the manual says."""
-    least_n, top = bounds_n[0], max(bounds_n)
-    steepest_n: float = least_n + (most_n - least_n) * (byte / 255) ** WORST_EXPONENT
-    if byte <= top:
-        return min(steepest_n, bounds_n[min(b for b in bounds_n if b >= byte)])
-    if top == 0:
-        return steepest_n
-    rise_n = max(bounds_n[top] - least_n, 0.1)
-    cubic_n: float = least_n + rise_n * (byte / top) ** MOST_EXPONENT
-    return max(min(steepest_n, cubic_n), MANUAL.force_n(byte) / FAR)
-
-
-# Counts to millimetres
-
-
-def check_places(counts: Sequence[int]) -> None:
-    """Raises UsageError for places that no travel can be told from: before a person reads them."""
-    per_count_mm = MANUAL.m_per_count * 1e3
-    span_mm = (max(counts) - min(counts)) * per_count_mm
-    if len(set(counts)) < LEAST_POINTS or span_mm < LEAST_TRAVEL_MM:
-        least = math.ceil(LEAST_TRAVEL_MM / per_count_mm)
-        raise UsageError(
-            f"--places: {len(set(counts))} over some {span_mm:.0f} mm are too few",
-            f"{LEAST_POINTS} or more, over {least} counts ({LEAST_TRAVEL_MM:g} mm) or more",
-        )
-
-
-def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
-    """Millimetres a count of one finger, by places read off a ruler (from anywhere, one way).
-
-    Raises UsageError for too few places, too short a way, one that does not fit, and where travel
-    is no line of counts.
-    """
-    if len(counts) < LEAST_POINTS or max(places_mm) - min(places_mm) < LEAST_TRAVEL_MM:
-        raise UsageError(
-            f"{len(counts)} places over {max(places_mm) - min(places_mm):.0f} mm are too few",
-            f"{LEAST_POINTS} or more over {LEAST_TRAVEL_MM:g} mm",
-        )
-    if not all(map(math.isfinite, places_mm)):
-        raise UsageError("a place is no number", AGAIN)
-    misses = []
-    for i in range(len(counts)):
-        x, y = [*counts[:i], *counts[i + 1 :]], [*places_mm[:i], *places_mm[i + 1 :]]
-        intercept, slope = _line(x, y)
-        others = _spread([b - intercept - slope * a for a, b in zip(x, y, strict=True)])
-        away = abs(places_mm[i] - intercept - slope * counts[i])
-        misses.append(away if away > max(LEAST_ODD_MM, ODD_SIGMAS * others) else 0.0)
-    if max(misses) > 0.0:
-        odd = misses.index(max(misses))
-        told = f"place {odd + 1}, {places_mm[odd]:g} mm, contradicts the others"
-        raise UsageError(told, AGAIN)
-    intercept, slope = _line(counts, places_mm)
-    away_mm = [b - intercept - slope * a for a, b in zip(counts, places_mm, strict=True)]
-    worst = max(map(abs, away_mm))
-    if worst > MOST_BEND_MM:
-        raise UsageError(
-            f"travel is no line of counts: up to {worst:.1f} mm from it", "take a shorter way"
-        )
-    mean = fmean(counts)
-    square = sum((a - mean) ** 2 for a in counts)
-    spread = math.sqrt(sum(a * a for a in away_mm) / (len(counts) - 2))
-    half = quantile_t(0.975, len(counts) - 2) * spread / math.sqrt(square)
-    # the ends may be bent opposite ways, or rounded so: places may lie on a line by rounding alone
-    half += 2 * max(worst, _step(places_mm, STEPS_MM) / 2) / (max(counts) - min(counts))
-    size, count = abs(slope), len(counts)
-    return Line(size, (size - half, size + half), worst, min(counts), max(counts), count, count)
-
-
-def _step(read: Sequence[float], steps: Sequence[float]) -> float:
-    """The largest of these steps that all values are read in; 0: in none."""
-    whole = (step for step in steps if all(abs(v / step - round(v / step)) < 1e-6 for v in read))
-    return next(whole, 0.0)
+    return Presses(count, mean, measured, spread, bound)
 
 
 def _line(

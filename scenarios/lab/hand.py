@@ -1,6 +1,6 @@
 """The hand moved by itself, slowly, on real devices: what closes goes through the guard of a run.
 
-One finger opposes two. So B and C close only while the thumb is open, and stand as soon as anything
+One finger opposes two. So B and C close only while the thumb is open, and stop as soon as anything
 is felt, for they may push an object against the thumb; the thumb closes last and alone, to the
 least force (`guard.cap_mode` each_motor says otherwise, here as in a run).
 """
@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
+from drivers.errors import DeviceFault, Refused, SuppressBugs, UsageError
 from drivers.interfaces import (
     FINGER_NAMES,
     OPEN_COUNTS,
@@ -32,34 +32,35 @@ from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
+from scenarios.lab.finger_steps import Steps, lead_counts, retry, until_rest
 from scenarios.lab.fingertips import Touch, open_touch
-from scenarios.lab.steps import AT_REST, Steps, insist, lead_counts, walk
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
-    ACTIVATION_TIMEOUT_S,
+    activate,
     calibration,
     check_fault,
+    known_state,
     mode_of,
     not_active,
     to_open,
+    until_active,
 )
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
-MOST_STEP_M = 0.005
-STAND_S = 3.0  # within which fingers that were told to stand are seen to
-SPREAD_S = 15.0  # within which B and C are; assumed: a finger at least speed takes 9 s all the way
-TOUCH_N = 1.0  # felt by any finger: there B and C stand; above what a still pad's wander feels like
-THUMB = 0
+MOST_STEP_M = 0.005  # of `grasp gripper step`
+STAND_S = 3.0  # within which fingers that were told to stop are seen to stand
+SPREAD_S = 15.0  # within which B and C are apart; assumed: 9 s at least speed all the way
+TOUCH_N = 1.0  # felt by any finger: B and C stop; above the drift of an unloaded pad
+NOT_SEEN = "press the emergency stop, switch the gripper off if it still moves"
 
 Say = Callable[[str], None]
 
 
 class Moved(msgspec.Struct, frozen=True):
-    """Where the fingers came to stand, what each met, and the force felt there, N; None: not
-    felt."""
+    """Where the fingers stand, what each met, and the force felt there, N; None: not felt."""
 
     positions_counts: Counts3
     met: str  # names of fingers that stopped on something
@@ -76,7 +77,7 @@ class Moved(msgspec.Struct, frozen=True):
 
 
 def guard_of(config: TrialConfig) -> ForceGuard:
-    """That of a run, for a hand around nobody knows what: nothing is known to be free, and the
+    """The guard of a run for a hand around an unknown object: nothing is known to be free, and the
     contact is the stiffest. Raises ConfigError where a run would be refused."""
     make_guard(config)
     known = calibration(config)
@@ -96,12 +97,24 @@ def step_counts(config: TrialConfig, step_m: float) -> int:
     return counts
 
 
+def fingers_of(word: str) -> str:
+    """Names of fingers: one, several, or all."""
+    return "".join(FINGER_NAMES) if word == "all" else word
+
+
 def step_targets(at: Counts3, fingers: str, counts: int) -> Counts3:
     """Those fingers further by so many counts (less than 0: opening), the others where they are."""
-    a, b, c = (
-        min(255, max(0, place + counts)) if name in fingers else place
-        for name, place in zip(FINGER_NAMES, at, strict=True)
-    )
+    return _changed(at, fingers, lambda place: min(255, max(0, place + counts)))
+
+
+def targets_of(at: Counts3, fingers: str, to: int) -> Counts3:
+    """Those fingers at ``to``, unless they are further closed."""
+    return _changed(at, fingers, lambda place: max(place, to))
+
+
+def _changed(at: Counts3, fingers: str, target: Callable[[int], int]) -> Counts3:
+    named = zip(FINGER_NAMES, at, strict=True)
+    a, b, c = (target(place) if name in fingers else place for name, place in named)
     return a, b, c
 
 
@@ -126,20 +139,20 @@ def check_thumb(state: GripperState, targets: Counts3, felt: bool) -> bool:
 
 
 class Hand:
-    """An active hand, its fingertips where they are heard, and the guard between."""
+    """An active hand, its fingertips where they are read, and the guard between."""
 
     def __init__(
         self, config: TrialConfig, gripper: Gripper, touch: Touch | None, clock: Clock, release: str
     ) -> None:
-        """``release``: the command that opens it, told where it is left closed."""
+        """``release``: the command that opens it, printed where it is left closed."""
         self._release = release
         self._gripper, self._touch, self._clock = gripper, touch, clock
         self._guard = guard_of(config) if touch is not None else None
         known = calibration(config)
-        self.speed_mps, self.force_n = known.least_speed_mps, known.least_force_n
-        self.each_motor = config.guard.cap_mode == "each_motor"
+        self._speed_mps, self._force_n = known.least_speed_mps, known.least_force_n
+        self._each_motor = config.guard.cap_mode == "each_motor"
         self._lead = lead_counts(known.m_per_count)
-        self._told: list[Counts3] = []  # steps of the motion so far
+        self._sent: list[Counts3] = []  # steps of the motion so far
 
     @property
     def mode(self) -> int:
@@ -148,22 +161,50 @@ class Hand:
 
     @property
     def state(self) -> GripperState:
-        state = self._gripper.state
-        if state is None:
-            raise LinkLost("the gripper does not answer", "check its power, cable and address")
-        return state
+        return known_state(self._gripper)
+
+    @property
+    def _feels(self) -> bool:
+        return self._touch is not None and self._touch.counts_sum is not None
 
     def move(self, targets: Counts3, say: Say, lightly: bool = False) -> Moved:
         """To those counts at least speed and force, by short steps, as far as the guard admits, or,
-        ``lightly``, until anything is felt. Ctrl-C makes the fingers stand: told by ``say`` once it
-        is seen."""
-        self._told.clear()
+        ``lightly``, until anything is felt. Ctrl-C makes the fingers stand, which ``say`` is
+        told."""
+        self._sent.clear()
         try:
-            return self._go(targets, lightly)
+            return self.go(targets, lightly)
         except BaseException:
-            if self._told:
+            if self._sent:
                 self.stand(say)
             raise
+
+    def go(self, targets: Counts3, lightly: bool = False) -> Moved:
+        """As ``move``; whoever calls it makes the fingers stand where it raises."""
+        early, touched = "", ""
+        steps = Steps(self.state.positions, targets, self._lead)
+
+        def step() -> bool:
+            if (ahead := steps.next(self.state)) is None:
+                return False
+            self._send(ahead)
+            return True
+
+        def look() -> bool:
+            nonlocal early, touched
+            self.idle()
+            felt_n = self._felt()
+            if not early and self._guard and self._guard.overloaded(felt_n):
+                early = f"stopped at {max(felt_n):.1f} N, above the limit"
+                self._gripper.hold()
+            elif lightly and not touched and max(felt_n) >= TOUCH_N:
+                named = zip(FINGER_NAMES, felt_n, strict=True)
+                touched = "".join(name for name, n in named if n >= TOUCH_N)
+                self._gripper.hold()
+            return not (early or touched)
+
+        until_rest(self._clock, lambda: self.state, look, step)
+        return self._moved(early, touched)
 
     def open(self, say: Say) -> Moved:
         """All fingers, as ``move``; in scissor mode then B and C apart too, for they may hold
@@ -171,7 +212,7 @@ class Hand:
         moved = self.move((0, 0, 0), say)
         if self.mode == SCISSOR:
             try:
-                self._gripper.open(self.speed_mps)
+                self._gripper.open(self._speed_mps)
                 self._until_rest(SPREAD_S)
             except BaseException:
                 self.stand(say)
@@ -185,37 +226,30 @@ class Hand:
         return moved
 
     def close(self, targets: Counts3, say: Say) -> Moved:
-        """B and C first, the thumb open, then the thumb alone: as a run closes."""
-        if self.each_motor:
+        """B and C first and lightly, the thumb open, then the thumb alone, as a run closes. Raises
+        Refused where the thumb is in their way, or nothing is known to be felt."""
+        if self._each_motor:
             return self.move(targets, say)
         a, b, c = self.state.positions
-        moved = None
         if targets[1:] != (b, c):
-            moved = self.step((a, *targets[1:]), say)
+            first = (a, *targets[1:])
+            lightly = check_thumb(self.state, first, self._feels)
+            moved = self.move(first, say, lightly)
             a, b, c = moved.positions_counts
-        if targets[0] == a and moved is not None:
-            return moved
+            if targets[0] == a:
+                return moved
         return self.move((targets[0], b, c), say)
 
-    def step(self, targets: Counts3, say: Say) -> Moved:
-        """As ``move``; where B or C close, they stand as soon as anything is felt. Raises Refused
-        where the thumb is in their way, or nothing is known to be felt."""
-        if self.each_motor:
-            return self.move(targets, say)
-        felt = self._touch is not None and self._touch.counts_sum is not None
-        return self.move(targets, say, lightly=check_thumb(self.state, targets, felt))
-
     def idle(self, watching: bool = True) -> None:
-        """Let a moment pass in which nothing is asked of the devices but how they are; who makes
-        the fingers stand does without the fingertips."""
+        """Let a moment pass and read the devices; ``watching``: the fingertips too."""
         self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
         self._gripper.pump(self._clock.now_ns)
         if watching and self._touch is not None:
             self._touch.pump(self._clock.now_ns)
 
     def feel(self, seconds: float, say: Say) -> NDArray[np.int16]:
-        """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; of a tick without
-        a frame those before it. Ctrl-C as in ``move``."""
+        """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; a tick without a
+        frame repeats the last one. Ctrl-C as in ``move``."""
         felt: list[NDArray[np.int16]] = []
         tick_ns = self._clock.now_ns
         try:
@@ -236,7 +270,7 @@ class Hand:
         return np.stack(felt)
 
     def stand(self, say: Say) -> None:
-        """Told to stand, and seen to; raises nothing."""
+        """Stop the fingers and look until they stand; raises nothing."""
 
         def rest() -> None:
             self._gripper.hold()
@@ -244,22 +278,23 @@ class Hand:
 
         where: object = "unknown"
         with signals.deferred(sealed=True):
-            seen = insist(rest, self._clock)
+            seen = self.retry(rest)
             with SuppressBugs():
                 where = self.state.positions
-        told = f", told to go to {self._told[-1]} counts and no further" if self._told else ""
+        sent = f", told to go to {self._sent[-1]} counts and no further" if self._sent else ""
         say(
             f"the fingers stand, at {where} counts: the grip is kept; to let go, support what is "
-            f"held and run `{self._release}`" if seen else
-            f"NOT SEEN TO STAND{told}: press the emergency stop, switch the gripper off if it "
-            "still moves"
+            f"held and run `{self._release}`" if seen else f"NOT SEEN TO STAND{sent}: {NOT_SEEN}"
         )  # fmt: skip
 
+    def retry(self, action: Callable[[], None]) -> bool:
+        """As `finger_steps.retry`."""
+        return retry(action, self._clock)
+
     def _send(self, targets: Counts3) -> None:
-        state = self.state
-        command = MoveFingers(targets, self.speed_mps, self.force_n)
+        command = MoveFingers(targets, self._speed_mps, self._force_n)
         if self._guard is not None:
-            admitted = self._guard.admit(command, state, self._felt())
+            admitted = self._guard.admit(command, self.state, self._felt())
             if isinstance(admitted, HoldFingers):
                 raise Refused(
                     f"the fingertips feel {max(self._felt()):.1f} N, more than the limit: nothing "
@@ -267,11 +302,11 @@ class Hand:
                 )  # fmt: skip
             assert isinstance(admitted, MoveFingers)  # noqa: S101  (a move stays one)
             command = admitted
-        self._told.append(command.targets_counts)  # from here on it may move, whatever is raised
+        self._sent.append(command.targets_counts)  # from here on it may move, whatever is raised
         try:
             self._gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
         except (Refused, DeviceFault):
-            self._told.pop()
+            self._sent.pop()
             raise
 
     def _felt(self) -> Vector3:
@@ -280,127 +315,95 @@ class Hand:
             return none
         return self._guard.measured_n(self._touch.counts_sum or none)
 
-    def _go(self, targets: Counts3, lightly: bool) -> Moved:
-        """Step after step, until the fingers are seen to rest; the guard stops what presses too
-        hard."""
-        early, touched = "", ""
-
-        def look() -> bool:
-            nonlocal early, touched
-            self.idle()
-            felt_n = self._felt()
-            if not early and self._guard and self._guard.overloaded(felt_n):
-                early = f"stopped at {max(felt_n):.1f} N, above the limit"
-                self._gripper.hold()
-            elif lightly and not touched and max(felt_n) >= TOUCH_N:
-                named = zip(FINGER_NAMES, felt_n, strict=True)
-                touched = "".join(name for name, n in named if n >= TOUCH_N)
-                self._gripper.hold()
-            return not (early or touched)
-
-        steps = Steps(self.state.positions, targets, self._lead)
-        walk(steps, self._clock, lambda: self.state, self._send, look)
-        return self._moved(early, touched)
-
     def _until_rest(self, within_s: float) -> None:
         """Look until the fingers are seen to stand, without the fingertips."""
-        end_ns = self._clock.now_ns + round(within_s * 1e9)
-        rested = 0
-        while self._clock.now_ns < end_ns:
-            signals.check()
+
+        def look() -> bool:
             self.idle(watching=False)
-            rested = rested + 1 if self.state.at_rest else 0
-            if rested >= AT_REST:
-                return
-        raise DeviceFault("the fingers did not come to rest", "look at the hand")
+            return True
+
+        until_rest(self._clock, lambda: self.state, look, within_s=within_s)
 
     def _moved(self, early: str, touched: str) -> Moved:
         state = self.state
         on = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)
         named = zip(FINGER_NAMES, state.fingers, strict=True)
         met = "".join(n for n, finger in named if finger.detection in on or n in touched)
-        felt = self._touch is not None and self._touch.counts_sum is not None
-        force_n = self._felt() if felt else None
+        force_n = self._felt() if self._feels else None
         return Moved(state.positions, met, force_n, early, state.fault_text)
 
 
 @contextmanager
-def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -> Iterator[Hand]:
-    """The hand of real devices, which must be active; with its fingertips where it is to close.
+def open_active_gripper(
+    config: TrialConfig, clock: Clock, closing: bool, again: str = "", activating: bool = False
+) -> Iterator[Gripper]:
+    """The gripper of real devices, driven by this process alone. ``activating``: one that is not
+    active is activated, whatever it holds; ``again``: the command that does that.
 
-    Raises UsageError without a permit, ConfigError where a run would be refused, Refused for a hand
-    that is not active, that another process drives or that is to close in scissor mode, DeviceFault
-    for one that is to close and reports a fault, and the drivers' errors.
+    Raises Refused for one that is not active, that another process drives or that is to close in
+    scissor mode, DeviceFault for one that is to close and reports a fault, and the driver's errors.
+    """
+    with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
+        with suppress(DeviceFault):  # checked below
+            gripper.pump(clock.now_ns)
+        state = known_state(gripper)
+        if not state.active and activating:  # what it holds is supported, the operator has said
+            activate(gripper, clock, dropping=True)
+        elif not state.active:
+            raise not_active(state, again)
+        if closing:
+            check_fault(state)
+            check_closing(mode_of(gripper))
+        yield gripper
+
+
+@contextmanager
+def open_hand(
+    config: TrialConfig, permit: MotionPermit | None, closing: bool, activating: bool = False
+) -> Iterator[Hand]:
+    """The hand of real devices, with its fingertips where it is to close. ``activating``: it is
+    activated first, if it is not active, and drops what it holds.
+
+    Raises UsageError without a permit, ConfigError where a run would be refused, and what
+    ``open_active_gripper`` and the board raise.
     """
     allowed = require(permit)
     config = config if closing else to_open(config)
     clock = WallClock(WallClock().now_ns)
     if closing:
         guard_of(config)
-    with ExitStack() as stack:
-        stack.enter_context(driving(gripper_of(config)))
-        gripper = stack.enter_context(open_gripper(config, lambda: clock.now_ns))
-        with suppress(DeviceFault):  # told below
-            gripper.pump(clock.now_ns)
-        state = gripper.state
-        if state is None:
-            raise LinkLost("the gripper does not answer", "check its power, cable and address")
-        if not state.active:
-            raise not_active(state)
-        if closing:
-            check_fault(state)
-            check_closing(mode_of(gripper))
-        touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
+    again = "" if closing else f"`{allowed.release} --activate`"
+    with (
+        open_active_gripper(config, clock, closing, again, activating) as gripper,
+        ExitStack() as stack,
+    ):
+        is_open = known_state(gripper).is_open
+        touch = stack.enter_context(open_touch(config, clock, is_open)) if closing else None
         yield Hand(config, gripper, touch, clock, allowed.release)
 
 
 def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Counts3 | None:
-    """Make it ready: it opens and closes fully, at a force that nobody sets, so it must be empty.
-    None where it was active already, in basic mode: one that is in another is told that one, for
-    which it opens. Ctrl-C resets it, which stops the fingers."""
+    """Activate it: it opens and closes fully, at a force that nobody sets, so it must be empty.
+    None where it was active already, in basic mode; in another mode it is set to basic, for which
+    it opens. Ctrl-C resets it, which stops the fingers."""
     require(permit)
-    config = to_open(config)  # no force of ours is told
+    config = to_open(config)  # no force of ours is sent
     clock = WallClock(WallClock().now_ns)
     with (
         driving(gripper_of(config)),
         ExitStack() as undo,
         open_gripper(config, lambda: clock.now_ns) as gripper,
     ):
-        if not _begun(gripper, clock):
+        with suppress(DeviceFault):  # which activation clears
+            gripper.pump(clock.now_ns)
+        state = known_state(gripper)
+        if state.active and not state.fault and mode_of(gripper) == BASIC:
             return None
-        undo.callback(_reset, config, say)  # once the link is closed: it is open once at a time
-        positions = _until_active(gripper, clock)
+        gripper.activate()  # raises Refused where it would drop something
+        undo.callback(_reset, config, say)  # once the link is closed: only one may be open
+        state = until_active(gripper, clock)
         undo.pop_all()
-        return positions
-
-
-def _begun(gripper: Gripper, clock: Clock) -> bool:
-    """Whether it has begun: not where it was active. Refused where it would drop something."""
-    with suppress(DeviceFault):  # which activation clears
-        gripper.pump(clock.now_ns)
-    state = gripper.state
-    if state is None:
-        raise LinkLost("the gripper does not answer", "check its power, cable and address")
-    if state.active and not state.fault and mode_of(gripper) == BASIC:
-        return False
-    gripper.activate()
-    return True
-
-
-def _until_active(gripper: Gripper, clock: Clock) -> Counts3:
-    """Where the fingers stand then; raises DeviceFault when it takes too long."""
-    end_ns = clock.now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
-    while clock.now_ns < end_ns:
-        signals.check()
-        clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-        gripper.pump(clock.now_ns)
-        state = gripper.state
-        if state is not None and state.active and state.at_rest:
-            return state.positions
-    raise DeviceFault(
-        f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
-        "look at its LED, clear what blocks the fingers, switch it off and on",
-    )
+        return state.positions
 
 
 def _reset(config: TrialConfig, say: Say) -> None:
@@ -415,10 +418,8 @@ def _reset(config: TrialConfig, say: Say) -> None:
             finally:
                 transport.close()
             seen = _stands_inactive(config)
-    say(
-        "the fingers stand; the hand is not active any more" if seen else
-        "NOT SEEN TO STAND: press the emergency stop, switch the gripper off if it still moves"
-    )  # fmt: skip
+    stands = "the fingers stand; the hand is not active any more"
+    say(stands if seen else f"NOT SEEN TO STAND: {NOT_SEEN}")
 
 
 def _stands_inactive(config: TrialConfig) -> bool:
@@ -429,17 +430,3 @@ def _stands_inactive(config: TrialConfig) -> bool:
         if not now.active and now.fingers == before.fingers:
             return True
     return False
-
-
-def fingers_of(word: str) -> str:
-    """Names of fingers: one, several, or all."""
-    return "".join(FINGER_NAMES) if word == "all" else word
-
-
-def targets_of(at: Counts3, fingers: str, to: int) -> Counts3:
-    """Those fingers at ``to``, unless they are further closed."""
-    a, b, c = (
-        max(place, to) if name in fingers else place
-        for name, place in zip(FINGER_NAMES, at, strict=True)
-    )
-    return a, b, c

@@ -2,6 +2,8 @@
 
 import shutil
 import weakref
+from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,12 +17,11 @@ from grasp.files import write_whole
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.summary import Summary
 from scenarios.campaign.worker import Row
-from scenarios.library import html
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_page import run_page
 from scenarios.report.run_record import RunRecord, read_run
-from scenarios.report.run_words import sentence
-from scenarios.tap.result import TapResult
+from scenarios.report.run_text import sentence
+from scenarios.tap.scoring import TapResult
 from scenarios.trial.replay import Replay
 from scenarios.trial.replay_tactile import SentCommand, TactileReplay
 from scenarios.trial.result import Failure
@@ -90,7 +91,7 @@ class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
         return f"<{type(self).__name__} in {self.folder}: {self.verdict}>"
 
     def _repr_html_(self) -> str:
-        return html.trial(self.record, self.verdict)
+        return f"<p>{escape(self.verdict)}</p>"
 
 
 class Lift(Trial, frozen=True, kw_only=True):
@@ -128,7 +129,7 @@ class Replayed(msgspec.Struct, frozen=True):
     def _repr_html_(self) -> str:
         verdict = "as recorded" if self.same else f"{len(self.replay.differences)} differences"
         events = [(f"{t_s:.2f}", what) for t_s, what in self.replay.events]
-        return html.table(f"{self.replay.steps} steps: {verdict}", ("t, s", "what"), events)
+        return _table(f"{self.replay.steps} steps: {verdict}", ("t, s", "what"), events)
 
 
 class Heard(msgspec.Struct, frozen=True, eq=False):
@@ -152,7 +153,7 @@ class Heard(msgspec.Struct, frozen=True, eq=False):
             f"slips caught, {s.false_events} false"
         )
         rows = [(f"{t_s:.2f}", finger) for t_s, finger in self.registered]
-        return html.table(caption, ("registered, s", "finger"), rows)
+        return _table(caption, ("registered, s", "finger"), rows)
 
 
 class Campaign(msgspec.Struct, frozen=True, eq=False):
@@ -179,7 +180,19 @@ class Campaign(msgspec.Struct, frozen=True, eq=False):
         ]
         heads = ("scenario", "object", "profile", "detector", "succeeded")
         caption = f"{self.summary.name}: {self.summary.trials} trials, {self.summary.errors} errors"
-        return html.table(caption, heads, rows)
+        return _table(caption, heads, rows)
+
+
+def _table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table of HTML; everything in it is escaped."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(str(value))}</td>' for value in row)}</tr>" for row in rows
+    )
+    return (
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
 
 
 ArrayT = TypeVar("ArrayT", bound=NDArray[np.generic])

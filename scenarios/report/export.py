@@ -1,19 +1,25 @@
-"""A recorded trial as a table for other programs: `grasp export RUN --to csv`."""
+"""A recorded trial for other programs: a table, or pictures (`grasp export`).
+
+Pictures need the extra `charts`.
+"""
 
 import csv
 import io
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
+from grasp.files import save_figure
 from scenarios.report.run_record import RunRecord, read_run
+from scenarios.report.run_view import decided
+from scenarios.trial.result import spelt
 
 Floats = NDArray[np.float64]
-BEGINS = "t_s,phase,"  # how a table of ours is told from others
-AXES = ("x", "y", "z")
+BEGINS = "t_s,phase,"  # how a table of ours is recognised
 
 
 def as_csv(path: Path) -> str:
@@ -21,12 +27,15 @@ def as_csv(path: Path) -> str:
     Raises BadFile as ``read_run``."""
     run = read_run(path)
     columns = _columns(run)
+    begins = np.array([change.t_ns * 1e-9 for change in run.phases])
+    at = np.searchsorted(begins, run.t_s + 1e-9, side="right") - 1
+    phases = [run.phases[i].phase if i >= 0 else "" for i in at]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["t_s", "phase", *columns])
-    phases = _phases(run)
     for i, t_s in enumerate(run.t_s):
-        cells = [_text(float(values[i])) for values in columns.values()]
+        values = (float(column[i]) for column in columns.values())
+        cells = ("" if math.isnan(value) else f"{value:.6g}" for value in values)
         writer.writerow([f"{t_s:.6f}", phases[i], *cells])
     return out.getvalue()
 
@@ -37,20 +46,19 @@ def _columns(run: RunRecord) -> dict[str, Floats]:
         "armed": run.armed.astype(np.float64),
         "masked": run.masked.astype(np.float64),
         "registered": run.registered.astype(np.float64),
-        **_by_finger("probability", run.heard(run.probabilities)),
-        **_by_finger("felt_n", run.heard(run.felt_n)),
+        **_by_finger("probability", run.known(run.probabilities)),
+        **_by_finger("felt_n", run.known(run.felt_n)),
         **_by_finger("position_counts", run.fingers_counts),
-        **{f"arm_{axis}_m": run.arm_m[:, i] for i, axis in enumerate(AXES)},
+        **{f"arm_{axis}_m": run.arm_m[:, i] for i, axis in enumerate("xyz")},
     }
     for i, name in enumerate(FINGER_NAMES):
         taxels = range(run.counts.shape[2])
         found |= {f"taxel_{name}{k}_counts": run.counts[:, i, k] for k in taxels}
-    if run.motion is not None:
-        found |= _by_finger("told_speed_mps", run.motion.speed_mps)
-        found |= _by_finger("told_direction_deg", run.motion.direction_deg)
-        found |= _by_finger("told_turning", run.motion.turning)
-    if run.truth is not None:
-        truth = run.truth
+    if (motion := run.motion) is not None:
+        found |= _by_finger("told_speed_mps", motion.speed_mps)
+        found |= _by_finger("told_direction_deg", motion.direction_deg)
+        found |= _by_finger("told_turning", motion.turning)
+    if (truth := run.truth) is not None:
         found |= _by_finger("true_n", truth.normal_n)
         found |= _by_finger("true_shear_n", truth.shear_n)
         found |= {
@@ -65,12 +73,139 @@ def _by_finger(what: str, values: Floats) -> dict[str, Floats]:
     return {f"{name}_{what}": values[:, i] for i, name in enumerate(FINGER_NAMES)}
 
 
-def _phases(run: RunRecord) -> list[str]:
-    """Of each step."""
-    begins = np.array([change.t_ns * 1e-9 for change in run.phases])
-    at = np.searchsorted(begins, run.t_s + 1e-9, side="right") - 1
-    return [run.phases[i].phase if i >= 0 else "" for i in at]
+# Pictures
+
+COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
+LIMIT_COLOUR = "#b00020"
+LOWERING_SHOWN_S = 0.3
+NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
+SHADES = {
+    "grasp.brace": "#eef3f8", "grasp.close": "#e8eff5", "grasp.settle": "#eef3f8",
+    "grasp.baseline": "#e8eff5", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
+    "lower.descend": "#f3f3f3", "lower.feel": "#fde3c8", "fault": "#f8d7d7",
+}  # fmt: skip
 
 
-def _text(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}"
+def _pyplot() -> Any:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"  # the same run gives the same file
+    return plt
+
+
+def draw_run(path: Path, out: Path) -> None:
+    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``.
+    Raises BadFile as ``read_run``."""
+    plt, run = _pyplot(), read_run(path)
+    figure, (force, p, slip) = plt.subplots(
+        3, 1, sharex=True, figsize=(9, 6.4), height_ratios=(3, 2, 2), layout="constrained"
+    )
+    figure.suptitle(title(run), fontsize=10)
+    limit_n = run.config.guard.force_limit_n
+    known = run.truth is not None
+    for i, name in enumerate(FINGER_NAMES):
+        line: dict[str, Any] = {"color": COLOURS[name]}
+        label = f"{name} (thumb)" if i == 0 else name
+        force.plot(run.t_s, run.felt_n[:, i], lw=0.7, alpha=0.6, label="" if known else label,
+                   **line)  # fmt: skip
+        if run.truth is not None:
+            force.plot(run.t_s, run.truth.normal_n[:, i], lw=1.4, label=label, **line)
+        p.plot(run.t_s, run.probabilities[:, i], lw=0.8, **line)
+    force.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
+    force.set_ylabel(f"grip force, N\n{'(thin: felt, thick: true)' if known else '(felt)'}")
+    p.set(ylabel="slip probability", ylim=(0, 1.05))
+    _draw_decision(p, run)
+    if run.truth is not None:
+        slip.plot(run.t_s, 1e3 * run.truth.slip_m, color="black", lw=1.2)
+        first, last = _shown(run)
+        seen = (run.t_s >= first) & (run.t_s <= last)
+        slip.set_ylim(-1.0, 1.15 * max(2.0, float(1e3 * run.truth.slip_m[seen].max())))
+    slip.set(ylabel="slip, mm (true)", xlabel="time, s")
+    for axes in (force, p, slip):
+        _shade(axes, run, named=axes is force)
+    force.legend(loc="lower right", ncols=5, fontsize=8, frameon=False)
+    save_figure(figure, out, dpi=120)
+    plt.close(figure)
+
+
+def title(run: RunRecord) -> str:
+    """What was run, and what came of it."""
+    config = run.config
+    told = f"{run.scenario} of {config.object.name}, seed {run.seed}, {config.detector_name}"
+    return told if run.verdict is None else f"{told}: {spelt(run.verdict.outcome)}"
+
+
+def _draw_decision(axes: Any, run: RunRecord) -> None:
+    """What the rule made of the probabilities, beside what it had to pass."""
+    by_rule = decided(run.config.rule, run.probabilities, run.armed, run.masked)
+    what = "threshold"
+    if not by_rule.probable:
+        axes, what = axes.twinx(), "limit"
+        axes.set(ylabel="summed log-odds", ylim=(0, 4 * by_rule.limit))
+    if by_rule.values.shape[1] == 1 or not by_rule.probable:
+        axes.plot(run.t_s, by_rule.values.max(axis=1), color="black", lw=1.2, label=by_rule.label)
+    label = f"{what} {by_rule.limit:g}"
+    axes.axhline(by_rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
+    axes.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
+
+
+def _shown(run: RunRecord) -> tuple[float, float]:
+    begins = {change.phase: change.t_ns * 1e-9 for change in run.phases}
+    end = begins.get("lower.descend", float(run.t_s[-1]) - LOWERING_SHOWN_S)
+    return begins.get("grasp.brace", float(run.t_s[0])), end + LOWERING_SHOWN_S
+
+
+def _shade(axes: Any, run: RunRecord, named: bool) -> None:
+    """Phases as background, from the grasp until the object is set down, and when slip began."""
+    starts = [change.t_ns * 1e-9 for change in run.phases]
+    first, last = _shown(run)
+    axes.set_xlim(first, last)
+    beside = first - NAMES_APART * (last - first)  # of the name before
+    for change, start, end in zip(
+        run.phases, starts, [*starts[1:], float(run.t_s[-1])], strict=True
+    ):
+        if change.phase not in SHADES:
+            continue
+        axes.axvspan(start, end, color=SHADES[change.phase], lw=0, zorder=0)
+        if named and start <= last:
+            beside = max(start, beside + NAMES_APART * (last - first))
+            axes.annotate(
+                change.phase.rpartition(".")[2], (beside, 1.0), xytext=(2, 2), fontsize=8,
+                xycoords=("data", "axes fraction"), textcoords="offset points", rotation=40,
+                annotation_clip=True,
+            )  # fmt: skip
+    if run.truth is not None and run.truth.onset_s is not None:
+        axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")
+
+
+Clip = tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]
+
+
+def simulated(clips: Any) -> list[Clip]:
+    """Each of `Clips` of `scenarios.acquire.strokes` with a title of its own."""
+    draws = enumerate(clips.counts, 1)
+    return [(f"simulated, draw {i}", clips.t_s, counts, clips.slip) for i, counts in draws]
+
+
+def draw_clips(out: Path, clips: list[Clip]) -> None:
+    """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
+    (n,) times, (n, 6) counts and (n,) labels."""
+    plt = _pyplot()
+    figure, rows = plt.subplots(
+        len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
+        layout="constrained",
+    )  # fmt: skip
+    for axes, (title, t_s, counts, slip) in zip(rows[:, 0], clips, strict=True):
+        for i in range(counts.shape[1]):
+            axes.plot(t_s, counts[:, i], lw=1, label=f"taxel {i}")
+        axes.fill_between(
+            t_s, 0, 1, where=slip, transform=axes.get_xaxis_transform(), color="#eeeeee", zorder=0
+        )
+        axes.set(ylabel="counts over rest", title=title)
+    rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
+    rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
+    save_figure(figure, out, dpi=120)
+    plt.close(figure)

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
-from detector.decision import RuleSettings
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
-from grasp.guard import CapMode
 from grasp.messages import (
     ARM,
     COMMANDS,
@@ -30,127 +28,24 @@ from grasp.messages import (
     TactileMessage,
 )
 from grasp.recording import RunRecording
-from grasp.settings import Layer, checked
+from grasp.settings import Layer, load
 from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
+from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_settings import scenario_of
+from scenarios.tap.scoring import TapResult
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.truth import Truth
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-ON_SAME_GRID_NS = 1_000  # two times that are one
+Verdict = LiftResult | TapResult
 GRIPPER_COMMANDS = ("MoveFingers", "CloseFast", "OpenFingers", "HoldFingers")
 
 
-class BodyTold(msgspec.Struct, frozen=True):
-    """Of the object's settings what a picture needs."""
-
-    name: str
-    shape: str = "straight"
-    half_width_m: float = 0.04
-    half_height_m: float = 0.1
-    grip_height_m: float = 0.0
-    body_above_grip_m: float = 0.15
-
-
-class _Contact(msgspec.Struct, frozen=True):
-    half_aperture_m: float
-    pad_half_length_m: float
-
-
-class _Fingertip(msgspec.Struct, frozen=True):
-    taxels_mm: list[tuple[float, float]] = []
-
-
-class _Guard(msgspec.Struct, frozen=True):
-    force_limit_n: float
-    overshoot_n: float = 0.0
-    cap_mode: CapMode = "every_finger"
-
-
-class _Calibration(msgspec.Struct, frozen=True):
-    m_per_count: float
-
-
-class Told(msgspec.Struct, frozen=True):
-    """Of the recorded settings what a page needs; all of them are ``RunRecord.settings``."""
-
-    rig: str
-    profile: str
-    detector_name: str
-    object: BodyTold
-    contact: _Contact
-    guard: _Guard
-    rule: RuleSettings
-    calibration: _Calibration
-    controller: dict[str, Any] = {}
-    tap: dict[str, Any] | None = None
-    fingertip: _Fingertip = _Fingertip()
-
-
-class Ended(msgspec.Struct, frozen=True):
-    """How a safe state was left, in words."""
-
-    arm: str = ""
-    hand: str = ""
-    unreached: list[str] = []
-
-
-class Raised(msgspec.Struct, frozen=True):
-    """An exception of our own code."""
-
-    name: str = ""
-    text: str = ""
-
-
-class Spread(msgspec.Struct, frozen=True):
-    """Of many times; None: never came."""
-
-    p50: float | None = None
-    p99: float | None = None
-
-
-class Timing(msgspec.Struct, frozen=True):
-    """How the machine kept up: ``scenarios.trial.result.TimingResult``."""
-
-    frame_to_decision_us: Spread | None = None
-    decision_to_ack_us: Spread | None = None
-    frame_age_ms: Spread | None = None
-    missed_periods: int = 0
-    repeated_frames: int = 0
-    cell_stalls: int = 0
-
-
-class Verdict(msgspec.Struct, frozen=True):
-    """`result.json` of a lift or a tap, of this version or an older one: what a page tells of it,
-    None where it does not say."""
-
-    outcome: str
-    success: bool | None = None
-    slip_onset_s: float | None = None
-    slip_registered_s: float | None = None
-    detection_latency_ms: float | None = None
-    slip_distance_m: float | None = None
-    turned_rad: float | None = None
-    paused_s: float | None = None
-    moved: bool | None = None
-    displacement_m: float | None = None
-    direction: str | None = None
-    struck_s: float | None = None
-    nominal_again_ms: float | None = None
-    peak_force_n: dict[str, float] | None = None
-    peak_measured_n: dict[str, float] | None = None
-    timing: Timing = Timing()
-    versions: dict[str, str] = {}
-    config_hash: str = ""
-    detector_hash: str = ""
-    end: Ended | None = None
-    bug: Raised | None = None
-
-
 class Sent(msgspec.Struct, frozen=True):
-    """One command. ``confirmed_ns``: when the first status came that spoke of it, None if none did
+    """One command. ``confirmed_ns``: when the first status came that describes it, None if none did
     or nothing would (the arm's)."""
 
     decided_ns: int
@@ -176,8 +71,9 @@ class TrueWorld(msgspec.Struct, frozen=True):
     struck_s: float | None
 
 
-class ToldMotion(msgspec.Struct, frozen=True):
-    """What heads told of each fingertip, (n, fingers); NaN where they were not asked."""
+class ReportedMotion(msgspec.Struct, frozen=True):
+    """What the detector's auxiliary outputs reported of each fingertip, (n, fingers); NaN where
+    they were not asked."""
 
     speed_mps: Floats
     direction_deg: Floats
@@ -186,13 +82,13 @@ class ToldMotion(msgspec.Struct, frozen=True):
 
 class RunRecord(msgspec.Struct, frozen=True):
     """One trial. Arrays are (n,) or (n, fingers), ``counts`` (n, fingers, taxels) with NaN before
-    rest counts were taken; ``truth`` is None where nobody knows it, ``motion`` where no head tells
-    it."""
+    rest counts were taken; ``truth`` is None where nobody knows it, ``motion`` where the detector
+    does not report it."""
 
     path: Path
     complete: bool
-    told: Told
-    settings: dict[str, Any]
+    config: TrialConfig
+    settings: dict[str, Any]  # all of the recording, those of the scenario too
     metadata: dict[str, str]
     verdict: Verdict | None
     verdict_problem: str
@@ -206,7 +102,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     masked: Flags
     registered: Flags
     truth: TrueWorld | None
-    motion: ToldMotion | None
+    motion: ReportedMotion | None
     phases: list[PhaseChange]
     commands: list[Sent]
 
@@ -215,8 +111,8 @@ class RunRecord(msgspec.Struct, frozen=True):
         """Of which experiment it is."""
         return scenario_of(self.settings)
 
-    def heard(self, values: Floats) -> Floats:
-        """Of each finger (n, 3), NaN until its fingertip was heard: before rest counts are taken
+    def known(self, values: Floats) -> Floats:
+        """Of each finger (n, 3), NaN until its fingertip was read: before rest counts are taken
         nobody knows what it feels."""
         return np.where(np.isnan(self.counts[:, :, 0]), math.nan, values)
 
@@ -229,11 +125,11 @@ def read_run(path: Path) -> RunRecord:
     """A run folder or its recording; raises BadFile where it is none or was cut off before the
     first step. What is missing at its end, or of its result, is said in the record."""
     recording = open_trial(path)
-    told, settings = _settings(recording)
+    config, settings = _settings(recording)
     steps: list[tuple[int, ControlMessage]] = list(recording.of(CONTROL))
     times = [t_ns for t_ns, _ in steps]
     states: list[GripperState] = [state for _, state in recording.of(GRIPPER)]
-    verdict, problem = _verdict(recording.path)
+    verdict, problem = _verdict(recording.path, TapResult if "tap" in settings else LiftResult)
 
     def flags(of: Callable[[ControlMessage], bool]) -> Flags:
         return np.array([of(message) for _, message in steps])
@@ -244,7 +140,7 @@ def read_run(path: Path) -> RunRecord:
     return RunRecord(
         path=recording.path,
         complete=recording.complete,
-        told=told,
+        config=config,
         settings=settings,
         metadata=recording.metadata,
         verdict=verdict,
@@ -265,12 +161,12 @@ def read_run(path: Path) -> RunRecord:
     )
 
 
-def _settings(recording: RunRecording) -> tuple[Told, dict[str, Any]]:
-    text = recording.metadata.get("config", "")
+def _settings(recording: RunRecording) -> tuple[TrialConfig, dict[str, Any]]:
     try:
-        told, settings = msgspec.json.decode(text, type=Told), msgspec.json.decode(text)
-        return told, checked(Layer("config", settings)).table
-    except (msgspec.MsgspecError, RecursionError, ConfigError) as error:
+        table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
+        known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__}
+        return load(TrialConfig, [Layer("config", known)]), table
+    except (KeyError, msgspec.MsgspecError, RecursionError, ConfigError) as error:
         raise BadFile(
             recording.path,
             f"its settings do not fit this version: {error}",
@@ -278,14 +174,14 @@ def _settings(recording: RunRecording) -> tuple[Told, dict[str, Any]]:
         ) from error
 
 
-def _verdict(recording: Path) -> tuple[Verdict | None, str]:
+def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]:
     """The result beside a recording, or in its campaign's file, or why there is none."""
     campaign = recording.parent.with_suffix(".sqlite")
     kept = recording.parent.suffix == ".recordings" and campaign.is_file()
     place = campaign if kept else recording.with_name(RESULT)
     try:
         content = _of_a_row(campaign, recording) if kept else place.read_bytes()
-        return msgspec.json.decode(content, type=Verdict), ""
+        return msgspec.json.decode(content, type=kind), ""
     except FileNotFoundError:
         return None, (
             f"There is no {RESULT} beside the recording: the run did not come to its end, or it is "
@@ -319,14 +215,14 @@ def _counts(recording: RunRecording, times: Sequence[int]) -> Floats:
     return rows.reshape(len(times), FINGERS, -1)
 
 
-def _motion(recording: RunRecording, times: Sequence[int]) -> ToldMotion | None:
+def _motion(recording: RunRecording, times: Sequence[int]) -> ReportedMotion | None:
     if next(recording.of(MOTION), None) is None:
         return None
 
-    def row(told: Motion) -> Sequence[float]:
-        return [*told.speed_mps, *told.direction_deg, *told.turning]
+    def row(reported: Motion) -> Sequence[float]:
+        return [*reported.speed_mps, *reported.direction_deg, *reported.turning]
 
-    return ToldMotion(*np.split(_rows(recording, MOTION, times, row, 3 * FINGERS), 3, axis=1))
+    return ReportedMotion(*np.split(_rows(recording, MOTION, times, row, 3 * FINGERS), 3, axis=1))
 
 
 def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:
@@ -351,34 +247,19 @@ def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:
 def _commands(
     messages: Sequence[tuple[int, CommandMessage]], states: Sequence[GripperState]
 ) -> list[Sent]:
-    found = []
-    to_hand = [t_ns for t_ns, m in messages if _for_hand(m.admitted)]
-    for sent_ns, message in messages:
-        confirmed_ns = None
-        if message.applied is not None:
-            until_ns = next((t_ns for t_ns in to_hand if t_ns > sent_ns), None)
-            confirmed_ns = _confirmed_ns(states, sent_ns, until_ns)
-        found.append(
-            Sent(
-                message.decided_ns,
-                sent_ns,
-                confirmed_ns,
-                message.asked,
-                message.admitted,
-                message.applied,
-                message.refused,
-            )
+    to_hand = [t_ns for t_ns, m in messages if type(m.admitted).__name__ in GRIPPER_COMMANDS]
+
+    def confirmed_ns(sent_ns: int) -> int | None:
+        """The first status that is known to describe what was sent, before the next was."""
+        until_ns = next((t_ns for t_ns in to_hand if t_ns > sent_ns), None)
+        first = next((s.t_ns for s in states if s.t_ns > sent_ns and s.fresh), None)
+        late = first is not None and until_ns is not None and first >= until_ns
+        return None if late else first
+
+    return [
+        Sent(
+            m.decided_ns, sent_ns, None if m.applied is None else confirmed_ns(sent_ns), m.asked,
+            m.admitted, m.applied, m.refused,
         )
-    return found
-
-
-def _for_hand(command: Command) -> bool:
-    return type(command).__name__ in GRIPPER_COMMANDS
-
-
-def _confirmed_ns(states: Sequence[GripperState], sent_ns: int, until_ns: int | None) -> int | None:
-    """When the first status came that is known to speak of what was sent, before the next was."""
-    for state in states:
-        if state.t_ns > sent_ns and state.fresh:
-            return None if until_ns is not None and state.t_ns >= until_ns else state.t_ns
-    return None
+        for sent_ns, m in messages
+    ]  # fmt: skip

@@ -15,10 +15,11 @@ from drivers.errors import ConfigError
 from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
-from scenarios.tap.settings import TapSettings
-from scenarios.tap.tap import tap_config
+from scenarios.tap.config import TapSettings
+from scenarios.tap.tap import tap
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE, detector_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import detector_layers
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
@@ -52,8 +53,8 @@ def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     ]
 
 
-def command_of(told: Told, seed: str, begun: bool = True) -> list[str]:
-    """Words that run the same trial again with this version and its packaged configuration."""
+def command_of(told: Told, seed: str, begun: bool = True) -> str:
+    """The command that repeats the trial with this version and its packaged configuration."""
     body, profile, scenario = told["object"]["name"], told["profile"], scenario_of(told)
     words = ["grasp", "run", scenario, "--rig", told["rig"]]
     words += ["--object", body if _packaged(body) else f"{body}.toml"]
@@ -66,7 +67,7 @@ def command_of(told: Told, seed: str, begun: bool = True) -> list[str]:
         # a calibration is chosen by its name alone, and null is what a setting is without a word
         if setting.own and not setting.key.startswith("calibration.") and setting.value != "null":
             words += ["--set", f"{setting.key}={setting.value}"]
-    return words
+    return shlex.join(words)
 
 
 def object_file(told: Told) -> str:
@@ -75,10 +76,6 @@ def object_file(told: Told) -> str:
         return ""
     lines = [f"{k} = {toml(v)}" for k, v in told["object"].items() if v is not None]
     return "\n".join(["[object]", *lines]) + "\n"
-
-
-def shell(words: list[str]) -> str:
-    return shlex.join(words)
 
 
 def toml(value: Any) -> str:
@@ -119,8 +116,8 @@ def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
     """With what the experiment itself sets before it begins."""
     table: dict[str, Any] = msgspec.to_builtins(config)
     if scenario_of(told) == "tap":
-        tap = load(TapSettings, [Layer("recording", told["tap"])])
-        begun = tap_config(msgspec.structs.replace(config.for_tap(), tap=tap))
+        mallet = load(TapSettings, [Layer("recording", told["tap"])])
+        begun = tap.configure(msgspec.structs.replace(config.for_tap(), tap=mallet))
         return {**msgspec.to_builtins(begun), "tap": table["tap"]}
     if told.get("controller", {}).get("hold_s") == person.HOLD_S:  # until it has been read
         table["controller"]["hold_s"] = person.HOLD_S

@@ -121,14 +121,16 @@ def check_claim(known: GripperCalibration) -> None:
         pressed = pressed and max(bytes_) >= far[-1] and len(known.reason.split()) >= LEAST_REASON
     if pressed:
         return
-    a_third, needed = ("a third of ", f"bytes 0 and {far[-1]} were") if far else ("", "byte 0 was")
-    why, more = (", and why they are so weak", f" --bytes 0 {far[-1]}") if far else ("", "")
+    needed, a_third, why = "byte 0 was", "", ""
+    if far:
+        needed, a_third = f"bytes 0 and {far[-1]} were", "a third of "
+        why = ", and why they are so weak"
     raise ConfigError(
         "gripper", "calibration",
         f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than "
         f"{a_third}the manual's {MANUAL.force_n(byte):.3g} N, by {known.source}: it does not say "
         f"that {needed} pressed {WEAK_PRESSES} times{why}",
-        f"what `grasp calibrate hand{more}` writes; until then manual",
+        "what `grasp calibrate hand` writes; until then manual",
     )  # fmt: skip
 
 

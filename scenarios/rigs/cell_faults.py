@@ -1,11 +1,10 @@
 """What can go wrong in the emulated cell, by name, at once or later."""
 
-import contextlib
 import heapq
 import threading
 from collections import deque
-from collections.abc import Callable, Sized
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -13,8 +12,6 @@ from msgspec import Meta
 from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.server import UrEmulator
-
-MOST_WAITING = 1000  # faults that are to strike later, or for which a frozen arm has no time
 
 
 class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,45 +33,79 @@ UNITS = {
     "skip": "requests spared first", "seconds": "s, to 60", "code": "0 to 15",
     "pressed": "true or false", "on": "true or false", "fraction": "0 to 1",
 }  # fmt: skip
-# name: the settings that it takes, and what it does
-KNOWN: dict[str, tuple[tuple[str, ...], str]] = {
-    "gripper_drop": (("times", "skip"), "requests get no reply"),
-    "gripper_delay": (("times", "skip", "seconds"), "replies come later by so long"),
-    "gripper_garble": (("times", "skip"), "replies are damaged"),
-    "gripper_freeze": (("seconds", "skip"), "nothing is answered for so long, from a request on"),
-    "gripper_disconnect": (("times",), "the connection is cut; with more, whoever connects again"),
-    "gripper_fault": (
-        ("code",),
+
+
+class Known(NamedTuple):
+    """A fault: the device (board, arm or gripper) that it strikes, the settings that it takes, what
+    happens, and how."""
+
+    device: str
+    takes: str
+    does: str
+    strike: Callable[[Any, FaultOrder], object]
+
+    @property
+    def settings(self) -> list[str]:
+        return self.takes.split()
+
+
+def _on_wire(trouble: Trouble) -> Callable[[GripperEmulator, FaultOrder], object]:
+    return lambda gripper, order: gripper.faults.add(
+        WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
+    )
+
+
+def _disconnect(gripper: GripperEmulator, order: FaultOrder) -> None:
+    gripper.disconnect()
+    if order.times > 1:
+        gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
+
+
+_AFTER = "pressed=false releases the button, and its dashboard takes power on and brake release"
+KNOWN = {
+    "gripper_drop": Known("gripper", "times skip", "requests get no reply", _on_wire(Trouble.DROP)),
+    "gripper_delay": Known("gripper", "times skip seconds", "replies come later by so long",
+        _on_wire(Trouble.DELAY)),
+    "gripper_garble": Known("gripper", "times skip", "replies are damaged",
+        _on_wire(Trouble.GARBLE)),
+    "gripper_freeze": Known("gripper", "seconds skip",
+        "nothing is answered for so long, from a request on", _on_wire(Trouble.FREEZE)),
+    "gripper_disconnect": Known("gripper", "times",
+        "the connection is cut; with more, whoever connects again", _disconnect),
+    "gripper_fault": Known("gripper", "code",
         "this gFLT is reported; code=0 takes it back, but 13 to 15, which an activation ends",
-    ),
-    "unplug": ((), "the fingertips' board is off the USB bus, until replug"),
-    "replug": ((), "the board is plugged in anew, stopped and without faults"),
-    "usb_timeout": (("times",), "so many reads of the board bring nothing; replug ends it"),
-    "protective_stop": ((), "the arm stops by its own safety system"),
-    "emergency_stop": (
-        ("pressed",),
-        "the arm brakes and loses power; pressed=false releases the button, and its dashboard "
-        "takes power on and brake release, from its next cycle on",
-    ),
-    "remote_control": (
-        ("on",),
+        lambda gripper, order: gripper.model.inject_fault(order.code)),
+    "unplug": Known("board", "", "the fingertips' board is off the USB bus, until replug",
+        lambda board, order: board.unplug()),
+    "replug": Known("board", "", "the board is plugged in anew, stopped and without faults",
+        lambda board, order: board.replug()),
+    "usb_timeout": Known("board", "times",
+        "so many reads of the board bring nothing; replug ends it",
+        lambda board, order: board.time_out(order.times)),
+    "protective_stop": Known("arm", "", "the arm stops by its own safety system",
+        lambda arm, order: arm.controller.protective_stop()),
+    "emergency_stop": Known("arm", "pressed",
+        f"the arm brakes and loses power; {_AFTER}, from its next cycle on",
+        lambda arm, order: arm.controller.emergency_stop(order.pressed)),
+    "remote_control": Known("arm", "on",
         "on=false: the pendant is turned to Local, e-Series alone; the program ends, none is taken",
-    ),
-    "speed_slider": (
-        ("fraction",),
+        lambda arm, order: arm.controller.set_remote_control(order.on)),
+    "speed_slider": Known("arm", "fraction",
         "the arm's speed slider is turned: moves go on at that share of their pace",
-    ),
-    "arm_disconnect": ((), "the connections that are open to the arm are closed, if any"),
-    "arm_freeze": (("seconds",), "the arm's controller does and answers nothing for so long"),
-}
+        lambda arm, order: arm.controller.set_speed(order.fraction)),
+    "arm_disconnect": Known("arm", "", "the connections that are open to the arm are closed",
+        lambda arm, order: arm.drop_links()),
+    "arm_freeze": Known("arm", "seconds",
+        "the arm's controller does and answers nothing for so long",
+        lambda arm, order: arm.freeze(order.seconds)),
+}  # fmt: skip
 
 
 def in_words(name: str) -> str:
     """A fault, its settings with their defaults and units, and what it does."""
-    settings, does = KNOWN[name]
-    defaults = FaultOrder(name=name)
-    told = (f"{each}={_shown(getattr(defaults, each))} ({UNITS[each]})" for each in settings)
-    return f"{' '.join((name, *told))}: {does}"
+    known, defaults = KNOWN[name], FaultOrder(name=name)
+    told = (f"{each}={_shown(getattr(defaults, each))} ({UNITS[each]})" for each in known.settings)
+    return f"{' '.join((name, *told))}: {known.does}"
 
 
 def all_in_words() -> str:
@@ -87,28 +118,12 @@ def _shown(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"
 
 
-Strike = Callable[[FaultOrder], object]
-
-
 class CellFaults:
-    """Everything that can go wrong in a cell, by name; struck at once or at a later time."""
+    """Faults of a cell; struck at once or at a later time."""
 
     def __init__(self, board: BoardModel, arm: UrEmulator, gripper: GripperEmulator | None) -> None:
+        self._devices = {"board": board, "arm": arm, "gripper": gripper}
         self._arm = arm
-        self._table: dict[str, Strike] = {
-            **({} if gripper is None else _gripper_faults(gripper)),
-            "unplug": lambda order: board.unplug(),
-            "replug": lambda order: board.replug(),
-            "usb_timeout": lambda order: board.time_out(order.times),
-        }
-        self._arm_table: dict[str, Strike] = {
-            "protective_stop": lambda order: arm.controller.protective_stop(),
-            "emergency_stop": lambda order: arm.controller.emergency_stop(order.pressed),
-            "remote_control": lambda order: arm.controller.set_remote_control(order.on),
-            "speed_slider": lambda order: arm.controller.set_speed(order.fraction),
-            "arm_disconnect": lambda order: arm.drop_links(),
-            "arm_freeze": lambda order: arm.freeze(order.seconds),
-        }
         self._waiting: list[tuple[int, int, FaultOrder]] = []  # a heap: when, and which came first
         self._ordered = 0
         self._for_arm: deque[FaultOrder] = deque()
@@ -117,13 +132,13 @@ class CellFaults:
 
     def order(self, request: dict[str, Any], now_ns: int) -> str:
         """Take a request; what it will do, in words. Raises ValueError for an unknown name, an
-        argument out of place, what this arm has not, and where too many are waiting."""
+        argument out of place, and what this arm has not."""
         name = str(request.get("name", ""))
-        table = self._table | self._arm_table
-        if name not in table:
-            raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(table)}")
-        known, does = KNOWN[name]
-        if strange := request.keys() - {*known, "name", "after_s"}:
+        names = [each for each in KNOWN if self._devices[KNOWN[each].device] is not None]
+        if name not in names:
+            raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(names)}")
+        known = KNOWN[name]
+        if strange := request.keys() - {*known.settings, "name", "after_s"}:
             raise ValueError(f"takes no {', '.join(sorted(strange)):.60}: {in_words(name)}")
         try:
             order = msgspec.convert(request, FaultOrder)
@@ -132,38 +147,33 @@ class CellFaults:
         if name == "remote_control":
             self._arm.controller.check_remote_control()
         if order.after_s:
-            self._wait(order, now_ns)
+            self._ordered += 1
+            when_ns = now_ns + round(order.after_s * 1e9)
+            heapq.heappush(self._waiting, (when_ns, self._ordered, order))
         else:
             self._hit(order)
         when = f" in {order.after_s:g} s" if order.after_s else ""
-        told = (f"{each}={_shown(getattr(order, each))}" for each in known)
-        return f"{' '.join((name, *told))}{when}: {does}"
-
-    def _wait(self, order: FaultOrder, now_ns: int) -> None:
-        _check_room(self._waiting)
-        self._ordered += 1
-        when_ns = now_ns + round(order.after_s * 1e9)
-        heapq.heappush(self._waiting, (when_ns, self._ordered, order))
+        told = (f"{each}={_shown(getattr(order, each))}" for each in known.settings)
+        return f"{' '.join((name, *told))}{when}: {known.does}"
 
     def strike(self, now_ns: int) -> None:
         """Let happen what is due; the caller holds the cell's lock."""
         while self._waiting and self._waiting[0][0] <= now_ns:
-            with contextlib.suppress(ValueError):  # too many: nobody is there to hear it
-                self._hit(heapq.heappop(self._waiting)[2])
+            self._hit(heapq.heappop(self._waiting)[2])
 
     def _hit(self, order: FaultOrder) -> None:
-        if order.name in self._arm_table:
-            _check_room(self._for_arm)
+        known = KNOWN[order.name]
+        if known.device == "arm":
             self._asked += 1
             self._for_arm.append(order)
         else:
-            self._table[order.name](order)
+            known.strike(self._devices[known.device], order)
 
     def strike_arm(self) -> None:
         """What is due at the arm, whose controller and connections belong to its own thread."""
         while self._for_arm:
             order = self._for_arm.popleft()
-            self._arm_table[order.name](order)
+            KNOWN[order.name].strike(self._arm, order)
             with self._of_arm:
                 self._done += 1
                 self._of_arm.notify_all()
@@ -174,30 +184,3 @@ class CellFaults:
         asked = self._asked
         with self._of_arm:
             return self._of_arm.wait_for(lambda: self._done >= asked, seconds)
-
-
-def _check_room(waiting: Sized) -> None:
-    if len(waiting) >= MOST_WAITING:
-        raise ValueError(f"{MOST_WAITING} faults are waiting: no more are taken")
-
-
-def _gripper_faults(gripper: GripperEmulator) -> dict[str, Strike]:
-    def plan(trouble: Trouble) -> Strike:
-        return lambda order: gripper.faults.add(
-            WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
-        )
-
-    def disconnect(order: FaultOrder) -> None:
-        """Once is a plug pulled and put back; more cuts whoever connects again."""
-        gripper.disconnect()
-        if order.times > 1:
-            gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
-
-    return {
-        "gripper_drop": plan(Trouble.DROP),
-        "gripper_delay": plan(Trouble.DELAY),
-        "gripper_garble": plan(Trouble.GARBLE),
-        "gripper_freeze": plan(Trouble.FREEZE),
-        "gripper_disconnect": disconnect,
-        "gripper_fault": lambda order: gripper.model.inject_fault(order.code),
-    }

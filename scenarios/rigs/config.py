@@ -16,7 +16,6 @@ from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from scenarios.rigs.own_devices import OwnDeviceSettings
-from scenarios.rigs.variation import VariationSettings, wider
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
     ContactSettings,
@@ -29,6 +28,42 @@ from scenarios.world.settings import (
 )
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
+CUT = 2.5  # deviations, at which a normal draw of a seed is cut
+
+
+class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Spreads between trials, all assumed; zero switches one off."""
+
+    friction_cv: Annotated[
+        float, Meta(ge=0, le=0.3, description="relative deviation of both frictions")
+    ] = 0.08
+    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative deviation of the mass")] = (
+        0.02
+    )
+    finger_scatter_m: Annotated[
+        float, Meta(ge=0, le=0.005, description="deviation of where a finger stops")
+    ] = 0.00008
+    start_height_m: Annotated[
+        float, Meta(ge=0, le=0.02, description="deviation of the grip's height on the object")
+    ] = 0.002
+    force_stop_fraction: Annotated[
+        float, Meta(ge=0, le=0.5, description="motors stop up to this below their calibrated force")
+    ] = 0.05
+    width_error_m: Annotated[
+        float, Meta(ge=-0.02, le=0.02, description="the object is so much wider a side, always")
+    ] = 0.0
+    aside_m: Annotated[
+        float, Meta(ge=0, le=0.02, description="deviation of the weight beside the grip's middle")
+    ] = 0.002
+    command_latency_s: Annotated[
+        float, Meta(ge=0, le=0.2, description="added command-to-motor latency, 0 to this")
+    ] = 0.01
+
+
+def wider(body: GraspObject, settings: VariationSettings) -> GraspObject:
+    """As wide as it is in every trial."""
+    width_m = body.half_width_m + settings.width_error_m
+    return msgspec.structs.replace(body, half_width_m=width_m)
 
 
 class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

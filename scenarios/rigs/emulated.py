@@ -1,19 +1,34 @@
 """The emulated rig: real drivers over real protocols to a cell in another process, in wall time."""
 
+import json
+import os
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
 
 import msgspec
 
+from drivers.errors import LinkLost
 from drivers.interfaces import Gripper
 from grasp.clock import WallClock
-from scenarios.rigs.cell_process import CellProcess, at_endpoints, cell_process, wait_placed
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
-from scenarios.rigs.rig import GraspRig, Rig, connect
+from scenarios.rigs import emulated_cell
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
+from scenarios.rigs.emulated_cell import CellOrder
+from scenarios.rigs.rig import GraspRig, Rig, Stalls, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
+from scenarios.world.settings import Blow
+from scenarios.world.truth import PressedTruth, Truth
 
+READY_S = 60.0  # compiling the world on a first run included
+ANSWER_S = 60.0  # of a cell that waits for its turn on a busy machine
+POLL_NS = 100_000_000
+END_S = 3.0
 OPEN_MPS = 0.05
+ConfigT = TypeVar("ConfigT", bound=RigConfig)
 
 
 @contextmanager
@@ -21,11 +36,10 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
     """With the object in place; closes what it opened."""
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
-        there = at_endpoints(config, cell.endpoints)
-        with wired_devices(there, clock) as (arm, tactile, gripper):
+        with wired_devices(at_endpoints(config, cell.endpoints), clock) as (arm, tactile, gripper):
             connect(arm, tactile, gripper, clock)
             arm.set_payload(config.arm.payload_kg)
-            wait_placed(cell, clock)
+            cell.wait_placed(clock)
             rig: Rig[Any, Any] = Rig(
                 arm, tactile, gripper, clock, True, None, cell.truth, cell.stalls,
                 acknowledgements(gripper),
@@ -34,13 +48,138 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
 
 
 def _with_object(
-    rig: GraspRig, cell: CellProcess, clock: WallClock, gripper: Gripper
-) -> GraspRig:  # fmt: skip
+    rig: GraspRig, cell: "CellProcess", clock: WallClock, gripper: Gripper
+) -> GraspRig:
     def load(trial: GraspRigConfig, seed: int) -> None:
         cell.load(trial, seed)
         state = gripper.state
         if state is None or not state.is_open:  # as a lift leaves it that has lost its object
             gripper.open(OPEN_MPS)
-        wait_placed(cell, clock)
+        cell.wait_placed(clock)
 
     return msgspec.structs.replace(rig, tap=cell.tap, load=load)
+
+
+class ControlClient:
+    """The cell's control channel. Raises LinkLost when it is gone, ValueError when it refuses."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.create_connection((host, port), ANSWER_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._stream = self._socket.makefile("rwb")
+
+    def ask(self, verb: str, **more: Any) -> dict[str, Any]:
+        try:
+            self._stream.write(json.dumps({"verb": verb, **more}).encode() + b"\n")
+            self._stream.flush()
+            line = self._stream.readline()
+        except OSError as error:
+            raise _gone(str(error)) from None
+        if not line:
+            raise _gone("it closed the connection")
+        reply: dict[str, Any] = json.loads(line)
+        if "error" in reply:
+            raise ValueError(reply["error"])
+        return reply
+
+    def close(self) -> None:
+        self._stream.close()
+        self._socket.close()
+
+
+def _gone(why: str) -> LinkLost:
+    return LinkLost(f"the emulated cell is gone: {why}", "start the run again")
+
+
+class CellProcess:
+    """The child, its endpoints, and its control channel. Ends when this process does."""
+
+    def __init__(self, config: AnyRigConfig, seed: int) -> None:
+        self._truth = Truth if isinstance(config, GraspRigConfig) else PressedTruth
+        # -P: a folder called `drivers` where the user happens to stand must not shadow ours
+        home = str(Path(__file__).parents[2])
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", emulated_cell.__name__],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,  # a terminal's Ctrl-C and hang-up are the run's affair
+            env={**os.environ, "PYTHONPATH": home},
+        )  # fmt: skip
+        self._open = ExitStack()
+        self._open.callback(self._end)
+        try:
+            assert self._child.stdin is not None and self._child.stdout is not None  # noqa: S101
+            order = CellOrder.of(config, seed)
+            self._child.stdin.write(msgspec.json.encode(order).decode() + "\n")
+            self._child.stdin.flush()
+            line = self._child.stdout.readline()
+            if not line:
+                raise LinkLost("the emulated cell did not start", "see its messages above")
+            self.endpoints: dict[str, Any] = json.loads(line)
+            self.control = ControlClient(**self.endpoints["control"])
+            self._open.callback(self.control.close)
+        except BaseException:
+            self.close()
+            raise
+
+    def truth(self) -> Any:
+        """The state of the world now: Truth of a grasp, PressedTruth of a pressed fingertip."""
+        return msgspec.convert(self.control.ask("truth")["truth"], self._truth)
+
+    def tap(self, blow: Blow) -> None:
+        """Strike the object."""
+        self.control.ask("tap", **msgspec.to_builtins(blow))
+
+    def load(self, config: GraspRigConfig, seed: int) -> None:
+        """Another trial's object; it is put in place as soon as the hand is open."""
+        self.control.ask("load", **msgspec.to_builtins(CellOrder.of(config, seed)))
+
+    def wait_placed(self, clock: WallClock) -> None:
+        """Until the cell has put the object between the fingers; raises LinkLost when it never
+        does."""
+        end_ns = clock.now_ns + round(READY_S * 1e9)
+        while not self.control.ask("truth")["placed"]:
+            if clock.now_ns > end_ns:
+                remedy = "is the hand open? start again"
+                raise LinkLost("the cell has not placed its object", remedy)
+            clock.sleep_until_ns(clock.now_ns + POLL_NS)
+
+    def stalls(self) -> Stalls:
+        """How often, and how long at worst, the cell stood still."""
+        reply = self.control.ask("truth")
+        return Stalls(reply["stalls"], reply["worst_stall_ms"])
+
+    def close(self) -> None:
+        self._open.close()
+
+    def _end(self) -> None:
+        for stream in (self._child.stdin, self._child.stdout):
+            if stream is not None:
+                stream.close()
+        try:
+            self._child.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+
+@contextmanager
+def cell_process(config: AnyRigConfig, seed: int) -> Iterator[CellProcess]:
+    cell = CellProcess(config, seed)
+    try:
+        yield cell
+    finally:
+        cell.close()
+
+
+def at_endpoints(config: ConfigT, endpoints: dict[str, Any]) -> ConfigT:
+    """The configuration with the addresses of a cell in place of the lab's."""
+    replace = msgspec.structs.replace
+    config = replace(
+        config,
+        usb=replace(config.usb, url=endpoints["tactile"]["url"]),
+        ur=replace(config.ur, host=endpoints["arm"]["host"]),
+    )
+    if isinstance(config, GraspRigConfig):
+        at = endpoints["gripper"]
+        return replace(config, modbus=replace(config.modbus, host=at["host"], port=at["port"]))
+    return config

@@ -11,12 +11,14 @@ import json
 import math
 import os
 import random
+import secrets
 import signal
+import socketserver
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import Any, Literal, Self, TypeVar
 
@@ -26,10 +28,9 @@ from drivers.robotiq.emulator import GripperEmulator, RtuEmulator
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.controller import EmulatorSettings
 from drivers.ur.emulator.server import SWITCH_S, UrEmulator
-from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
-from scenarios.rigs.world_of_seed import any_cell, cell_settings
+from scenarios.rigs.simulated import any_cell, cell_settings
 from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
 from scenarios.world.settings import Blow
 
@@ -37,6 +38,7 @@ STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
 T = TypeVar("T")
 Request = dict[str, Any]
+Verb = Callable[[Request], Request | None]
 STOPPED_ARM = (
     "the arm is stopped by its own safety system; a protective stop is cleared, 5 s after it, by "
     "the line 'unlock protective stop' to its dashboard, {host} port 29999"
@@ -47,6 +49,12 @@ STANDING_SLIDER = (
 )
 ARM_TAKES_S = 1.0  # to strike a fault, at most; a frozen arm takes longer
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
+
+
+Obey = Callable[[Request], Request]
+CONTROL_END_S = 5.0
+LONGEST = 65_536  # bytes of a request
+SHOWN = 500  # characters of what was wrong
 
 
 class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -97,12 +105,12 @@ class EmulatedCell:
         self.cell = any_cell(order.config, order.seed, self._last_ns)
         self._hand = self.cell if isinstance(self.cell, SimulatedCell) else None
         self._placed = self._hand is None  # a surface stands where it stands
-        of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand, order)
-        self._verbs = {**of_a_grasp, "truth": self._truth, "motion": self._motion,
-                       "fault": self._fault}  # fmt: skip
-        self._home_m = order.config.arm_model.start_m
+        self._verbs: dict[str, Verb] = {
+            **({} if self._hand is None else self._verbs_of_a_grasp(self._hand, order)),
+            "truth": self._truth, "motion": self._motion, "fault": self._fault,
+        }  # fmt: skip
+        self._home_m = start_m = order.config.arm_model.start_m
         self._homeward = False
-        start_m = order.config.arm_model.start_m
         arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
         with ExitStack() as stack:
             self.arm = stack.enter_context(
@@ -201,7 +209,7 @@ class EmulatedCell:
             **({"token": self._token} if self._token else {}),
         }
 
-    def obey(self, request: dict[str, Any]) -> dict[str, Any]:
+    def obey(self, request: Request) -> Request:
         """One request of the control channel; an unknown one is answered with an error."""
         verb = str(request.pop("verb", ""))
         obey = self._verbs.get(verb)
@@ -209,7 +217,7 @@ class EmulatedCell:
             return {"error": f"unknown verb {verb!r}: one of {', '.join(self._verbs)}"}
         with self._lock:
             self.advance(time.monotonic_ns())
-            reply = obey(request)
+            reply = obey(request) or {}
         if verb == "fault" and not self.faults.struck(ARM_TAKES_S):
             reply["told"] += "; the arm has had no cycle since, and takes it with its next"
         return reply
@@ -221,68 +229,112 @@ class EmulatedCell:
                 "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
 
     def _motion(self, request: Request) -> Request:
-        """What really moves, whatever the devices say of it: m/s of the arm, of the fastest
-        finger."""
+        """What really moves, whatever the devices report: m/s of the arm, of the fastest finger."""
         fingers = () if self._hand is None else self._hand.gripper.velocity_mps
         arm_mps = math.hypot(*self.cell.arm.velocity(self._last_ns))
-        return {
-            "arm_mps": arm_mps,
-            "fingers_mps": float(max((abs(v) for v in fingers), default=0.0)),
-        }
+        fingers_mps = float(max((abs(v) for v in fingers), default=0.0))
+        return {"arm_mps": arm_mps, "fingers_mps": fingers_mps}
 
-    def _verbs_of_a_grasp(
-        self, cell: SimulatedCell, order: CellOrder
-    ) -> dict[str, Callable[[Request], Request]]:
-        def load(request: Request) -> Request:
-            order = msgspec.convert(request, CellOrder)
-            if order.grasp is None:
+    def _fault(self, request: Request) -> Request:
+        return {"told": self.faults.order(request, time.monotonic_ns())}
+
+    def _verbs_of_a_grasp(self, cell: SimulatedCell, order: CellOrder) -> dict[str, Verb]:
+        def load(request: Request) -> None:
+            other = msgspec.convert(request, CellOrder)
+            if other.grasp is None:
                 raise ValueError("this cell has a hand: it takes a grasp")
-            cell.load(*cell_settings(order.grasp, order.seed))
+            cell.load(*cell_settings(other.grasp, other.seed))
             self._placed = False
-            return {}
 
-        def place(request: Request) -> Request:
-            cell.place_object()
-            return {}
-
-        def tap(request: Request) -> Request:
-            cell.tap(msgspec.convert(request, Blow))
-            return {}
-
-        def press(request: Request) -> Request:
-            cell.press(msgspec.convert(request, PadPress))
-            return {}
-
-        def lay(request: Request) -> Request:
-            cell.lay(msgspec.convert(request, LaidWeight))
-            return {}
-
-        def home(request: Request) -> Request:
-            now_ns = time.monotonic_ns()
-            away_m = math.dist(cell.arm.position(now_ns), self._home_m)
-            turned_rad = self.arm.controller.motion.turned_rad
-            if cell.arm.protective_stop:
-                return {"error": STOPPED_ARM.format(host=self.host)}
-            if cell.arm.pace(now_ns) == 0.0:
-                return {"error": STANDING_SLIDER}
-            moving = self.arm.controller.motion.moving or cell.arm.moving(now_ns)
-            self._homeward = (away_m > 0.0 or turned_rad > 0.0) and not moving
-            return {"away_m": away_m, "turned_rad": turned_rad}
-
-        def take(request: Request) -> Request:
+        def take(request: Request) -> None:
             """Away with the object."""
             if order.grasp is not None:
                 cell.load(*cell_settings(order.grasp, order.seed))
             self._placed = True
-            return {}
 
         return {
-            "load": load, "place": place, "take": take, "tap": tap, "press": press, "lay": lay,
-            "home": home,
-        }  # fmt: skip
+            "load": load,
+            "place": lambda request: cell.place_object(),
+            "take": take,
+            "tap": lambda request: cell.tap(msgspec.convert(request, Blow)),
+            "press": lambda request: cell.press(msgspec.convert(request, PadPress)),
+            "lay": lambda request: cell.lay(msgspec.convert(request, LaidWeight)),
+            "home": self._home,
+        }
 
-    def _fault(self, request: Request) -> Request:
-        return {"told": self.faults.order(request, time.monotonic_ns())}
+    def _home(self, request: Request) -> Request:
+        """Let the arm go to where it began, as a person drives it by its pendant."""
+        now_ns, arm, motion = time.monotonic_ns(), self.cell.arm, self.arm.controller.motion
+        away_m = math.dist(arm.position(now_ns), self._home_m)
+        if arm.protective_stop:
+            return {"error": STOPPED_ARM.format(host=self.host)}
+        if arm.pace(now_ns) == 0.0:
+            return {"error": STANDING_SLIDER}
+        moving = motion.moving or arm.moving(now_ns)
+        self._homeward = (away_m > 0.0 or motion.turned_rad > 0.0) and not moving
+        return {"away_m": away_m, "turned_rad": motion.turned_rad}
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    """JSON lines: a request is an object with a ``verb``, and with the cell's token where the cell
+    is not on loopback alone; the reply is an object, with ``error`` where it was refused."""
+
+    disable_nagle_algorithm = True
+    server: "_Server"
+
+    def handle(self) -> None:
+        with suppress(OSError):
+            while line := self.rfile.readline(LONGEST):
+                whole = line.endswith(b"\n") or len(line) < LONGEST
+                reply = self._reply(line) if whole else {"error": "line too long"}
+                self.wfile.write(json.dumps(reply).encode() + b"\n")
+                if not whole:
+                    return
+
+    def finish(self) -> None:
+        with suppress(OSError):
+            super().finish()
+
+    def _reply(self, line: bytes) -> Request:
+        try:
+            request = msgspec.json.decode(line, type=Request)
+            token = str(request.pop("token", ""))
+            if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+                raise PermissionError("the cell's token is asked for")
+            return self.server.obey(request)
+        except Exception as error:  # a client's mistake must not end the cell
+            return {"error": f"{type(error).__name__}: {error}"[:SHOWN]}
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    daemon_threads = True
+    allow_reuse_address = True
+    obey: Obey
+    token: str
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is no error."""
+
+
+class ControlServer:
+    """Serves ``obey`` on a free port of the cell's address."""
+
+    def __init__(self, host: str, obey: Obey, token: str = "") -> None:
+        self._server = _Server((host, 0), _Handler)
+        self._server.obey, self._server.token = obey, token
+        self.port: int = self._server.server_address[1]
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, name="cell-control", daemon=True
+        )
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join(CONTROL_END_S)
 
 
 @contextmanager

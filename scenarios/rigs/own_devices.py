@@ -19,38 +19,26 @@ from drivers.errors import ConfigError, GraspError, UsageError, in_words
 
 Scalar = bool | int | float | str
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
-Opened = AbstractContextManager[Any]
+Settings = Annotated[dict[str, Scalar], Meta(description="what its package opens it with")]
 
 
 class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Devices of other packages in place of ours, by the names of their entry points."""
 
-    gripper: Annotated[str, Meta(description="empty: Robotiq 3-Finger; else of grasp.grippers")] = (
-        ""
-    )
-    arm: Annotated[str, Meta(description="empty: Universal Robots; else of grasp.arms")] = ""
-    fingertips: Annotated[str, Meta(description="empty: TakkTile; else of grasp.fingertips")] = ""
-    gripper_settings: Annotated[
-        dict[str, Scalar], Meta(description="what it is opened with, as its package says")
-    ] = msgspec.field(default_factory=dict)
-    arm_settings: Annotated[dict[str, Scalar], Meta(description="likewise")] = msgspec.field(
-        default_factory=dict
-    )
-    fingertips_settings: Annotated[dict[str, Scalar], Meta(description="likewise")] = msgspec.field(
-        default_factory=dict
-    )
+    gripper: Annotated[str, Meta(description="of grasp.grippers; empty: Robotiq 3-Finger")] = ""
+    arm: Annotated[str, Meta(description="of grasp.arms; empty: Universal Robots")] = ""
+    fingertips: Annotated[str, Meta(description="of grasp.fingertips; empty: TakkTile")] = ""
+    gripper_settings: Settings = msgspec.field(default_factory=dict)
+    arm_settings: Settings = msgspec.field(default_factory=dict)
+    fingertips_settings: Settings = msgspec.field(default_factory=dict)
 
     def name(self, device: str) -> str:
         """Of the entry point; empty for a device of ours."""
         return {"gripper": self.gripper, "arm": self.arm, "fingertips": self.fingertips}[device]
 
     def settings(self, device: str) -> dict[str, Scalar]:
-        """What it is opened with."""
-        return {
-            "gripper": self.gripper_settings,
-            "arm": self.arm_settings,
-            "fingertips": self.fingertips_settings,
-        }[device]
+        own = (self.gripper_settings, self.arm_settings, self.fingertips_settings)
+        return dict(zip(GROUPS, own, strict=True))[device]
 
     @property
     def chosen(self) -> dict[str, str]:
@@ -58,7 +46,7 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         return {device: self.name(device) for device in GROUPS if self.name(device)}
 
     def called(self, device: str) -> str:
-        """Which one is meant, in a word: its name and settings."""
+        """Its name and settings, in a word."""
         given = ",".join(f"{key}={value}" for key, value in sorted(self.settings(device).items()))
         return f"{self.name(device)}({given})"
 
@@ -80,15 +68,15 @@ def check_offered(devices: OwnDeviceSettings) -> None:
 @contextmanager
 def own_device(devices: OwnDeviceSettings, device: str, now: Callable[[], int]) -> Iterator[Any]:
     """It, connected. Raises ConfigError for an unknown name, and UsageError for what its package
-    raises that is no error of ours."""
+    raises that is no error of ours. What closing it raises is logged."""
     check_offered(devices)
     name = devices.name(device)
     try:
-        opened: Opened = _offered(GROUPS[device])[name].load()(devices.settings(device), now)
+        opened: AbstractContextManager[Any] = _offered(GROUPS[device])[name].load()(
+            devices.settings(device), now
+        )
         entered = opened.__enter__()
-    except GraspError:
-        raise
-    except KeyboardInterrupt:
+    except (GraspError, KeyboardInterrupt):
         raise
     except BaseException as error:  # its sys.exit(), or a task that was cancelled
         raise UsageError(
@@ -98,14 +86,11 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Callable[[], int]) 
     try:
         yield entered
     finally:
-        _let_go(opened, f"{device} {name!r}")
-
-
-def _let_go(opened: Opened, who: str) -> None:
-    """What it raises costs no result and hides no error; it is told."""
-    try:
-        opened.__exit__(None, None, None)
-    except BaseException as error:
-        logging.getLogger(__name__).warning("%s does not let go: %s", who, in_words(error))
-        if isinstance(error, KeyboardInterrupt):
-            raise
+        try:
+            opened.__exit__(None, None, None)
+        except BaseException as error:
+            logging.getLogger(__name__).warning(
+                "%s %r does not let go: %s", device, name, in_words(error)
+            )
+            if isinstance(error, KeyboardInterrupt):
+                raise

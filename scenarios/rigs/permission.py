@@ -22,77 +22,15 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.rig import calibration
 
+HARDWARE = "hardware"
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 MODE = 0o666  # other users must be able to lock it after us
-
-
-@contextmanager
-def driving(*devices: str) -> Iterator[None]:
-    """Drive these devices exclusively. Raises Refused, naming the process that drives one."""
-    with ExitStack() as locks:
-        for device in devices:
-            locks.enter_context(locked(lock_path(device), MODE, partial(_driven, device)))
-        yield
-
-
-def devices_of(config: AnyRigConfig) -> list[str]:
-    """What moves on a rig, by its address; raises ConfigError where nobody has said it."""
-    gripper = [gripper_of(config)] if isinstance(config, GraspRigConfig) else []
-    return [*gripper, arm_of(config)]
-
-
-def arm_of(config: AnyRigConfig) -> str:
-    """The arm, by its address; raises ConfigError where nobody has said it."""
-    address = arm_address(config)
-    return f"arm {address}" if config.devices.arm else f"arm at {_resolved(address)}"
-
-
-def gripper_of(config: GraspRigConfig) -> str:
-    """The gripper, by its address; raises ConfigError where nobody has said it."""
-    address = gripper_address(config)
-    if config.devices.gripper:
-        return f"gripper {address}"
-    if config.gripper.link == "rtu":
-        return f"gripper at {os.path.realpath(address)}"
-    return f"gripper at {_resolved(config.modbus.host)}:{config.modbus.port}"
-
-
-def _resolved(host: str) -> str:
-    """One device has one name here, by whichever it was called."""
-    try:
-        return socket.gethostbyname(host)
-    except OSError:
-        return host.lower()
-
-
-def lock_path(device: str) -> Path:
-    """The file that the process that drives a device locks."""
-    folder = next((f for f in FOLDERS if _shared(f)), FOLDERS[-1])
-    name = "".join(c if c.isalnum() or c in ".-" else "_" for c in device)
-    return folder / f"grasp-{name}.lock"
-
-
-def _shared(folder: Path) -> bool:
-    return folder.is_dir() and bool(folder.stat().st_mode & stat.S_IWOTH)
-
-
-def _driven(device: str, holder: Holder | None) -> Refused:
-    if holder is None:
-        return Refused(f"the {device} is driven by another process", "wait until that has ended")
-    return Refused(
-        f"the {device} is driven by process {holder.pid} since {holder.since}: {holder.command}",
-        f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill {holder.pid}`"
-        ": the arm then stands and the grip is kept",
-    )
-
-
-HARDWARE = "hardware"
 # sections that say which devices are meant: a command that opens the hand must repeat them
 DEVICE_SECTIONS = ("gripper", "calibration", "modbus", "usb", "ur")
 
 
 class MotionPermit(msgspec.Struct, frozen=True):
-    """Leave to move real devices, with the way out: the whole command that opens their hand."""
+    """Leave to move real devices, with the whole command that opens their hand."""
 
     release: str
 
@@ -115,7 +53,13 @@ def permit(
     if not confirmed:
         remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
         raise UsageError("the hardware rig moves real devices", remedy)
-    return MotionPermit(release_command(rig or config.rig, files, assignments))
+    words = ["grasp", "release", "--rig", rig or config.rig, "--confirm-motion"]
+    for file in own_files_of(files):
+        words += ["--config", str(file)]
+    for text in assignments:
+        if text.strip().split(".")[0] in DEVICE_SECTIONS:
+            words += ["--set", text]
+    return MotionPermit(shlex.join(words))
 
 
 def require(permit: MotionPermit | None) -> MotionPermit:
@@ -126,20 +70,11 @@ def require(permit: MotionPermit | None) -> MotionPermit:
     return permit
 
 
-def release_command(rig: str, files: Files, assignments: Sequence[str]) -> str:
-    """What to type to open the hand of real devices: rig, files and settings included."""
-    words = ["grasp", "release", "--rig", rig, "--confirm-motion"]
-    for file in own_files_of(files):
-        words += ["--config", str(file)]
-    for text in assignments:
-        if text.strip().split(".")[0] in DEVICE_SECTIONS:
-            words += ["--set", text]
-    return shlex.join(words)
+# Addresses of real devices: they have no default
 
 
 def check_devices(config: AnyRigConfig) -> None:
-    """Raises ConfigError where an address or the calibration of real devices was left out: they
-    have no default."""
+    """Raises ConfigError where an address or the calibration of real devices was left out."""
     if config.rig != HARDWARE:
         return
     check_offered(config.devices)
@@ -185,3 +120,62 @@ def _given(key: str, value: str, allowed: str) -> str:
             f"{allowed}; in a file for --config, or --set {key}=...",
         )  # fmt: skip
     return value
+
+
+# One process drives a device at a time
+
+
+def devices_of(config: AnyRigConfig) -> list[str]:
+    """What moves on a rig, by its address; raises ConfigError where nobody has said it."""
+    gripper = [gripper_of(config)] if isinstance(config, GraspRigConfig) else []
+    return [*gripper, arm_of(config)]
+
+
+def arm_of(config: AnyRigConfig) -> str:
+    """The arm, by its address; raises ConfigError where nobody has said it."""
+    address = arm_address(config)
+    return f"arm {address}" if config.devices.arm else f"arm at {_resolved(address)}"
+
+
+def gripper_of(config: GraspRigConfig) -> str:
+    """The gripper, by its address; raises ConfigError where nobody has said it."""
+    address = gripper_address(config)
+    if config.devices.gripper:
+        return f"gripper {address}"
+    if config.gripper.link == "rtu":
+        return f"gripper at {os.path.realpath(address)}"
+    return f"gripper at {_resolved(config.modbus.host)}:{config.modbus.port}"
+
+
+def _resolved(host: str) -> str:
+    """One device has one name here, by whichever it was called."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError:
+        return host.lower()
+
+
+@contextmanager
+def driving(*devices: str) -> Iterator[None]:
+    """Drive these devices exclusively. Raises Refused, naming the process that drives one."""
+    with ExitStack() as locks:
+        for device in devices:
+            locks.enter_context(locked(lock_path(device), MODE, partial(_driven, device)))
+        yield
+
+
+def lock_path(device: str) -> Path:
+    """The file that the process that drives a device locks."""
+    shared = (f for f in FOLDERS if f.is_dir() and f.stat().st_mode & stat.S_IWOTH)
+    name = "".join(c if c.isalnum() or c in ".-" else "_" for c in device)
+    return next(shared, FOLDERS[-1]) / f"grasp-{name}.lock"
+
+
+def _driven(device: str, holder: Holder | None) -> Refused:
+    if holder is None:
+        return Refused(f"the {device} is driven by another process", "wait until that has ended")
+    return Refused(
+        f"the {device} is driven by process {holder.pid} since {holder.since}: {holder.command}",
+        f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill {holder.pid}`"
+        ": the arm then stands and the grip is kept",
+    )

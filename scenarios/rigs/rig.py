@@ -9,6 +9,7 @@ from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import BASIC, check_closing
+from grasp import signals
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
@@ -125,8 +126,7 @@ def connect(
 
 
 def check_fault(state: GripperState) -> None:
-    """Raises DeviceFault for an active hand that reports a fault: it obeys, and may hold
-    something."""
+    """Raises DeviceFault for an active hand that reports a fault: it may hold something."""
     if state.fault:
         raise DeviceFault(
             f"the gripper reports a fault, {state.fault_text}; it is active and was left as it is, "
@@ -139,12 +139,21 @@ def mode_of(gripper: Gripper) -> int:
     return int(getattr(gripper, "mode", BASIC))
 
 
-def not_active(state: GripperState) -> Refused:
-    """What is said of a hand that obeys nothing."""
+def known_state(gripper: Gripper) -> GripperState:
+    """The latest state; raises LinkLost where the gripper has sent none."""
+    if gripper.state is None:
+        raise LinkLost("the gripper does not answer", "check its power, cable and address")
+    return gripper.state
+
+
+def not_active(state: GripperState, again: str = "") -> Refused:
+    """The error of a hand that obeys nothing; ``again``: what to run to let it go."""
     why = f" ({state.fault_text})" if state.fault else ""
     return Refused(
-        f"the hand is not active{why}: nothing was moved", "empty it, then `grasp gripper activate`"
-    )
+        f"the hand is not active{why}: nothing was moved",
+        "activation opens and closes it fully: empty the hand or support what it holds, then run "
+        f"{again}" if again else "empty it, then `grasp gripper activate`",
+    )  # fmt: skip
 
 
 def take_over(gripper: Gripper, clock: Clock) -> None:
@@ -176,24 +185,29 @@ def closed_and_inactive(state: GripperState) -> Refused:
 
 
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
-    """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
-    it would drop something and may not. One that is active and reports a fault obeys and may hold
-    something: it is left as it is, and DeviceFault says so.
-    One that is not active and stands closed may hold something by itself, as after a power cut."""
-    now_ns = clock.now_ns
-    gripper.pump(now_ns)
+    """Make the hand ready, unless it is. Raises DeviceFault when that does not end and for an
+    active hand that reports a fault, Refused where it would drop something and may not: a hand
+    that is not active and stands closed may hold something by itself, as after a power cut."""
+    gripper.pump(clock.now_ns)
     found = gripper.state
     if found is not None and not (dropping or found.active or max(found.positions) <= OPEN_COUNTS):
         raise closed_and_inactive(found)
     if found is not None and found.active:
         check_fault(found)
     gripper.activate(dropping)
-    end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
+    until_active(gripper, clock)
+
+
+def until_active(gripper: Gripper, clock: Clock) -> GripperState:
+    """Its state once it is active; raises DeviceFault when that takes far longer than usual."""
+    end_ns = clock.now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
     while (state := gripper.state) is None or not (state.active and state.fresh):
         if clock.now_ns >= end_ns:
             raise DeviceFault(
                 f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
                 "look at its LED, clear what blocks the fingers, switch it off and on",
             )
+        signals.check()
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
         gripper.pump(clock.now_ns)
+    return state

@@ -19,67 +19,60 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.own_devices import own_device
 from scenarios.rigs.rig import calibration
 
-DeviceT = TypeVar("DeviceT")
 ANY_BOARD = "any"  # of `usb.serial`
 # of an emulated board, whose process may have to wait for its turn on a busy machine
 EMULATED_READ_MS, EMULATED_CONTROL_MS = 1_000, 10_000
+DeviceT = TypeVar("DeviceT")
+Now = Callable[[], int]
 
 
 @contextmanager
 def wired_devices(
     config: AnyRigConfig, clock: WallClock
 ) -> Iterator[tuple[Arm, TactileSensor, Gripper | None]]:
-    """Drivers on real wires, at the addresses of the configuration, ours or those of other
-    packages. Raises what opening raises."""
-    now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
+    """Drivers at the addresses of the configuration, ours or those of other packages. Raises what
+    opening raises."""
+    now: Now = lambda: clock.now_ns  # noqa: E731
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
             gripper = stack.enter_context(_letting_go(open_gripper(config, now)))
-        tactile = stack.enter_context(_letting_go(_fingertips(config, now)))
+        tactile = stack.enter_context(_letting_go(_open_fingertips(config, now)))
         arm = stack.enter_context(open_arm(config, now))
         yield arm, tactile, gripper
 
 
-def open_gripper(config: GraspRigConfig, now: Callable[[], int]) -> AbstractContextManager[Gripper]:
+def open_gripper(config: GraspRigConfig, now: Now) -> AbstractContextManager[Gripper]:
     """The gripper that the settings name, connected once it is entered."""
     if config.devices.gripper:
         return own_device(config.devices, "gripper", now)
     return wired_gripper(config, now)
 
 
-def _fingertips(
-    config: AnyRigConfig, now: Callable[[], int]
-) -> AbstractContextManager[TactileSensor]:
+def wired_gripper(config: GraspRigConfig, now: Now) -> ThreadedGripper:
+    """The Robotiq gripper on its wire; enter it to start the exchange."""
+    modbus = ModbusTransport(config.modbus, config.gripper.link)
+    return ThreadedGripper(
+        RobotiqDriver(modbus, config.gripper, calibration(config), clock=now),
+        1 / config.gripper.refresh_hz,
+        write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
+    )  # fmt: skip
+
+
+def _open_fingertips(config: AnyRigConfig, now: Now) -> AbstractContextManager[TactileSensor]:
     if config.devices.fingertips:
         return own_device(config.devices, "fingertips", now)
-    reading = ReadingThread(board_finder(config, now), config.tactile, now)
-    return TakkTileDriver(reading, config.tactile)
+    return open_board(config, now)
 
 
-@contextmanager
-def open_arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
-    """The arm that the settings name, its program running."""
-    if config.devices.arm:
-        with own_device(config.devices, "arm", now) as arm:
-            yield arm
-        return
-    with UrLink(config.ur) as link:
-        yield ArmDriver(link, config.arm)
+def open_board(config: AnyRigConfig, now: Now) -> TakkTileDriver:
+    """The TakkTile board that the settings name, read by a thread once it is entered."""
+    return TakkTileDriver(
+        ReadingThread(board_finder(config, now), config.tactile, now), config.tactile
+    )
 
 
-@contextmanager
-def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
-    """A device that does not let go in time costs no result: whoever opens it next is told."""
-    entered = device.__enter__()
-    try:
-        yield entered
-    finally:
-        with suppress(GraspError):
-            device.__exit__(None, None, None)
-
-
-def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str | None], UsbLink]:
+def board_finder(config: AnyRigConfig, now: Now) -> Callable[[str | None], UsbLink]:
     """Finds the fingertip board: that with the serial number asked for, else the one that the
     settings name, else any."""
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
@@ -91,14 +84,26 @@ def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str 
     )
 
 
-def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:
-    """The gripper on its wire; enter it to start the exchange."""
-    modbus = ModbusTransport(config.modbus, config.gripper.link)
-    return ThreadedGripper(
-        RobotiqDriver(modbus, config.gripper, calibration(config), clock=now),
-        1 / config.gripper.refresh_hz,
-        write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
-    )  # fmt: skip
+@contextmanager
+def open_arm(config: AnyRigConfig, now: Now) -> Iterator[Arm]:
+    """The arm that the settings name, its program running."""
+    if config.devices.arm:
+        with own_device(config.devices, "arm", now) as arm:
+            yield arm
+        return
+    with UrLink(config.ur) as link:
+        yield ArmDriver(link, config.arm)
+
+
+@contextmanager
+def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
+    """A device that does not let go in time costs no result: whoever opens it next finds out."""
+    entered = device.__enter__()
+    try:
+        yield entered
+    finally:
+        with suppress(GraspError):
+            device.__exit__(None, None, None)
 
 
 def acknowledgements(gripper: Gripper | None) -> Callable[[], Sequence[tuple[int, int]]]:

@@ -32,7 +32,7 @@ AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 FOR_THE_PARENT = (signal.SIGINT, signal.SIGHUP)
 PARENT_POLL_S = 0.5
-LOOK_FOR_CYCLES = 20_000  # new objects in between: a trial leaves few cycles, and a look is dear
+GC_OBJECTS = 20_000  # a trial leaves few cycles: looking for them less often saves a tenth
 CONNECT_S = 10.0
 
 
@@ -93,25 +93,21 @@ def _processes(
 ) -> Iterator[Outcome[T, R]]:
     """A worker that dies takes its pool with it, and nobody knows which of the tasks handed out
     was to blame: they run once more one by one, and the one that dies again has the error."""
+    died = GraspError("the worker process died", "fewer --jobs, if the memory did not suffice")
     waiting = deque(tasks)
     while waiting:
-        suspects: deque[T] = deque()
+        suspects: list[T] = []
         with _pool(processes) as executor:
             for outcome in _drain(executor, waiting, AHEAD * processes, work):
                 if isinstance(outcome.error, BrokenExecutor):
                     suspects.append(outcome.task)
                 else:
                     yield outcome
-        yield from _one_by_one(suspects, work)
-
-
-def _one_by_one(waiting: deque[T], work: Callable[[T], R]) -> Iterator[Outcome[T, R]]:
-    died = GraspError("the worker process died", "fewer --jobs, if the memory did not suffice")
-    while waiting:
-        with _pool(1) as executor:
-            for outcome in _drain(executor, waiting, 1, work):
-                broken = isinstance(outcome.error, BrokenExecutor)
-                yield Outcome(outcome.task, error=died) if broken else outcome
+        for task in suspects:
+            with _pool(1) as executor:
+                for outcome in _drain(executor, deque([task]), 1, work):
+                    broken = isinstance(outcome.error, BrokenExecutor)
+                    yield Outcome(task, error=died) if broken else outcome
 
 
 def _drain(
@@ -131,9 +127,7 @@ def _drain(
             task = out.pop(future)
             error = future.exception()
             broken = broken or isinstance(error, BrokenExecutor)
-            yield (
-                Outcome(task, error=error) if error is not None else Outcome(task, future.result())
-            )
+            yield Outcome(task, None if error else future.result(), error)
 
 
 @contextmanager
@@ -144,9 +138,6 @@ def _pool(processes: int) -> Iterator[Executor]:
         max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
     )
     try:
-        _start_trackers()  # which would undo what waits
-        with _waiting():
-            executor.submit(_nothing)  # starts all of them
         yield executor
     except BaseException:  # Ctrl-C among them: what is half done is of no use to anyone
         executor.shutdown(wait=True, kill_workers=True)
@@ -154,37 +145,11 @@ def _pool(processes: int) -> Iterator[Executor]:
     executor.shutdown(wait=True)
 
 
-@contextmanager
-def _waiting() -> Iterator[None]:
-    """What is for the parent alone waits meanwhile, and in who is begun meanwhile until it has
-    prepared itself: while it imports, it would die of it in many words."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, FOR_THE_PARENT)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _start_trackers() -> None:
-    from multiprocessing import resource_tracker
-
-    from joblib.externals.loky.backend import resource_tracker as of_loky
-
-    resource_tracker.ensure_running()
-    of_loky.ensure_running()
-
-
-def _nothing() -> None:
-    """A task."""
-
-
 def _prepare(parent: int) -> None:
-    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it. Its
-    memory is looked through less often, which saves a tenth of a campaign."""
-    gc.set_threshold(LOOK_FOR_CYCLES)
+    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it."""
+    gc.set_threshold(GC_OBJECTS)
     for number in FOR_THE_PARENT:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, FOR_THE_PARENT)
 
     def watch() -> None:
         while os.getppid() == parent:

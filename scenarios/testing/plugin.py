@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from drivers.takktile.emulator.bus import EmulatedBus
     from drivers.takktile.emulator.server import BoardServer
     from drivers.takktile.model.board import BoardModel
-    from scenarios.rigs.cell_process import CellProcess
+    from scenarios.rigs.emulated import CellProcess
     from scenarios.world.truth import Truth
 
 ANSWER_S = 70.0  # a frozen arm answers when it has thawed, after a minute at most
@@ -267,7 +267,7 @@ def emulated_cell_settings() -> tuple[str, ...]:
 def emulated_cell(emulated_cell_settings: tuple[str, ...]) -> Iterator[CellFixture]:
     """All three devices around one can, in one process, each on a real wire."""
     from scenarios.campaign.config import load_config  # noqa: PLC0415
-    from scenarios.rigs.cell_process import cell_process  # noqa: PLC0415
+    from scenarios.rigs.emulated import cell_process  # noqa: PLC0415
 
     config = load_config("can", "emulated", "energy", None, emulated_cell_settings)
     with cell_process(config, seed=0) as process:

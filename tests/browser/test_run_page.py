@@ -40,7 +40,7 @@ def agrees(page: Chromium, run: RunRecord, at: int) -> None:
     assert told(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
     heard = (("felt", run.felt_n, 0.0056), ("probability", run.probabilities, 0.00051))
     for what, values, near in heard:
-        assert told(page, what) == pytest.approx(run.heard(values)[at], abs=near, nan_ok=True)
+        assert told(page, what) == pytest.approx(run.known(values)[at], abs=near, nan_ok=True)
     assert page.text("#clock") == f"{run.t_s[at]:.2f} s"
 
 

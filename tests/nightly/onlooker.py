@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from drivers.errors import LinkLost
-from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.emulated import ControlClient
 from scenarios.rigs.emulated_cell import OPEN_M
 from scenarios.world.truth import Truth
 from tests.nightly.last_line import LET_GO_M, SLIDES_MPS

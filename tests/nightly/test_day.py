@@ -24,6 +24,7 @@ ASKED = re.compile(r"(>>> (?:[^\n]*(?:Enter|\?|type)[^\n]*)\n|Type (\w+): |press
 ENDED = re.compile(r"\[exit code (\d+)\]")
 LONG_S = 600.0
 AGAIN = 6
+LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)  # laid on the pad of finger A
 OWN_LIMIT = {"guard": {"force_limit_n": 11.0}, "controller": {"grip_force_n": 11.0}}
 
 
@@ -106,8 +107,6 @@ def play(folder: Path) -> str:
 
 
 def _looks(day: Day) -> None:
-    url = day.endpoints["tactile"]["url"]
-    day.run("doctor", HOST, f"{HOST}:{PORT}", url)
     day.write()
     day.run("doctor", "--rig", "hardware", *LAB, code=3)
     day.run("status", "gripper", *LAB)
@@ -141,17 +140,15 @@ def _calibrates(day: Day) -> None:
     day.run(*hand, *MOVES, answer=weighed)
     day.write(gripper={"calibration": "hand.toml"}, **OWN_LIMIT)
 
-    def pressed(question: str) -> str:
-        if question.startswith("Type"):
-            return "scale"
-        if "almost touch" in question:
-            return "96"
-        newtons = day.newtons()
-        return f"{newtons:.2f} N" if newtons > 0.3 else ""
-
-    force = ("calibrate", "force", "--press", "--up-to", "15", "--out", "force.toml")
-    day.run(*force, *MOVES, answer=pressed)
     day.word("take")
+    loads_n = iter(LOADS_N)
+
+    def loaded(question: str) -> str:
+        load_n = next(loads_n, 0.0)
+        day.word(f"lay A {load_n:g}")
+        return f"{load_n:g} N" if load_n else ""
+
+    day.run("calibrate", "force", "--out", "force.toml", *LAB, answer=loaded)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", *MOVES)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", "--open", *MOVES)
     day.run("release", *MOVES)
@@ -174,7 +171,7 @@ def _lifts(day: Day) -> None:
         return ""
 
     day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *kept)
-    day.run("run", "lift", "--first", "-v", "--rig", "hardware", *MOVES, *kept, answer=answered)
+    day.run("run", "lift", "--first", "--rig", "hardware", *MOVES, *kept, answer=answered)
     day.word("home")  # as by the pendant: the arm stands where the lift ended
     day.run("runs")
     day.run("release", "--dry-run", "--rig", "hardware", *LAB)

@@ -24,8 +24,8 @@ from grasp.cli.main import main
 from grasp.clock import WallClock
 from grasp.settings import config_dir
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs.cell_control import ControlClient
 from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.emulated import ControlClient
 from scenarios.rigs.wired import open_arm
 from tests.calibrations import OF_A_LAB
 

@@ -35,10 +35,9 @@ function followRun() {
     const last = series.t[0].length - 1, t = series.t[0][last];
     const phase = data.phases[data.phases.length - 1];
     if (!phase || phase.name !== row.phase) data.phases.push({t, name: row.phase});
-    mark("struck", "blow", series.struck && series.struck[0][last]);
+    mark("struck", "tap", series.struck && series.struck[0][last]);
     mark("onset", "slip begins", series.onset && series.onset[0][last]);
     if (series.status && series.status[0][last] & 4) mark("registered", "slip registered", t);
-    if (row.left_s !== null && row.left_s !== undefined) at("progress").textContent = `· ${spelt(row.left_s)} left`;
   }
 
   function mark(kind, name, t) {

@@ -19,10 +19,10 @@ import pytest
 from drivers.errors import GraspError
 from grasp.loop import ControlLoop
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES
 from scenarios.rigs import emulated
-from scenarios.rigs.cell_process import READY_S, CellProcess, at_endpoints, cell_process
+from scenarios.rigs.emulated import READY_S, CellProcess, at_endpoints, cell_process
 from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S
 from tests.nightly.chaos import proxy
 from tests.nightly.chaos.proxy import WIRES, Commands, Order, Passed, Plan, Route, Trouble, drawn

@@ -24,7 +24,7 @@ from drivers.takktile.emulator import bus
 from drivers.takktile.emulator.bus import BusReply, BusRequest, Op
 from drivers.ur.emulator.rtde import PacketType, packet
 from scenarios.campaign.config import load_for_devices
-from scenarios.rigs.cell_process import cell_process
+from scenarios.rigs.emulated import cell_process
 from tests.nightly.fuzz.grammars import GRAMMARS, pieces
 
 MINUTES = float(os.environ.get("MINUTES", "0.7"))

@@ -13,10 +13,10 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from scenarios.report.drawn import Seen
-from scenarios.report.live.feed import Feed
+from scenarios.report.live_feed import Feed
+from scenarios.report.run_view import Bound, View
 
-SEEN = Seen(False, False, False, None, None)
+VIEW = View(False, False, 10.0, Bound(0.5, True, "", ""))
 DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": [], "columns": [["t", 1], ["felt", 1]]}
 LONG_S = 20.0
 
@@ -25,7 +25,7 @@ LONG_S = 20.0
 def feed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Feed]:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with Feed("a run", ("fingertip",), SEEN, of=2) as made:
+    with Feed("a run", ("fingertip",), VIEW, of=2) as made:
         yield made
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.rigs.cell_process import cell_process
+from scenarios.lift.lift import lift
+from scenarios.rigs.emulated import cell_process
 from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import by_default
 from tests.wire.lab import (
@@ -159,7 +159,7 @@ def alive(pid: int) -> bool:
 def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
     script = (
         "from scenarios.campaign.config import load_config\n"
-        "from scenarios.rigs.cell_process import CellProcess\n"
+        "from scenarios.rigs.emulated import CellProcess\n"
         "import time\n"
         "cell = CellProcess(load_config('can', 'emulated', 'energy'), 0)\n"
         "print(cell.endpoints['pid'], flush=True)\n"

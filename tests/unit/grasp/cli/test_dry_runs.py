@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import Refused
 from grasp.cli.main import main
 from grasp.cli.run import dry_code
-from scenarios.rigs.checks import Check
+from scenarios.rigs.device_checks import Check
 from tests.calibrations import PRESSED
 
 PRESSES = "--set " + " --set ".join(PRESSED)

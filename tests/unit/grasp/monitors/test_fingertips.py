@@ -7,7 +7,7 @@ import pytest
 
 from grasp.fault import FINGERTIPS
 from grasp.monitors.checks import CHECKS
-from grasp.monitors.fingertips import RAIL_SAMPLES, FingertipHistory
+from grasp.monitors.fingertips import DEAD_SAMPLES, RAIL_SAMPLES, FingertipHistory
 from grasp.monitors.settings import MonitorSettings
 from grasp.states import State
 from tests.unit.grasp.builders import Codes, codes, frame_of
@@ -55,11 +55,10 @@ def test_a_loaded_hand_whose_codes_all_repeat_is_frozen(value: int) -> None:
     assert found == (value + 1, "fingertips_frozen")
 
 
-@pytest.mark.parametrize("value", [20, 60])
-def test_a_loaded_fingertip_whose_taxels_are_all_stuck_is_dead(value: int) -> None:
+def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
     """Codes that repeat stand 48 to 50 counts from their rest."""
-    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)], stuck_samples=value)
-    assert (n, said) == (value + 1, "fingertip_dead A")
+    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)])
+    assert (n, said) == (DEAD_SAMPLES + 1, "fingertip_dead A")
 
 
 def test_a_quiet_fingertip_that_presses_on_nothing_is_neither_frozen_nor_dead() -> None:

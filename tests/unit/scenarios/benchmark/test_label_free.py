@@ -1,6 +1,7 @@
 """From a lab's own recordings to a rule: a long lift, and a file of counts."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def test_a_rule_without_labels_is_toml_that_the_next_run_takes(
     hold = held(tmp_path / "restless.npz", 20.0)
     assert main(["detector", "tune", "energy", "--unlabelled", str(hold)]) == 0
     text = capsys.readouterr().out
-    assert "counts of load" in text and "is kept" not in text
+    assert "load_counts" in text and "is kept" not in text
     rule = tomllib.loads(text)["rule"]
     own = tmp_path / "own.toml"
     own.write_text(text)
@@ -54,5 +55,5 @@ def test_a_calm_hold_takes_no_rule_below_the_one_that_is_there(
 ) -> None:
     assert main(["detector", "tune", "energy", "--unlabelled", str(hold)]) == 0
     text = capsys.readouterr().out
-    assert "1080 counts of load" in text and "is kept" in text
+    assert re.search(r"load_counts +108\d", text) and "is kept" in text
     assert tomllib.loads(text)["rule"]["threshold"] == 0.5

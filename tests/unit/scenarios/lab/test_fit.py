@@ -1,7 +1,6 @@
 """Calibrations recovered from scales whose law and noise are none of our model's, with the spread
 that they state; and data that support nothing refused."""
 
-import math
 import random
 import tomllib
 
@@ -10,18 +9,16 @@ import pytest
 
 from drivers.errors import UsageError
 from drivers.robotiq.calibration import GripperCalibration
+from scenarios.lab.calibrate import hand_file
 from scenarios.lab.fit import (
     LEAST_ODD_N,
     LEAST_POINTS,
     Point,
     fit_counts,
-    fit_travel,
-    law_of,
     odd_one,
     odd_press,
-    of_byte,
+    of_presses,
 )
-from scenarios.lab.scale import hand_file
 from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES, check_claim
 
 WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
@@ -38,10 +35,9 @@ def scale(force_n: float, rng: random.Random) -> float:
     return round(force_n * (1 + rng.uniform(-0.005, 0.005)) / 0.049) * 0.049
 
 
-def hand(byte: int, rng: random.Random, bend: float = 0.6) -> float:
-    """A motor with friction: a law of its own, and now and then a harder press."""
-    law = 11.0 + 52.0 * (byte / 255) ** bend
-    return law * (1 + rng.gammavariate(2.0, 0.015))
+def hand(rng: random.Random) -> float:
+    """A motor with friction: now and then a harder press."""
+    return 11.0 * (1 + rng.gammavariate(2.0, 0.015))
 
 
 # Counts to newtons
@@ -94,102 +90,41 @@ def test_readings_rightly_typed_are_not_doubted() -> None:
         assert [s for s in range(200) if odd_one(readings(s, exponent)) is not None] == []
 
 
-# Bytes to newtons
+# Force byte 0 to newtons
 
 
-@pytest.mark.parametrize("bend", [0.5, 1.0, 1.6])
-@pytest.mark.parametrize("bytes_", [(0,), (0, 64, 128, 255)])
-def test_law_is_above_the_mean_press_of_every_byte_pressed_or_not(
-    bend: float, bytes_: tuple[int, ...]
-) -> None:
+def test_bound_is_above_the_mean_press() -> None:
     for seed in range(20):
         rng = random.Random(seed)
-        law = law_of([of_byte(b, [hand(b, rng, bend) for _ in range(10)]) for b in bytes_])
-        for byte in range(256):
-            mean_n = (11.0 + 52.0 * (byte / 255) ** bend) * 1.03
-            if 255 not in bytes_ or byte in bytes_ or bend == 1.0:
-                assert law.force_n(byte) >= mean_n, (seed, byte)
+        assert of_presses([hand(rng) for _ in range(10)]).bound_n >= 11.0 * 1.03
 
 
-def test_byte_weaker_than_the_manual_s_needs_ten_presses() -> None:
+def test_hand_weaker_than_the_manual_s_needs_ten_presses() -> None:
     rng = random.Random(0)
-    presses = [hand(0, rng) for _ in range(WEAK_PRESSES)]
+    presses = [hand(rng) for _ in range(WEAK_PRESSES)]
     with pytest.raises(UsageError, match="less than the manual's 15"):
-        of_byte(0, presses[:9])
-    assert of_byte(0, presses).bound_n < 15.0
-    strong = of_byte(0, [16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
+        of_presses(presses[:9])
+    assert of_presses(presses).bound_n < 15.0
+    strong = of_presses([16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
     assert strong.bound_n > 16.3
 
 
-@pytest.mark.parametrize("bend", [0.5, 2.5])
-@pytest.mark.parametrize("bytes_", [(0,), (0, 100), (0, 255)])
-def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
-    bend: float, bytes_: tuple[int, ...]
-) -> None:
-    """Beyond the bytes that were pressed no less is believed than what needs no presses."""
-    for least_n, most_n in ((1.2, 15.0), (3.0, 16.0), (4.9, 30.0), (12.0, 58.0)):
-        forces_n = {b: least_n + (most_n - least_n) * (b / 255) ** bend for b in bytes_}
-        known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
-        far = {b: "a hand with weak springs" for b, n in forces_n.items()
-               if n < MANUAL.force_n(b) / FAR}  # fmt: skip
-        text = hand_file("A", known, law_of(known), None, far)
-        table = tomllib.loads(text)["calibration"]
-        check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
+@pytest.mark.parametrize("least_n", [1.2, 3.0, 4.9, 12.0])
+def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(least_n: float) -> None:
+    known = of_presses([least_n * (1 + 0.001 * i) for i in range(10)])
+    reason = "a hand with weak springs" if least_n < MANUAL.least_force_n / FAR else ""
+    table = tomllib.loads(hand_file("A", known, reason))["calibration"]
+    check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
 
 def test_mistyped_press_is_named() -> None:
     rng = random.Random(1)
-    presses = [hand(0, rng) for _ in range(6)]
+    presses = [hand(rng) for _ in range(6)]
     assert odd_press(presses) is None
     presses[3] /= 9.81
     assert odd_press(presses) == 3
     with pytest.raises(UsageError, match="press 4"):
-        of_byte(0, presses)
-
-
-# Counts to millimetres
-
-
-def ruler(counts: int, rng: random.Random, bend_mm: float = 0.6) -> float:
-    """A linkage: no straight line, read to half a millimetre, from some mark."""
-    travel_mm = 0.81 * counts + bend_mm * math.sin(counts / 25)
-    return round(2 * (140.0 - travel_mm + rng.gauss(0.0, 0.2))) / 2
-
-
-@pytest.mark.parametrize("bend_mm", [0.0, 0.6])
-def test_travel_of_a_count_is_recovered_within_its_interval(bend_mm: float) -> None:
-    counts = list(range(10, 130, 15))
-    held = refused = 0
-    series = 200
-    for seed in range(series):
-        rng = random.Random(seed)
-        try:
-            line = fit_travel(counts, [ruler(c, rng, bend_mm) for c in counts])
-        except UsageError:  # a place that the others contradict: there is no file
-            refused += 1
-            continue
-        low, high = line.interval
-        held += low <= 0.81 <= high
-        assert high - low < 0.1
-        assert line.worst < 1.3
-    assert held / (series - refused) >= 0.95
-    assert refused / series < 0.02
-
-
-def test_place_read_wrongly_and_way_too_short_are_refused() -> None:
-    rng = random.Random(3)
-    counts = list(range(10, 130, 15))
-    places = [ruler(c, rng) for c in counts]
-    for none in (math.nan, math.inf):
-        with pytest.raises(UsageError, match="no number"):
-            fit_travel(counts, [*places[:4], none, *places[5:]])
-    wrong = [*places[:4], places[4] + 10.0, *places[5:]]
-    with pytest.raises(UsageError, match="place 5"):
-        fit_travel(counts, wrong)
-    with pytest.raises(UsageError, match="too few"):
-        fit_travel(counts[:3], places[:3])
-    with pytest.raises(UsageError, match="too few"):
-        fit_travel(list(range(10, 20)), [ruler(c, rng) for c in range(10, 20)])
+        of_presses(presses)
 
 
 def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
@@ -199,7 +134,7 @@ def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
         line = fit_counts(readings(seed))
         rng = random.Random(1000 + seed)
         for _ in range(5):
-            force_n = rng.uniform(line.least, line.most)
+            force_n = rng.uniform(line.least_n, line.most_n)
             tried += 1
-            within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst
+            within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst_n
     assert within / tried > 0.95

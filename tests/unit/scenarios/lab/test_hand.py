@@ -6,13 +6,13 @@ from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import Detection, FingerState, GripperState
 from grasp.commands import MoveFingers
 from scenarios.lab.arm import step_arm
+from scenarios.lab.calibrate import check_force
 from scenarios.lab.hand import (
     activate_hand,
     guard_of,
     open_hand,
     step_counts,
 )
-from scenarios.lab.scale import check_force
 from tests.unit.scenarios.conftest import config
 
 LAB = config("gripper.calibration=paper")
@@ -28,13 +28,10 @@ def test_step_of_no_count_or_of_more_than_5_mm_is_refused(mm: float) -> None:
         step_counts(LAB, mm * 1e-3)
 
 
-@pytest.mark.parametrize(("up_to_n", "bytes_"), [(14.9, (0,)), (16.0, (0, 255)), (61.0, (0,))])
-def test_a_byte_that_may_press_more_than_allowed_is_refused(
-    up_to_n: float, bytes_: tuple[int, ...]
-) -> None:
+@pytest.mark.parametrize("up_to_n", [14.9, 61.0])
+def test_a_hand_that_may_press_more_than_allowed_is_refused(up_to_n: float) -> None:
     with pytest.raises(UsageError):
-        check_force(up_to_n, bytes_)
-    check_force(60.0, bytes_)
+        check_force(up_to_n)
 
 
 def test_closing_is_refused_where_a_run_would_be() -> None:

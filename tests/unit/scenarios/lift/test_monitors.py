@@ -19,7 +19,7 @@ ALL = (P.SHAPE, P.BRACE, *HELD)
 # the latest, from when it could be noticed: the first frame, or the first command that is ignored
 CASES = [
     (fault.freeze_fingertips, HELD, "fingertips_frozen", 13),
-    (fault.freeze_thumb, (P.LIFT, P.HOLD, P.DESCEND), "fingertip_dead", 105),
+    (fault.freeze_thumb, (P.LIFT, P.HOLD, P.DESCEND), "fingertip_dead", 35),
     (fault.fingertips_read(0), (P.BRACE, *HELD), "fingertips_at_rail", 6),
     (fault.fingertips_read(1023), (P.BRACE, P.HOLD), "fingertips_at_rail", 6),
     (fault.fingertips_read(0, fault.FINGER), (P.BRACE, P.LIFT), "fingertips_at_rail", 6),

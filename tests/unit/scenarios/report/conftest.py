@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from grasp.recording import RunRecorder, RunRecording
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RESULT, RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 

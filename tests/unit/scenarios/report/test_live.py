@@ -9,9 +9,9 @@ import pytest
 
 from grasp.recording import RunRecording
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.report.live.feed import LiveTrials
-from scenarios.report.live.server import Begin, Message, Row
+from scenarios.lift.lift import lift
+from scenarios.report.live_feed import LiveTrials
+from scenarios.report.live_server import Begin, Message, Row
 from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import config
@@ -38,7 +38,7 @@ class Listener:
 @pytest.fixture
 def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
     made = Listener()
-    monkeypatch.setattr("scenarios.report.live.feed.ViewerProcess", lambda *_, **__: made)
+    monkeypatch.setattr("scenarios.report.live_feed.ViewerProcess", lambda *_, **__: made)
     return made
 
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 import msgspec
 import pytest
 
-from scenarios.report.live.server import Begin, Row, Story, read_lines
+from scenarios.report.live_server import Begin, Row, Story, read_lines
 
 BEGIN = msgspec.json.encode(Begin(1, 2, None, {}))
 ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]
@@ -29,7 +29,8 @@ def read(pipe: tuple[int, int], tell: Callable[[int], None]) -> list[bytes]:
     async def reading() -> list[bytes]:
         story = Story()
         telling = asyncio.get_running_loop().run_in_executor(None, tell, pipe[1])
-        await asyncio.wait_for(read_lines(story, pipe[0]), 60.0)
+        with os.fdopen(pipe[0], "rb", closefd=False) as source:
+            await asyncio.wait_for(read_lines(story, source), 60.0)
         await telling
         return story.since(-1, 0)[0]
 

@@ -1,12 +1,11 @@
 """Numbers in a page are those that went in."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from scenarios.report.run_page import Column, pack, thinned
+from scenarios.report.run_page import Column, pack
 from tests.unit.scenarios.report.conftest import unpacked
 
 NUMBERS = st.floats(-1e6, 1e6) | st.just(float("nan"))
@@ -17,13 +16,3 @@ def test_what_is_packed_comes_back_to_the_nearest_step(values: np.ndarray) -> No
     columns = unpacked(pack({"one": Column(values, 0.01), "other": Column(values[:, 0], 0.5)}))
     np.testing.assert_allclose(columns["one"], values, atol=0.005001)
     np.testing.assert_allclose(columns["other"][:, 0], values[:, 0], atol=0.25001)
-
-
-@pytest.mark.parametrize("peak", [0, 77_777, 99_999])
-def test_a_long_run_keeps_its_ends_and_every_peak(peak: int) -> None:
-    quiet, one = np.zeros(100_000), np.full(100_000, np.nan)
-    one[peak] = 1.0
-    kept = thinned(100_000, 3_000, [quiet, one])
-    assert {0, peak, 99_999} <= set(kept.tolist())
-    assert len(kept) <= 3_001
-    assert (np.diff(kept) > 0).all()

@@ -12,7 +12,7 @@ import pytest
 from grasp.messages import PHASES
 from scenarios.report.run_page import run_page
 from scenarios.report.run_record import read_run
-from scenarios.report.run_words import HEADS
+from scenarios.report.run_text import HEADS
 from scenarios.trial.run_folder import RESULT
 from tests.unit.scenarios.report.conftest import Message, changed, data_of, unpacked
 
@@ -70,12 +70,12 @@ def test_a_text_of_a_stranger_stays_text(recorded: Path, page: str, tmp_path: Pa
         return topic, t_ns, told
 
     def settings(told: dict[str, Any]) -> None:
-        told["object"]["name"] = told["object"]["description"] = HOSTILE
+        told["object"]["description"] = HOSTILE
 
     hostile = run_page(changed(recorded, tmp_path / "run", rename, settings))
     assert hostile.count("<script") == page.count("<script")
     assert "&lt;/script&gt;&lt;script&gt;alert(1)" in hostile
-    assert data_of(hostile)["scene"]["object"]["name"] == HOSTILE
+    assert data_of(hostile)["scene"]["object"]["description"] == HOSTILE
 
 
 def test_a_recording_that_was_cut_off_is_shown_as_far_as_it_goes(

@@ -25,9 +25,9 @@ def arm(profile: str) -> Mock:
 
 def test_every_fault_that_is_told_of_is_taken_and_answered_in_words() -> None:
     faults = CellFaults(Mock(), arm("e-series"), Gripper())  # type: ignore[arg-type]
-    for name, (_, does) in KNOWN.items():
+    for name, known in KNOWN.items():
         told = faults.order({"name": name, "after_s": 0.5}, 0)
-        assert told.startswith(name) and told.endswith(f" in 0.5 s: {does}")
+        assert told.startswith(name) and told.endswith(f" in 0.5 s: {known.does}")
 
 
 @pytest.mark.parametrize(

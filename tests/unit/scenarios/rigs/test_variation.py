@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
-from scenarios.rigs.variation import Draw, VariationSettings, draw
+from scenarios.rigs.config import VariationSettings
+from scenarios.rigs.simulated import Draw, draw
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000

@@ -18,7 +18,7 @@ from drivers.ur.driver import ArmDriver
 from grasp.clock import VirtualClock
 from scenarios.campaign.config import load_config
 from scenarios.rigs.rig import calibration
-from scenarios.rigs.world_of_seed import make_cell
+from scenarios.rigs.simulated import make_cell
 from tests import conformance
 from tests.conformance import Bench
 

@@ -10,7 +10,7 @@ import pytest
 from drivers.ur.emulator.controller import Controller, EmulatorSettings, RuntimeState
 from drivers.ur.emulator.motion import RobotMotion
 from scenarios.campaign.config import load_for_devices
-from scenarios.rigs.world_of_seed import any_cell
+from scenarios.rigs.simulated import any_cell
 from scenarios.world.cell import SimulatedCell
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from scenarios.rigs.cell_control import ControlServer
+from scenarios.rigs.emulated_cell import ControlServer
 from tests.wire.cases import case
 
 HOST = "127.0.0.9"

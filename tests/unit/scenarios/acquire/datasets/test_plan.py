@@ -18,7 +18,7 @@ from scenarios.acquire.datasets.plan import (
     pressing,
     reduced,
 )
-from scenarios.rigs.world_of_seed import any_cell
+from scenarios.rigs.simulated import any_cell
 from scenarios.world import fingertip
 from scenarios.world.settings import Surface
 

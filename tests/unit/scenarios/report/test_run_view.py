@@ -6,7 +6,7 @@ import pytest
 
 from detector.decision import DecisionRule, RuleSettings
 from grasp.slip_monitor import SlipMonitor, SlipSettings
-from scenarios.report.run_decision import decided
+from scenarios.report.run_view import decided
 
 CUSUM = RuleSettings(kind="cusum", limit=6.0, drift=0.3, threshold=0.6)
 SAMPLES, PERIOD_NS = 3000, 10_000_000

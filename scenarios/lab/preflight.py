@@ -1,5 +1,5 @@
-"""Would a verb that moves a lab's devices start? They are asked what it would ask them, whoever
-drives them too; nothing is written to them, nothing moves."""
+"""Whether a verb that moves a lab's devices would start: the devices are read as it would read
+them. Nothing is written to them, nothing moves. Then the gentle settings of a first lift."""
 
 from typing import TypeVar
 
@@ -10,9 +10,9 @@ from drivers.interfaces import Counts3, Detection, GripperState
 from drivers.robotiq.hand_state import finger_states, pinches
 from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_closing
 from grasp.clock import WallClock
+from scenarios.lab.calibrate import check_open
 from scenarios.lab.fingertips import open_touch
 from scenarios.lab.hand import TOUCH_N, Moved, Say, check_thumb, guard_of, open_hand
-from scenarios.lab.scale import check_open
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks, read_gripper
 from scenarios.rigs.permission import MotionPermit, arm_of, driving, gripper_address, gripper_of
@@ -23,12 +23,11 @@ ConfigT = TypeVar("ConfigT", bound=TrialConfig)
 
 SOFT = "foam"  # of config/objects: the softest
 GENTLE_STOP_MPS2 = 1.0  # docs/hardware.md, "How hard the arm may stop"
-# of controller, with their least values
+# speeds of the controller that are halved, with their least values
 HALVED = {
     "lift_speed_mps": 0.005, "lower_speed_mps": 0.005, "approach_speed_mps": 0.022,
     "closing_speed_mps": 0.022,
 }  # fmt: skip
-
 WHAT_TO_DO = (
     "protective stop: the arm stands and the hand keeps its grip. Look for the cause at the teach "
     "pendant, wait 5 s, clear it there; then let go as the message says",
@@ -40,38 +39,9 @@ WHAT_TO_DO = (
 )
 
 
-def gently(config: ConfigT) -> ConfigT:
-    """Half as fast, no stronger than the hand's least, the arm stopped softly."""
-    replace, controller = msgspec.structs.replace, config.controller
-    slow = {name: max(least, getattr(controller, name) / 2) for name, least in HALVED.items()}
-    least_n = calibration(config).least_force_n
-    limit_n = min(config.guard.force_limit_n, least_n)
-    grip_n = min(controller.grip_force_n, limit_n)
-    stop_mps2 = min(controller.answer_stop_mps2, GENTLE_STOP_MPS2)
-    if "answer_stop_mps2" not in controller.unread:
-        slow["answer_stop_mps2"] = stop_mps2
-    return replace(
-        config,
-        controller=replace(controller, grip_force_n=grip_n, **slow),
-        guard=replace(config.guard, force_limit_n=limit_n),
-    )
-
-
-def close_in_free_air(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Moved:
-    """To where the object would be grasped, and open again; the arm stands. That nothing is touched
-    is what is expected: raises Refused where something was."""
-    with open_hand(config, permit, closing=True) as hand:
-        moved = hand.close(config.object.grip_counts, say)
-        hand.move((0, 0, 0), say)
-    felt = moved.force_n is not None and max(moved.force_n) >= TOUCH_N
-    if moved.met or moved.stopped_by or felt:
-        raise Refused(f"in free air, {moved.in_words()}", "empty the hand, look at its fingers")
-    return moved
-
-
 class HandSeen(msgspec.Struct, frozen=True):
-    """A hand that was looked at: its state, the mode that it is in, and whether it holds something
-    between B and C, as one in scissor mode may."""
+    """A hand that was read: its state, its mode, and whether it holds something between B and C,
+    as one in scissor mode may."""
 
     state: GripperState
     mode: int
@@ -124,26 +94,22 @@ def check_close(config: TrialConfig, seen: HandSeen, targets: Counts3) -> None:
     state = seen.state
     check_fault(state)
     check_closing(seen.mode)
-    clock = WallClock(WallClock().now_ns)
-    with open_touch(config, clock, state.is_open) as touch:
+    with open_touch(config, WallClock(WallClock().now_ns), state.is_open) as touch:
         if config.guard.cap_mode != "each_motor":
             to = (state.positions[0], *targets[1:])  # the thumb comes last
             check_thumb(state, to, touch.rest is not None)
 
 
-def check_pressing(config: TrialConfig, hearing: bool) -> None:
-    """Raises what a finger that is to press on a scale would meet; ``hearing``: the fingertips
-    too."""
-    if hearing:
-        check_hearing(config)
+def check_pressing(config: TrialConfig) -> None:
+    """Raises what a finger that is to press on a scale would meet."""
     seen = active_hand(config)
     check_fault(seen.state)
     check_closing(seen.mode)
-    check_open(seen.state)
+    check_open(seen.state.positions)
 
 
-def check_hearing(config: TrialConfig) -> None:
-    """Raises what listening to the unloaded fingertips raises."""
+def check_rest(config: TrialConfig) -> None:
+    """Raises what taking the rest of the unloaded fingertips raises."""
     with open_touch(config, WallClock(WallClock().now_ns), unloaded=True):
         pass
 
@@ -155,3 +121,30 @@ def check_arm(config: GraspRigConfig) -> None:
     if against:
         remedies = dict.fromkeys(check.remedy for check in against if check.remedy)
         raise DeviceFault("; ".join(check.detail for check in against), "; ".join(remedies))
+
+
+def gently(config: ConfigT) -> ConfigT:
+    """Half as fast, no stronger than the hand's least, the arm stopped softly."""
+    replace, controller = msgspec.structs.replace, config.controller
+    slow = {name: max(least, getattr(controller, name) / 2) for name, least in HALVED.items()}
+    limit_n = min(config.guard.force_limit_n, calibration(config).least_force_n)
+    if "answer_stop_mps2" not in controller.unread:
+        slow["answer_stop_mps2"] = min(controller.answer_stop_mps2, GENTLE_STOP_MPS2)
+    grip_n = min(controller.grip_force_n, limit_n)
+    return replace(
+        config,
+        controller=replace(controller, grip_force_n=grip_n, **slow),
+        guard=replace(config.guard, force_limit_n=limit_n),
+    )
+
+
+def close_in_free_air(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Moved:
+    """To where the object would be grasped, and open again; the arm stands. Raises Refused where
+    something was touched."""
+    with open_hand(config, permit, closing=True) as hand:
+        moved = hand.close(config.object.grip_counts, say)
+        hand.move((0, 0, 0), say)
+    felt = moved.force_n is not None and max(moved.force_n) >= TOUCH_N
+    if moved.met or moved.stopped_by or felt:
+        raise Refused(f"in free air, {moved.in_words()}", "empty the hand, look at its fingers")
+    return moved

@@ -1,10 +1,8 @@
-"""The side of the run: what it tells a live page, never waiting for anybody.
+"""The side of the run: what it sends to a live page, without ever waiting.
 
 `grasp.viewer_process` hands it to a process of its own; what that cannot take in time is lost.
 """
 
-import math
-import os
 import secrets
 import socket
 from typing import Any, Self
@@ -14,19 +12,14 @@ import numpy as np
 
 from detector.decision import fused
 from detector.interface import motion_told_by
-from drivers.interfaces import FINGER_NAMES, FINGERS, PERIOD_S
+from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.viewer_process import ViewerProcess
-from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.press import PressPhase
-from scenarios.acquire.session import Sample
-from scenarios.report.drawn import Seen, scene, taxels_of
-from scenarios.report.live import server
-from scenarios.report.live.server import Begin, Row, Said, Serve
-from scenarios.report.run_decision import bound_of
-from scenarios.report.run_record import Told
+from scenarios.report import live_server as server
+from scenarios.report.live_server import Begin, Row, Said, Serve
+from scenarios.report.run_view import View, bound_of, scene, taxels_of
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.pictures import taxel_places
 from scenarios.world.truth import Truth
@@ -45,17 +38,13 @@ class LiveTrials:
 
     def __init__(self, config: TrialConfig, title: str, of: int) -> None:
         """``of``: how many trials there will be. Raises OSError where nobody may listen."""
-        self._told = msgspec.convert(msgspec.to_builtins(config), Told)
-        self._rule = config.rule
+        self._config, self._taxels = config, taxels_of(config)
         self._bound = bound = bound_of(config.rule)
-        self._lift_m = config.controller.lift_height_m
         self._truth = config.rig != "hardware"
-        self._motion = _has_heads(config, self._told)
+        self._motion = _reports_motion(config)
         self._fused = bound.probable and config.rule.fusion == "mean"
-        limit_n = config.guard.force_limit_n
-        self.feed = Feed(
-            title, FINGER_NAMES, Seen(True, self._truth, self._motion, limit_n, bound), of
-        )
+        view = View(self._truth, self._motion, config.guard.force_limit_n, bound)
+        self.feed = Feed(title, FINGER_NAMES, view, of)
         self._controller: GraspController | None = None
         self._phase = ""
         self._number = 1
@@ -77,22 +66,21 @@ class LiveTrials:
             self.feed.show(phase, self._values(tick, truth))
 
     def _data(self, tick: Tick) -> dict[str, Any]:
-        height_m = tick.arm.position_m[2]
-        taxels = taxels_of(self._told)
+        config, height_m = self._config, tick.arm.position_m[2]
         columns: Columns = [
-            ("t", 1), ("probability", FINGERS), ("felt", FINGERS), ("counts", FINGERS * taxels),
-            ("positions", FINGERS), ("arm", 1), ("status", 1),
+            ("t", 1), ("probability", FINGERS), ("felt", FINGERS),
+            ("counts", FINGERS * self._taxels), ("positions", FINGERS), ("arm", 1), ("status", 1),
+            *([("decided", 1)] if self._fused else []),
+            *(OF_MOTION if self._motion else []),
+            *(OF_TRUTH if self._truth else []),
         ]  # fmt: skip
-        columns += [("decided", 1)] if self._fused else []
-        columns += OF_MOTION if self._motion else []
-        columns += OF_TRUTH if self._truth else []
         return {
             "fingers": FINGER_NAMES,
-            "taxels": taxel_places(self._told.fingertip.taxels_mm, taxels),
-            "limit_n": self._told.guard.force_limit_n,
+            "taxels": taxel_places(config.fingertip.taxels_mm, self._taxels),
+            "limit_n": config.guard.force_limit_n,
             "rule": msgspec.to_builtins(self._bound),
             "columns": columns,
-            "scene": scene(self._told, height_m, height_m + self._lift_m),
+            "scene": scene(config, height_m, height_m + config.controller.lift_height_m),
         }
 
     def _values(self, tick: Tick, truth: Truth | None) -> Values:
@@ -100,28 +88,32 @@ class LiveTrials:
         seen, slip = tick.observation, tick.decision.slip
         status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
         values: Values = [tick.t_ns * 1e-9]
-        if tick.frame is None:  # nobody knows yet what fingertips feel
-            values += [None] * (FINGERS * (2 + taxels_of(self._told)))
+        if tick.frame is None:  # it is not known yet what fingertips feel
+            values += [None] * (FINGERS * (2 + self._taxels))
         else:
             values += [*seen.probabilities.tolist(), *tick.measured_n]
             values += tick.frame.counts.ravel().tolist()
         values += [*tick.gripper.positions, tick.arm.position_m[2], status]
         if self._fused:
-            values.append(float(fused(seen.probabilities[None], self._rule)[0, 0]))
+            values.append(float(fused(seen.probabilities[None], self._config.rule)[0, 0]))
         if self._motion:
-            told = seen.motion if slip.armed else None
-            values += _empty(OF_MOTION) if told is None else [
-                *told.speed_mps, *told.direction_deg, *told.turning
+            motion = seen.motion if slip.armed else None
+            values += _empty(OF_MOTION) if motion is None else [
+                *motion.speed_mps, *motion.direction_deg, *motion.turning
             ]  # fmt: skip
         if self._truth:
-            values += _empty(OF_TRUTH) if truth is None else _true(truth)
+            values += _empty(OF_TRUTH) if truth is None else [
+                *truth.normal_n, *truth.shear_n, truth.height_m, truth.slip_distance_m,
+                truth.slip_speed_mps, truth.across_m, truth.turn_rad, truth.slip_onset_s,
+                truth.struck_s,
+            ]  # fmt: skip
         return values
 
 
-def _has_heads(config: TrialConfig, told: Told) -> bool:
+def _reports_motion(config: TrialConfig) -> bool:
     """Whether the detector reports the kind of slip; only the detector's file states it."""
     detector = config.make_detector(FINGERS)
-    detector.update(np.zeros((FINGERS, taxels_of(told)), np.int16))
+    detector.update(np.zeros((FINGERS, taxels_of(config)), np.int16))
     return motion_told_by(detector)() is not None
 
 
@@ -129,73 +121,29 @@ def _empty(columns: Columns) -> Values:
     return [None] * sum(width for _, width in columns)
 
 
-def _true(t: Truth) -> Values:
-    moved = (t.height_m, t.slip_distance_m, t.slip_speed_mps, t.across_m, t.turn_rad)
-    return [*t.normal_n, *t.shear_n, *moved, t.slip_onset_s, t.struck_s]
-
-
-NAMES = ("fingertip",)  # in place of fingers
-
-
-class LiveAcquisition:
-    """``watch`` is what each sample is handed to."""
-
-    def __init__(self, config: AcquireConfig, title: str, seconds: float) -> None:
-        """Raises OSError where nobody may listen."""
-        self.feed = Feed(title, NAMES, Seen(False, False, True, None, None), of=1)
-        self._finger = config.finger
-        self._left_s = seconds
-        self._period_s = PERIOD_S
-        self._phase: PressPhase | None = None
-
-    def watch(self, sample: Sample) -> None:
-        """Show one sample, if it is time or a phase began."""
-        counts = sample.frame.counts[self._finger]
-        if self._phase is None:
-            taxels = len(counts)
-            columns = [("t", 1), ("felt", 1), ("counts", taxels), ("told_speed", 1)]
-            places = taxel_places([], taxels)
-            self.feed.begin({"fingers": NAMES, "taxels": places, "columns": columns})
-        news = sample.phase is not self._phase
-        self._phase = sample.phase
-        if sample.phase is not PressPhase.APPROACH:
-            self._left_s = max(0.0, self._left_s - self._period_s)
-        if self.feed.due(news):
-            x_mps, y_mps, _ = sample.arm.velocity_mps
-            values = [
-                sample.t_ns * 1e-9,
-                sample.force_n,
-                *counts.tolist(),
-                math.hypot(x_mps, y_mps),
-            ]
-            self.feed.show(sample.phase.value, values, self._left_s)
-
-
 LOOPBACK = "127.0.0.1"
 STDERR = 2
 EVERY = 4  # ticks between two rows: 25 a second
 TOKEN_BYTES = 16
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 class Feed:
     """One page for all trials of a call. ``address`` is where it is."""
 
-    def __init__(self, title: str, fingers: tuple[str, ...], seen: Seen, of: int) -> None:
+    def __init__(self, title: str, fingers: tuple[str, ...], view: View, of: int) -> None:
         """``of``: how many trials there will be. Raises OSError where nobody may listen."""
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
             self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
-            shown = any(os.environ.get(name) for name in DISPLAYS)
-            self._viewer.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
+            self._viewer.tell(Serve(listening.fileno(), host, token, title, fingers, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
-        self._begun = 0  # trials, also those of which nobody heard
+        self._begun = 0  # trials, also those that were not shown
         self._ticks = 0
         self._began_ns = stopwatch_ns()
-        self._begin: Begin | None = None  # that nobody has taken yet
+        self._begin: Begin | None = None  # not taken yet
 
     def __enter__(self) -> Self:
         return self
@@ -234,10 +182,10 @@ class Feed:
         self._ticks += 1
         return news or self._ticks % EVERY == 1
 
-    def show(self, phase: str, values: list[float | None], left_s: float | None = None) -> None:
-        """One instant. A trial of which nobody heard that it began is begun first."""
+    def show(self, phase: str, values: list[float | None]) -> None:
+        """One instant. A trial whose begin was lost is begun first."""
         if self._begin is not None:
             if not self._viewer.show(self._begin):
                 return
             self._begin = None
-        self._viewer.show(Row(phase, values, left_s))
+        self._viewer.show(Row(phase, values))

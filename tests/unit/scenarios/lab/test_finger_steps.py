@@ -2,6 +2,7 @@
 to be done, and what is done where it answers."""
 
 import re
+from asyncio import CancelledError
 from collections.abc import Callable
 
 import numpy as np
@@ -11,9 +12,9 @@ from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
+from scenarios.lab.calibrate import BACK_COUNTS, Presser
+from scenarios.lab.finger_steps import LEAD_M, TRIES, lead_counts, retry
 from scenarios.lab.hand import Hand
-from scenarios.lab.scale import BACK_COUNTS, Presser
-from scenarios.lab.steps import LEAD_M, lead_counts
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig, Springs
 from tests.unit.scenarios.conftest import config
@@ -42,8 +43,9 @@ class Bench:
         self.speeds: list[float] = []
         self.heard: list[str] = []
         self.rig.driver.pump(0)
-        self.hand = Hand(LAB, self.rig.driver, None, self.clock, "grasp release")
-        self.presser = Presser(self.rig.driver, self.clock, "A", 16.0)
+        known = LAB if calibration is PAPER else config("gripper.calibration=manual")
+        self.hand = Hand(known, self.rig.driver, None, self.clock, "grasp release")
+        self.presser = Presser(self.hand, "A")
 
     def _advance(self, t_ns: int) -> None:
         while self.rig.now_ns < t_ns:
@@ -108,3 +110,30 @@ def test_press_has_its_whole_force_though_it_is_told_step_by_step() -> None:
     bench.presser.back_off(bench.heard.append, "grasp release --rig hardware")
     assert bench.later()[0] == at - BACK_COUNTS
     assert "`grasp release --rig hardware`" in bench.heard[0]
+
+
+@pytest.mark.parametrize(
+    "bug", [LinkLost("gone", "look"), ValueError(), SystemExit(0), CancelledError()]
+)
+def test_what_fails_once_is_asked_for_again(bug: BaseException) -> None:
+    asked: list[int] = []
+    clock = VirtualClock(lambda t_ns: None)
+
+    def fails_once() -> None:
+        asked.append(clock.now_ns)
+        if len(asked) == 1:
+            raise bug
+
+    assert retry(fails_once, clock)
+    assert len(asked) == 2 and asked[1] > asked[0]
+
+
+def test_what_fails_for_ever_is_given_up() -> None:
+    asked: list[int] = []
+
+    def fails() -> None:
+        asked.append(1)
+        raise ZeroDivisionError
+
+    assert not retry(fails, VirtualClock(lambda t_ns: None))
+    assert len(asked) == TRIES

@@ -1,8 +1,8 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
-Begun by `grasp.viewer_process`; reads `messages.Message` a line from standard input until that
-ends. A browser is sent what has come since it was sent something last, as much as is still kept: a
-slow one gets less, and delays no other. Nothing that a browser sends is read.
+Started by `grasp.viewer_process`; reads one `Message` a line from standard input until that ends. A
+browser is sent what has come since it was sent something last, as much as is still kept: a slow one
+gets less, and delays no other. Nothing that a browser sends is read.
 """
 
 import asyncio
@@ -10,11 +10,10 @@ import hmac
 import logging
 import os
 import socket
-import threading
-import webbrowser
+import sys
 from collections import deque
 from http import HTTPStatus
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 from websockets.asyncio.server import ServerConnection, serve
@@ -24,8 +23,8 @@ from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
 from grasp.viewer_process import ignore_signals
-from scenarios.report.drawn import Seen
 from scenarios.report.page import render
+from scenarios.report.run_view import View
 
 
 class Serve(msgspec.Struct, frozen=True, tag=True):
@@ -36,8 +35,7 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
     token: str
     title: str
     fingers: tuple[str, ...]
-    seen: Seen
-    open: bool  # in a browser
+    view: View
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
@@ -55,7 +53,6 @@ class Row(msgspec.Struct, frozen=True, tag=True):
 
     phase: str
     values: list[float | None]
-    left_s: float | None = None  # of an acquisition
 
 
 class Said(msgspec.Struct, frozen=True, tag=True):
@@ -68,19 +65,12 @@ Message = Serve | Begin | Row | Said
 
 
 SCRIPTS = (
-    "uplot/uPlot.iife.min.js",
-    "data.js",
-    "run_scene.js",
-    "run_plots.js",
-    "run.js",
-    "live.js",
-)
+    "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js", "live.js",
+)  # fmt: skip
 MOST_LINES = 6_000  # of a trial: four minutes
 MOST_VIEWERS = 8
 MOST_BYTES = 1_024  # that a browser may say at once, of what nobody reads
-READ_BYTES = 4_096  # at once: longer than a line
 END_S = 2.0  # that a viewer has to take what came last
-STDIN = 0
 NICE = 5  # a picture gives way to the run
 
 
@@ -136,7 +126,7 @@ class Server:
         self._viewers = 0
         self._page = render(
             "live.html", SCRIPTS, connect=f"ws://{told.address}", title=told.title,
-            fingers=told.fingers, view=told.seen, data={"live": True, "phases": [], "marks": []},
+            fingers=told.fingers, view=told.view, data={"live": True, "phases": [], "marks": []},
         ).encode()  # fmt: skip
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -187,32 +177,20 @@ def _response(status: HTTPStatus, body: bytes, kind: str = "text/plain") -> Resp
     return Response(status.value, status.phrase, headers, body)
 
 
-async def read_lines(story: Story, source: int) -> None:
-    """That pipe, line by line, until it ends.
-
-    Not by asyncio's own reader of pipes: that asks for 256 KiB a time to take one line, and as the
-    lines that are kept lie between, the heap grew by some MB an hour to have so much in one piece.
-    """
-    os.set_blocking(source, False)
+async def read_lines(story: Story, source: BinaryIO) -> None:
+    """That pipe, line by line in a thread, until it ends; a line that was cut off is left out."""
     loop, decode = asyncio.get_running_loop(), msgspec.json.Decoder(Message).decode
-    readable, rest = asyncio.Event(), b""
-    loop.add_reader(source, readable.set)
-    while True:
-        await readable.wait()
-        readable.clear()
-        try:
-            data = os.read(source, READ_BYTES)
-        except BlockingIOError:  # it was said again while this was about to read
-            continue
-        if not data:
-            loop.remove_reader(source)
-            return
-        *lines, rest = (rest + data).split(b"\n")
-        for line in lines:
-            story.add(line, isinstance(decode(line), Begin))
+
+    def read() -> None:
+        for line in source:
+            if line.endswith(b"\n"):
+                begins = isinstance(decode(line), Begin)
+                loop.call_soon_threadsafe(story.add, line.rstrip(b"\n"), begins)
+
+    await asyncio.to_thread(read)
 
 
-async def _serve(told: Serve) -> None:
+async def _serve(told: Serve, source: BinaryIO) -> None:
     story = Story()
     server = Server(told, story)
     with socket.socket(fileno=told.descriptor) as listening:
@@ -222,10 +200,7 @@ async def _serve(told: Serve) -> None:
             origins=[Origin(f"http://{told.address}")], compression=None, server_header=None,
             close_timeout=END_S,
         ) as made:  # fmt: skip
-            if told.open:  # in a thread, for that may wait for the browser
-                url = f"http://{told.address}/{told.token}/"
-                threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-            await read_lines(story, STDIN)
+            await read_lines(story, source)
             story.end()
             told_all = [asyncio.create_task(c.wait_closed()) for c in made.connections]
             if told_all:
@@ -238,15 +213,9 @@ def main() -> None:
     os.nice(NICE)
     # more viewers than there are descriptors: no tracebacks on the terminal of a run
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
-    # not buffered: what follows is read elsewhere
-    first = b""
-    while not first.endswith(b"\n"):
-        byte = os.read(STDIN, 1)
-        if not byte:
-            return
-        first += byte
-    told = msgspec.json.decode(first, type=Serve)
-    asyncio.run(_serve(told))
+    first = sys.stdin.buffer.readline()
+    if first:
+        asyncio.run(_serve(msgspec.json.decode(first, type=Serve), sys.stdin.buffer))
 
 
 if __name__ == "__main__":

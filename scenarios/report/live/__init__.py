@@ -1,1 +1,0 @@
-"""Pages that follow a run while it lasts."""
