@@ -95,7 +95,13 @@ class GraspStep:
         self._rested |= state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
         safe = bool(inputs.stop or faults) or self.controller.in_safe_state
-        probabilities, failure = self._ask(inputs.frame if self._rested else None, not safe)
+        frame, probabilities = inputs.frame, np.zeros(FINGERS)
+        failure: Fault | None = None
+        if frame is not None and self._rested:
+            if self._monitors.fingertips.believable:
+                self._estimate_force(frame.counts)
+            if not safe:
+                probabilities, failure = self._detect(frame)
         if failure is not None and state not in OPEN_STATES:  # contact is expected
             faults = (*faults, failure)
         return Observation(
@@ -112,23 +118,14 @@ class GraspStep:
             motion=self._kind_of_slip(probabilities),
         )
 
-    def _ask(
-        self, frame: TactileFrame | None, ask: bool
-    ) -> tuple[NDArray[np.float64], Fault | None]:
-        """Probability of slip at each finger, and why there is none. A stale frame resets the
-        detector; implausible codes leave the force estimate as it was.
+    def _estimate_force(self, counts: NDArray[np.int16]) -> None:
+        self._measured_n = self._felt_n = self._force_n(counts)
+        if not self._monitors.fingertips.all_tell:
+            self._felt_n = self._force_n(counts * self._monitors.fingertips.can_tell)
 
-        ``frame``: None also while counts are relative to the rest of an earlier run. ``ask``:
-        whether the detector may be called."""
-        if frame is None:
-            return np.zeros(FINGERS), None
-        if self._monitors.fingertips.believable:
-            self._measured_n = self._force_n(frame.counts)
-            self._felt_n = self._measured_n
-            if not self._monitors.fingertips.all_tell:
-                self._felt_n = self._force_n(frame.counts * self._monitors.fingertips.can_tell)
-        if not ask:
-            return np.zeros(FINGERS), None
+    def _detect(self, frame: TactileFrame) -> tuple[NDArray[np.float64], Fault | None]:
+        """Probability of slip at each finger, and why there is none; a stale frame resets the
+        detector."""
         if frame.stale:
             self._reset_detector()
         if frame.stale or self._not_reset:
