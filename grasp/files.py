@@ -131,7 +131,10 @@ def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError])
         except BlockingIOError:
             text = os.pread(file, MOST_HOLDER_BYTES, 0)
             os.close(file)
-            raise refusal(_holder(text)) from None
+            holder = None
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
+                holder = msgspec.json.decode(text, type=Holder)
+            raise refusal(holder) from None
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file), path.stat()):
                 return file
@@ -148,10 +151,3 @@ def _open_or_make(path: Path, mode: int) -> int:
             file = os.open(path, flags | os.O_CREAT | os.O_EXCL, mode)
             os.fchmod(file, mode)  # whatever the umask would take away
             return file
-
-
-def _holder(text: bytes) -> Holder | None:
-    try:
-        return msgspec.json.decode(text, type=Holder)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return None

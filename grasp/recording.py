@@ -33,37 +33,31 @@ _Schema = dict[str, Any]
 PLAIN_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
-def viewer_schema(kind: type[msgspec.Struct]) -> _Schema:
-    """JSON Schema of a message as MCAP viewers read it: nested objects, no references.
+def _viewer_schema(schema: _Schema, defs: _Schema) -> _Schema | None:
+    """JSON Schema as MCAP viewers read it: nested objects, no references; None if they refuse it.
 
     Viewers refuse a whole channel over one property without a plain ``type``. So an optional value
     is described by its type, and a list of lists, a union or a tuple of mixed types is recorded but
     left out of the schema.
     """
-    schema = msgspec.json.schema(kind)
-    return _plain_schema(schema, schema["$defs"]) or {}
-
-
-def _plain_schema(schema: _Schema, defs: _Schema) -> _Schema | None:
-    """The schema without references, or None where a viewer would refuse it."""
     if "$ref" in schema:
-        return _plain_schema(defs[schema["$ref"].rsplit("/", 1)[-1]], defs)
+        return _viewer_schema(defs[schema["$ref"].rsplit("/", 1)[-1]], defs)
     if "anyOf" in schema:
         options = [option for option in schema["anyOf"] if option.get("type") != "null"]
-        return _plain_schema(options[0], defs) if len(options) == 1 else None
+        return _viewer_schema(options[0], defs) if len(options) == 1 else None
     if "enum" in schema:
         kinds = {type(value) for value in schema["enum"] if value is not None}
         return {"type": PLAIN_TYPES[kinds.pop()]} if len(kinds) == 1 else None
     match schema.get("type"):
         case "object":
             inner = schema.get("properties", {}).items()
-            properties = {name: _plain_schema(value, defs) for name, value in inner}
+            properties = {name: _viewer_schema(value, defs) for name, value in inner}
             described = {name: value for name, value in properties.items() if value is not None}
             return {"type": "object", "properties": described}
         case "array":
             first, *others = schema.get("prefixItems") or [schema.get("items") or {}]
             mixed = any(item != first for item in others)
-            items = None if mixed else _plain_schema(first, defs)
+            items = None if mixed else _viewer_schema(first, defs)
             nested = items is None or items["type"] == "array"
             return None if nested else {"type": "array", "items": items}
         case "boolean" | "integer" | "number" | "string":
@@ -95,7 +89,7 @@ class RunRecorder:
         self._writer: Writer | None = None
         self._topics: dict[str, tuple[int, Iterator[int]]] = {}
         self._unix_ns = int(metadata.get(UNIX_NS, "0"))
-        schemas = {topic: viewer_schema(kind) for topic, kind in channels.items()}
+        schemas = {topic: msgspec.json.schema(kind) for topic, kind in channels.items()}
         try:
             self._stream = _Unbuffered(io.FileIO(path, "w", opener=private_opener))
             writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.ZSTD)
@@ -103,8 +97,9 @@ class RunRecorder:
             writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
             for topic, kind in channels.items():
                 name = getattr(kind, "schema_name", kind.__name__)  # viewers know some by name
-                schema = msgspec.json.encode(schemas[topic])
-                schema_id = writer.register_schema(name, "jsonschema", schema)
+                schema = _viewer_schema(schemas[topic], schemas[topic]["$defs"])
+                data = msgspec.json.encode(schema)
+                schema_id = writer.register_schema(name, "jsonschema", data)
                 self._topics[topic] = writer.register_channel(topic, "json", schema_id), count()
             self._writer = writer
         except Exception as error:
@@ -234,12 +229,21 @@ class _Unbuffered(io.BufferedWriter):
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
-    stream = _Cut(_load(path))
+    """All records up to the end, or to where the writer was killed. Raises BadFile."""
+    if path.is_char_device():  # it may never end
+        raise BadFile(path, "is no file", FILE_WANTED)
     try:
-        yield from StreamReader(stream, validate_crcs=True).records
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadFile(path, str(error.strerror), FILE_WANTED) from error
+    if not data.startswith(MCAP0_MAGIC):
+        problem = "is no MCAP recording" if data else "is empty: its writer never started"
+        raise BadFile(path, problem, FILE_WANTED)
+    try:
+        yield from StreamReader(_Cut(data), validate_crcs=True).records
     except EndOfFile:
-        return  # the writer was killed: there is no footer
-    except Exception as error:  # the library names no base for what damage may raise
+        return  # there is no footer
+    except Exception as error:  # the library has no base class for what damage may raise
         remedy = "record again, or restore the file from a copy"
         raise BadFile(path, f"damaged recording: {error}", remedy) from error
 
@@ -252,16 +256,3 @@ class _Cut(io.BytesIO):
         if size is not None and len(data) < size:
             raise EndOfFile
         return data
-
-
-def _load(path: Path) -> bytes:
-    if path.is_char_device():  # it may never end
-        raise BadFile(path, "is no file", FILE_WANTED)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadFile(path, str(error.strerror), FILE_WANTED) from error
-    if data.startswith(MCAP0_MAGIC):
-        return data
-    problem = "is no MCAP recording" if data else "is empty: its writer never started"
-    raise BadFile(path, problem, FILE_WANTED)

@@ -18,7 +18,6 @@ from grasp.observation import Observation
 from grasp.states import Trigger
 
 CREEP_SHARE = 0.8  # of the time that a state may last
-ARRIVED = "arm where the lift began"
 CONTACT_GAP_NS = 100_000_000  # an object falls 5 cm in it, and may be gripped where it landed
 SLIP_MARGIN_M = 0.003  # for slip that ended by itself before a detector noticed; assumed
 RISE_N = 0.3  # of the grip that stops the arm: 7 standard deviations in the simulated hand at rest
@@ -105,8 +104,9 @@ class SetDown:
         if self._contact.lost:
             return LOST_ON_THE_WAY
         if self._step is Step.CREEP:
-            arrived = self._line.stands_at(obs, 0.0)
-            return self._let_go(obs, ARRIVED) if arrived else self._tightened(obs)
+            if self._line.stands_at(obs, 0.0):
+                return self._let_go(obs, "arm where the lift began")
+            return self._tightened(obs)
         grip_n = self._still_n(obs)
         if grip_n is None:
             return None
