@@ -322,11 +322,9 @@ class GraspController:
             self._stop_again(obs, self._set_down.arm_stop)
 
     def _follow(self, obs: Observation, transition: Transition | None) -> None:
-        if transition is None:
-            return
-        if transition.trigger is Trigger.LOSE:
+        if transition and transition.trigger is Trigger.LOSE:
             self._lose(obs, transition.cause)
-        else:
+        elif transition:
             self._go(transition.trigger, obs, transition.cause, *transition.commands)
 
     def _open(self, obs: Observation) -> None:

@@ -8,10 +8,8 @@ from grasp.states import LOWERING_STATES, State
 
 AT_HEIGHT_M = 0.001  # the arm counts as there within this; assumed
 SLOWED_STATES = frozenset({State.HOME, State.LIFT, State.RETREAT}) | LOWERING_STATES
-# No arm is waited for without end: slower than this it counts as going at this, and once it has
-# been so for a while as one that stands.
-LEAST_PACE = 0.05
-STANDS_NS = 1_000_000_000
+LEAST_PACE = 0.05  # a slower arm counts as this fast, so that every wait for it ends; assumed
+STANDS_NS = 1_000_000_000  # an arm that is slower for so long counts as standing; assumed
 REPEAT_NS = 100_000_000  # between two equal requests; assumed
 
 

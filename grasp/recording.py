@@ -83,11 +83,11 @@ class RunRecorder:
     ) -> None:
         self.path = path
         self.failure: Exception | None = None
-        self._kinds = dict(channels)
         self._encode = msgspec.json.Encoder(enc_hook=_plain).encode
         self._stream: _Unbuffered | None = None
         self._writer: Writer | None = None
-        self._topics: dict[str, tuple[int, Iterator[int]]] = {}
+        # message type, channel number and sequence numbers of a topic
+        self._topics: dict[str, tuple[type[msgspec.Struct], int, Iterator[int]]] = {}
         self._unix_ns = int(metadata.get(UNIX_NS, "0"))
         schemas = {topic: msgspec.json.schema(kind) for topic, kind in channels.items()}
         try:
@@ -100,7 +100,8 @@ class RunRecorder:
                 schema = _viewer_schema(schemas[topic], schemas[topic]["$defs"])
                 data = msgspec.json.encode(schema)
                 schema_id = writer.register_schema(name, "jsonschema", data)
-                self._topics[topic] = writer.register_channel(topic, "json", schema_id), count()
+                channel_id = writer.register_channel(topic, "json", schema_id)
+                self._topics[topic] = kind, channel_id, count()
             self._writer = writer
         except Exception as error:
             self._fail(error)
@@ -118,9 +119,9 @@ class RunRecorder:
             self.failure = self.failure or closed
             return
         try:
-            if not isinstance(message, self._kinds[topic]):
-                raise TypeError(f"{topic} takes {self._kinds[topic].__name__}, not {message!r:.80}")
-            channel_id, sequence = self._topics[topic]
+            kind, channel_id, sequence = self._topics[topic]
+            if not isinstance(message, kind):
+                raise TypeError(f"{topic} takes {kind.__name__}, not {message!r:.80}")
             at_ns = self._unix_ns + t_ns
             data = self._encode(message)
             self._writer.add_message(channel_id, at_ns, data, at_ns, next(sequence))

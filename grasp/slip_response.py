@@ -1,7 +1,7 @@
 """Responses to slip: what hand and arm do from the registration of slip until it is over.
 
-`jump` (Close) only closes the hand; `stop_and_jump` (StopAndClose) also stops the arm meanwhile;
-`stop_and_step` (StopAndStep) closes the thumb no further than ends slip. All share one closing.
+`jump` (SlipResponse itself) only closes the hand; `stop_and_jump` (StopAndClose) also stops the arm
+meanwhile; `stop_and_step` (StopAndStep) closes the thumb no further than ends slip.
 
 A closing to the force cap has one stage or two. Of two, the first goes by position alone, as fast
 as the hand can, to where the limit is kept even on a contact that is stiffer and grasped harder
@@ -32,8 +32,8 @@ STEP_BELOW_M = 0.03  # of the arm: higher, the object is in the air, and the han
 MARGIN_AFTER_M = 0.01  # a force is found when it has carried so far; assumed
 
 
-class Close:
-    """The hand closes to the force cap, and the arm goes on as it did (the paper's loop).
+class SlipResponse:
+    """The hand closes to the force cap, and the arm goes on (the paper's loop). Base of all others.
 
     One object for a run: ``begin`` when slip is registered or contact is lost, ``update`` every
     sample until ``end``; none of them touches a device.
@@ -126,8 +126,8 @@ class Close:
         return not obs.first_stage and thumb.requested_counts < reach_counts
 
 
-class StopAndClose(Close):
-    """In the lift the arm stops, the hand closes, then the arm goes on gently; else as ``Close``.
+class StopAndClose(SlipResponse):
+    """In the lift the arm also stops, and goes on gently when slip is over.
 
     An object that slips there mostly still stands on the table, and the fingers slide up along it:
     slip ends some 30 ms after the arm stops, while the hand needs 100 to 200 ms to press harder.
@@ -255,8 +255,8 @@ class StopAndStep(StopAndClose):
         return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, cap_n)
 
 
-RESPONSES: dict[str, type[Close]] = {
-    "jump": Close,
+RESPONSES: dict[str, type[SlipResponse]] = {
+    "jump": SlipResponse,
     "stop_and_jump": StopAndClose,
     "stop_and_step": StopAndStep,
 }  # by the setting `controller.answer`
