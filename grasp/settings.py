@@ -18,7 +18,6 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.files import waits_for_a_writer
 
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
@@ -58,8 +57,6 @@ def names(kind: str) -> list[str]:
 def read_toml(path: Path) -> Layer:
     """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
     try:
-        if waits_for_a_writer(path):
-            raise ValueError("a named pipe, which may have no writer")
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:

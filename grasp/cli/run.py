@@ -21,7 +21,7 @@ from scenarios.acquire.session import counts_per_newton
 from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words
-from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
+from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
 from scenarios.trial.execution import make_guard
@@ -160,9 +160,7 @@ def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
     _check_real(config)
     check_devices(config)
     counts_per_newton(config, args.seed)  # raises where nobody has measured it
-    return _print_dry_run(
-        press_plan(config, course, args.seconds), ask_pressing_devices(config), args
-    )
+    return _print_dry_run(press_plan(config, course, args.seconds), ask_devices(config), args)
 
 
 def _check_real(config: Any) -> None:

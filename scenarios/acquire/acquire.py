@@ -17,7 +17,6 @@ from detector.recordings import SUFFIX, Metadata, write
 from drivers.errors import CouldNotRecord, GraspError
 from drivers.interfaces import PERIOD_S
 from grasp import signals
-from grasp.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from grasp.messages import (
     ARM,
     TACTILE,
@@ -35,6 +34,7 @@ from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.ending import End
+from scenarios.trial.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
 from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata

@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from drivers.errors import in_words
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.fault import Fault
-from grasp.foxglove import (
+from grasp.loop import Tick
+from grasp.messages import Write
+from grasp.states import PhaseChange, State
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.foxglove import (
     ERROR,
     INFO,
     INT16,
@@ -39,10 +43,6 @@ from grasp.foxglove import (
     Time,
     Vector,
 )
-from grasp.loop import Tick
-from grasp.messages import Write
-from grasp.states import PhaseChange, State
-from scenarios.trial.config import TrialConfig
 from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 from scenarios.world.truth import Truth
 

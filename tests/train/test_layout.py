@@ -45,7 +45,7 @@ def test_a_network_of_eight_taxels_is_trained_exported_and_refused_by_six(
     if name == "tcn-paper":
         settings = msgspec.structs.replace(QUICK, dense=False, balance="undersample", batch=32)
     made = Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
-    made.run(5.0, None, lambda progress: None)
+    made.run(5.0, None, lambda loss, score: None)
     path = tmp_path / "mine.onnx"
     export(made, VALIDATION, path, "here")
     detector = load_detector("mine", {"weights": str(path)}, 3, 8)

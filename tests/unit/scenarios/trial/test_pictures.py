@@ -41,7 +41,7 @@ def messages(path: Path) -> dict[str, list[tuple[str, int, dict[str, Any]]]]:
 
 
 def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
-    own = RunRecording.open(recording, RUN_CHANNELS)
+    own = RunRecording(recording, RUN_CHANNELS)
     arm, gripper = dict(own.of(ARM)), dict(own.of(GRIPPER))
     truth = dict(own.of(TRUTH))
     settings = config()
