@@ -55,17 +55,16 @@ def say_end(end: Any, remedy: str = "") -> None:
         say(line)
 
 
-def report_line(line: str) -> None:
-    """What went wrong with a verdict of its own, which has the exit code."""
+def report_line(line: str, begins: str = "grasp: ") -> None:
+    """Print a line on standard error, of what does not change the exit code."""
     with contextlib.suppress(OSError):
-        print(f"grasp: {one_line(line, MOST_SAID)}", file=sys.stderr)
+        print(f"{begins}{one_line(line, MOST_SAID)}", file=sys.stderr)
 
 
 def say(line: str) -> None:
     """A further line of an error; an empty one is none."""
     if line:
-        with contextlib.suppress(OSError):
-            print(f"       {one_line(line, MOST_SAID)}", file=sys.stderr)
+        report_line(line, 7 * " ")
 
 
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:

@@ -5,7 +5,6 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any, Self
 
-from drivers.errors import UsageError
 from grasp.cli import view
 from grasp.cli.output import aside
 from grasp.loop import Tick
@@ -27,8 +26,6 @@ COMPILING = "setting up: the world is compiled, a minute or so; the next run fin
 class Here:
     """Draws in this process, with the methods of ``ViewerProcess``: in virtual time nothing waits.
     A screen that is gone does not stop a run."""
-
-    lost = 0
 
     def __init__(self, panel: bool) -> None:
         self._drawn = view.Panel() if panel else view.Lines()
@@ -125,9 +122,6 @@ class Display:
         self._until_closed.close()
         if self._shown is not None:
             self._shown.close()
-            if self._shown.lost:  # the run and its recording lack nothing
-                with contextlib.suppress(OSError):
-                    aside(f"{self._shown.lost} pictures of the run were not drawn in time")
             self._shown = None
 
 
@@ -137,12 +131,9 @@ def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
     if not args.view:
         yield None
         return
+    live = make()
+    aside(f"view: {live.feed.address}")
     try:
-        live = make()
-    except OSError as error:
-        raise UsageError(f"--view: no page can be served here: {error}", "leave it out") from None
-    try:
-        aside(f"view: {live.feed.address}")
         yield live
     finally:
         live.feed.close()

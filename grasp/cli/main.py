@@ -6,7 +6,6 @@ import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
 from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
@@ -16,13 +15,6 @@ from grasp.cli.commands import build_parser
 from grasp.cli.output import guarded_streams, only_json, open_standard_streams
 from grasp.cli.parser import COMPLETING, complete
 from grasp.files import LEADS_NOWHERE
-
-NUMBA_CACHE = ("numba", "core", "caching.py")
-BAD_CACHE = (
-    "compiled functions cannot be kept or read",
-    "set NUMBA_CACHE_DIR to an empty folder that can be written",
-)
-
 
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
@@ -92,11 +84,6 @@ def _failed(error: BaseException, as_json: bool) -> int:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
         return exits.report(*_of_the_system(error), as_json)
-    frames = traceback.extract_tb(error.__traceback__)
-    if isinstance(error, Exception) and any(
-        Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames
-    ):
-        return exits.report("config", *BAD_CACHE, as_json)
     if as_json:
         text = in_words(error)
         return exits.report("internal", text, "a bug: run without --json and report it", True)

@@ -61,8 +61,7 @@ def run_lift(args: argparse.Namespace) -> int:
     return run_trials(args, scenario, permit, begin)
 
 
-def run_tap(args: argparse.Namespace) -> int:
-    return run_lift(args)
+run_tap = run_lift
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
@@ -94,7 +93,6 @@ def run_acquire(args: argparse.Namespace) -> int:
             config, course, args.seed, args.seconds, args.runs, is_paced(args), display.sample,
             permit,
         )  # fmt: skip
-        display.ended(done.in_short(), note=False)
     if done.failure is None:
         return show(args, done, done.as_text)
     if not args.json:

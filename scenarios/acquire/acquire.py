@@ -82,10 +82,6 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
         true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
         return f"{self.samples} samples, {self.slip} labelled slip{true}"
 
-    def in_short(self) -> str:
-        """One line, without a path of this machine."""
-        return f"{self.outcome}: {self._labelled}"
-
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:

@@ -41,7 +41,7 @@ class LiveTrials:
         self._motion = _reports_motion(config)
         self._fused = bound.probable and config.rule.fusion == "mean"
         view = View(self._truth, self._motion, config.guard.force_limit_n, bound)
-        self.feed = Feed(title, FINGER_NAMES, view, of)
+        self.feed = Feed(title, view, of)
         self._controller: GraspController | None = None
         self._phase = ""
         self._number = 1
@@ -126,14 +126,14 @@ TOKEN_BYTES = 16
 class Feed:
     """One page for all trials of a call. ``address`` is where it is."""
 
-    def __init__(self, title: str, fingers: tuple[str, ...], view: View, of: int) -> None:
+    def __init__(self, title: str, view: View, of: int) -> None:
         """``of``: number of trials. Raises OSError where no socket can listen."""
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
             self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
-            self._viewer.tell(Serve(listening.fileno(), host, token, title, fingers, view))
+            self._viewer.tell(Serve(listening.fileno(), host, token, title, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._ticks = 0

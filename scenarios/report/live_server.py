@@ -20,6 +20,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
+from drivers.interfaces import FINGER_NAMES
 from grasp.viewer_process import ignore_signals
 from scenarios.report.page import render
 from scenarios.report.run_view import View
@@ -32,7 +33,6 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
     address: str  # host and port
     token: str
     title: str
-    fingers: tuple[str, ...]
     view: View
 
 
@@ -110,7 +110,7 @@ class Server:
         self._told, self._story = told, story
         self._page = render(
             "live.html", SCRIPTS, connect=f"ws://{told.address}", title=told.title,
-            fingers=told.fingers, view=told.view, data={"live": True, "phases": [], "marks": []},
+            fingers=FINGER_NAMES, view=told.view, data={"live": True, "phases": [], "marks": []},
         ).encode()  # fmt: skip
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:

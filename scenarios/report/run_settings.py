@@ -86,8 +86,8 @@ def _packaged(body: str) -> bool:
 
 def _detector_of(profile: str) -> str:
     try:
-        return str(named_layer("profiles", profile).table["detector_name"])
-    except (ConfigError, KeyError):
+        return str(named_layer("profiles", profile).table.get("detector_name", ""))
+    except ConfigError:
         return ""
 
 
