@@ -172,8 +172,8 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Fi
         out[f"increment median {name}"] = _quantile(np.abs(rows), 0.5)
         out[f"increment p95 {name}"] = _quantile(np.abs(rows), 0.95)
         out[f"correlation {name}"] = _correlation(rows)
-        names = (f"{f} Hz {name}" for f in FFT_HZ)
-        out |= zip(names, _spectrum(loaded, chosen), strict=True)
+        bands = (f"{f} Hz {name}" for f in FFT_HZ)
+        out |= zip(bands, _spectrum(loaded, chosen), strict=True)
     out["increment ratio"] = out["increment rms slip"] / (out["increment rms static"] or np.nan)
     out["deviation in slip"] = float(loaded[slip].std(axis=0).mean())
     out["highest excursion"] = _quantile(p.max(axis=1), 0.99)
@@ -227,7 +227,8 @@ def _correlation(changes: Floats) -> float:
     """Mean correlation of increments over all pairs of loaded taxels."""
     if len(changes) < 3 or (changes.std(axis=0) == 0.0).any():
         return np.nan
-    return float(np.corrcoef(changes.T)[np.triu_indices(LOADED, 1)].mean())
+    correlations = np.asarray(np.corrcoef(changes.T))
+    return float(correlations[np.triu_indices(LOADED, 1)].mean())
 
 
 def clip_figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
