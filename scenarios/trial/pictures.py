@@ -43,6 +43,7 @@ from scenarios.trial.foxglove import (
     Time,
     Vector,
 )
+from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 from scenarios.world.truth import Truth
 
 LOG, TRANSFORMS, SCENE, FORCES, TAXELS = "/log", "/tf", "/scene", "/forces", "/taxels"
@@ -144,9 +145,9 @@ class Pictures:
 
     def _reach_m(self, tick: Tick, finger: int) -> float:
         """From the middle to the face of a pad."""
-        calibration, contact = self._config.calibration, self._config.contact
+        calibration = self._config.calibration
         per_count = 0.0 if calibration is None else calibration.m_per_count
-        return contact.half_aperture_m - tick.gripper.positions[finger] * per_count
+        return HALF_APERTURE_M - tick.gripper.positions[finger] * per_count
 
     def _transforms(self, tick: Tick, truth: Truth | None) -> FrameTransforms:
         now = self._time(tick.t_ns)
@@ -164,9 +165,9 @@ class Pictures:
 
     def _scene(self, tick: Tick, truth: Truth | None) -> SceneUpdate:
         """What keeps its shape; frames move it."""
-        now, contact = self._time(tick.t_ns), self._config.contact
+        now = self._time(tick.t_ns)
         body, below_m = self._body(now)
-        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * contact.pad_half_length_m)
+        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * PAD_HALF_LENGTH_M)
         palm = Cube(_at(z=PALM_M), Vector(0.11, 0.09, 0.03), METAL)
         arm = Cube(_at(z=PALM_M + ARM_M / 2.0), Vector(0.05, 0.05, ARM_M), METAL)
         entities = [SceneEntity(now, "hand", "hand", True, cubes=(palm, arm))]
