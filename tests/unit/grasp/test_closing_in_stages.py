@@ -11,7 +11,7 @@ from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_progress import LiftLine
 from grasp.observation import Observation
-from grasp.slip_response import STAGE_NS, SlipResponse
+from grasp.slip_response.close import STAGE_NS, SlipResponse
 from tests.unit.grasp.builders import gripper, seen
 
 S = ControllerSettings(closing_speed_mps=0.1)

@@ -12,7 +12,7 @@ from grasp.lift_progress import LiftLine
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
 from grasp.safe_state import Pursuit, SafeState
-from grasp.slip_response import SlipResponse
+from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, seen
 

@@ -8,7 +8,7 @@ from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_progress import LiftLine
 from grasp.observation import Observation
-from grasp.slip_response import StopAndStep
+from grasp.slip_response.stop_and_step import StopAndStep
 from grasp.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper, seen
 from tests.unit.grasp.controller_driver import LATCHED, TICK, Driver

@@ -1,0 +1,11 @@
+"""Responses to slip: what hand and arm do from the registration of slip until it is over."""
+
+from grasp.slip_response.close import SlipResponse
+from grasp.slip_response.stop_and_close import StopAndClose
+from grasp.slip_response.stop_and_step import StopAndStep
+
+RESPONSES: dict[str, type[SlipResponse]] = {
+    "jump": SlipResponse,
+    "stop_and_jump": StopAndClose,
+    "stop_and_step": StopAndStep,
+}  # by the setting `controller.answer`
