@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import json
 import os
 import shlex
 import sys
@@ -11,9 +12,7 @@ from datetime import datetime
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
-
-import msgspec
+from typing import Any, NamedTuple
 
 from drivers.errors import GraspError
 
@@ -92,7 +91,7 @@ def private_opener(path: str, flags: int) -> int:
     return os.open(path, flags, PRIVATE_FILE)
 
 
-class Holder(msgspec.Struct, frozen=True):
+class Holder(NamedTuple):
     """Which process holds a file."""
 
     pid: int
@@ -114,7 +113,7 @@ def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]
             command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
             now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"  # noqa: DTZ005
             os.ftruncate(file, 0)
-            os.pwrite(file, msgspec.json.encode(Holder(os.getpid(), command, now)), 0)
+            os.pwrite(file, json.dumps(Holder(os.getpid(), command, now)._asdict()).encode(), 0)
         yield
     finally:
         with suppress(OSError):  # of another user's, in a folder where each removes their own
@@ -132,8 +131,8 @@ def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError])
             text = os.pread(file, MOST_HOLDER_BYTES, 0)
             os.close(file)
             holder = None
-            with suppress(msgspec.DecodeError, UnicodeDecodeError):
-                holder = msgspec.json.decode(text, type=Holder)
+            with suppress(ValueError, TypeError):
+                holder = Holder(**json.loads(text))
             raise refusal(holder) from None
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file), path.stat()):

@@ -1,7 +1,4 @@
-"""A recorded trial for other programs: a table, or pictures (`grasp export`).
-
-Pictures need the extra `charts`.
-"""
+"""A recorded trial as a table, or as a picture (extra `charts`), for `grasp export`."""
 
 import csv
 import io
