@@ -41,7 +41,6 @@ OPERATOR_ACTIONS = (
 
 
 def build_parser() -> Parser:
-    """The whole command line."""
     root = Parser(prog="grasp", description=ROOT, epilog=ROOT_END)
     root.flag("--version", "show the version and exit")
     _add_run(root.command("run", "run a scenario", section=TRY))

@@ -105,7 +105,6 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _from(source: str | None) -> str:
-    """Who set a value; of a packaged file its path in `config`."""
     if source is None:
         return "default"
     path = Path(source)

@@ -77,7 +77,6 @@ class Console:
                 self._taps[direction] = none_found
 
     def listen(self, cell: EmulatedCell) -> None:
-        """Begin to execute; returns at once."""
         if not self._typed:
             return
         # sent to the background: reading from the terminal fails then, instead of stopping us
@@ -135,13 +134,11 @@ class Console:
 
 
 def _scale_text(truth: dict[str, Any]) -> str:
-    """What scales under the fingertips would say."""
     fingers = zip("ABC", truth["normal_n"], strict=True)
     return "pressed with " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
 
 
 def _look_text(truth: dict[str, Any]) -> str:
-    """What a person sees of an object."""
     held = "held" if max(truth["normal_n"]) > 0 else "not touched"
     moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
     turned = turned_text(truth["turn_rad"])

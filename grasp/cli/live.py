@@ -82,13 +82,11 @@ class Display:
         self.tell(view.Busy(f"setting up: {SETTING_UP[self._rig]}{more}"))
 
     def trial(self, number: int, of: int) -> None:
-        """Which of several trials is shown from now on."""
         self._trial = f"trial {number} of {of}" if of > 1 else ""
         if self._page is not None:
             self._page.trial(number)
 
     def tick(self, tick: Tick) -> None:
-        """Show one tick, if it is time or something happened."""
         changed = tick.decision.state is not self._phase
         news = tick.decision.slip.event or (changed and not self._brief)
         every = REFRESH_TICKS if self._panel else STATUS_TICKS
@@ -99,7 +97,6 @@ class Display:
             self._shown.show(view.glimpse(tick, news, self._trial))
 
     def sample(self, sample: Any) -> None:
-        """Show one sample of ``scenarios.acquire.session``."""
         self._ticks += 1
         due = self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0
         if self._shown is not None and due:
@@ -140,7 +137,6 @@ def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
 
 
 def verdict(result: Any) -> str:
-    """The short verdict of a trial and the path of its recording."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     lines = [f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})"]
     lines += [f"  {text}" for text in facts(result)]
@@ -155,7 +151,6 @@ def verdict(result: Any) -> str:
 
 
 def trial_line(result: Any) -> str:
-    """One lift or tap of several in a line."""
     tap = result.scenario == "tap"
     moved_m = result.displacement_m if tap else result.slip_distance_m
     parts = [f"seed {result.seed:<4}{f' {result.direction:<7} ' if tap else ''} "

@@ -99,7 +99,6 @@ def _check_text(words: Sequence[str]) -> None:
 
 
 def _of_the_system(error: OSError) -> tuple[str, str, str]:
-    """Kind, message and remedy."""
     where = f"{one_line(error.filename)}: " if error.filename else ""
     text = f"{where}{error.strerror or error}"
     if error.errno in LEADS_NOWHERE:

@@ -21,8 +21,6 @@ OBJECT_HELP = "one of config/objects, or a .toml file of your own"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
-    """Reads a whole number within bounds."""
-
     def number(text: str) -> int:
         if not text.isdecimal() or not least <= int(text) <= most:
             raise argparse.ArgumentTypeError(f"{text!r}: a whole number, {least} to {most}")
@@ -32,8 +30,6 @@ def whole(least: int, most: int) -> Callable[[str], int]:
 
 
 def decimal(least: float, most: float) -> Callable[[str], float]:
-    """Reads a number within bounds."""
-
     def number(text: str) -> float:
         try:
             value = float(text)
@@ -130,13 +126,11 @@ SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 def share(parser: Parser, names: str) -> None:
-    """Add shared options, in this order."""
     for option, text, given in (SHARED[name] for name in names.split()):
         parser.option(option, text, **given)
 
 
 def workers(args: argparse.Namespace) -> "Workers":
-    """Who works, by the shared options."""
     from scenarios.rigs.workers import Workers
 
     return Workers(args.jobs, args.cluster)

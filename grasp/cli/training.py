@@ -113,7 +113,6 @@ def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
 
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
-    """The training, ready to run, and the validation recordings."""
     require_whole(args.data)  # before torch, which takes seconds
     from detector.recordings import read_dataset
     from detector.training.fit import Training

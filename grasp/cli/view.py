@@ -59,7 +59,6 @@ Message = Begin | Busy | Note | Glimpse
 
 
 def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
-    """What is shown of a tick."""
     slip = tick.decision.slip
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
     shown = f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-"
@@ -133,7 +132,6 @@ class Panel:
 
 
 def line(seen: Glimpse) -> str:
-    """One tick in at most 80 columns."""
     pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
     return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {forces} N  slip {seen.slip}"
