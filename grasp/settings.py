@@ -5,7 +5,6 @@ allowed there.
 """
 
 import difflib
-import hashlib
 import math
 import os
 import re
@@ -27,20 +26,16 @@ MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
 TOGETHER = "what goes together"
 # What an option of its own chooses: with each comes a file of settings, or more
-CHOSEN = {
-    "rig": "--rig", "profile": "--profile", "detector_name": "--detector", "files": "--config",
-}  # fmt: skip
+CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
 # Of a kind, kept for testing: found by name, in no list, so what goes over a kind never meets them
 UNSEEN = "unseen"
 
 
 class Layer(msgspec.Struct, frozen=True):
-    """Settings from one place; ``source`` names it in error messages, ``digest`` is the fingerprint
-    of a file."""
+    """Settings from one place; ``source`` names it in error messages."""
 
     source: str
     table: Table
-    digest: str = ""
 
 
 def config_dir() -> Path:
@@ -69,18 +64,7 @@ def read_toml(path: Path) -> Layer:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
-    return checked(Layer(str(path), table, fingerprint(content)))
-
-
-def fingerprint(content: bytes) -> str:
-    """Of what a file holds."""
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
-def own_files(layers: Sequence[Layer]) -> dict[str, str]:
-    """The files of one's own among the layers, each with its fingerprint."""
-    read = {layer.source: layer.digest for layer in layers if layer.digest}
-    return {p: digest for p, digest in read.items() if not Path(p).is_relative_to(config_dir())}
+    return checked(Layer(str(path), table))
 
 
 def checked(layer: Layer) -> Layer:

@@ -19,7 +19,6 @@ from detector.recordings import SUFFIX, Metadata, Recording, write
 from drivers.errors import CouldNotRecord, GraspError
 from drivers.interfaces import PERIOD_S
 from grasp import signals
-from grasp.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from grasp.messages import (
     ARM,
     TACTILE,
@@ -38,7 +37,20 @@ from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
+from scenarios.trial.foxglove import (
+    EVERY_TICKS,
+    INFO,
+    LOG,
+    TAXELS,
+    TRANSFORMS,
+    FrameTransform,
+    FrameTransforms,
+    Grid,
+    Log,
+    Time,
+    grid,
+    point,
+)
 from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
@@ -160,7 +172,7 @@ class PressPictures:
             self._phase = sample.phase
             write(LOG, sample.t_ns, Log(now, INFO, sample.phase.value, "phase"))
         self._samples += 1
-        if self._samples % EVERY != 1 or not all(map(math.isfinite, sample.arm.position_m)):
+        if self._samples % EVERY_TICKS != 1 or not all(map(math.isfinite, sample.arm.position_m)):
             return
         hand = FrameTransform(now, "world", "hand", point(*sample.arm.position_m))
         write(TRANSFORMS, sample.t_ns, FrameTransforms([hand]))

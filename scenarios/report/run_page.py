@@ -18,7 +18,7 @@ from scenarios.report.run_record import RunRecord, Sent, read_run
 from scenarios.report.run_settings import command_of, object_file, settings_of
 from scenarios.report.run_text import badge, remarks, sentence
 from scenarios.report.run_view import Decided, View, decided, scene
-from scenarios.trial.pictures import taxel_places
+from scenarios.trial.foxglove import taxel_places
 from scenarios.trial.run_folder import RECORDING, find_recording
 
 MISSING = -(2**31)  # no number

@@ -49,7 +49,7 @@ def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     return [
         Setting(key, toml(value), toml(usual.get(key)) if known else None)
         for key, value in _leaves(told)
-        if key not in NAMED and not key.startswith("files.")
+        if key not in NAMED
     ]
 
 

@@ -38,7 +38,7 @@ DEFAULT_PROFILE = "default"
 
 # No result depends on these: names of settings that are resolved here, texts for people, and how
 # the machine is asked to be quick; figures that a calibration was made from are hashed themselves.
-UNHASHED = ("profile", "files", "source", "usb", "realtime")
+UNHASHED = ("profile", "source", "usb", "realtime")
 UNHASHED_KEYS = {
     "gripper": ("calibration",),
     "calibration": ("name", "pressed_bytes", "presses", "reason"),
@@ -75,7 +75,6 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     profile: str = DEFAULT_PROFILE
-    files: dict[str, str] = msgspec.field(default_factory=dict)  # one's own, and a fingerprint
     detector_name: str
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()

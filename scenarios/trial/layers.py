@@ -13,11 +13,9 @@ from grasp.controller_settings import ControllerSettings
 from grasp.settings import (
     CHOSEN,
     Layer,
-    fingerprint,
     named_layer,
     names,
     not_chosen,
-    own_files,
     own_name,
     read_toml,
     thing_layer,
@@ -33,34 +31,25 @@ from scenarios.trial.config import DEFAULT_PROFILE
 
 
 def detector_layers(word: str) -> list[Layer]:
-    """What is set for a detector: its file of config/detectors; of one's own its fingerprint, and
-    the `.toml` of the same name beside it, if there is one. Raises ConfigError for an unknown
-    name, and where that file says nothing, or speaks of more than a rule and detectors: what is
-    read because another file lies beside it sets no limit, and no device."""
+    """What is set for a detector: its file of config/detectors; for the user's own, the `.toml` of
+    the same name beside it, if there is one. Raises ConfigError for an unknown name, and where that
+    file says nothing, or sets more than a rule and detectors: a file that is read only because it
+    lies beside another sets no limit and no device."""
     if word in offered() and word not in names("detectors"):
         return []
     if not (is_code(word) or is_weights(word)):
         return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
     file = Path(word.rpartition(":")[0] if is_code(word) else word)
     beside = file.with_suffix(".toml")
-    code = Layer(str(file), {}, _fingerprint(file))
     if not os.path.lexists(beside) or _is_being_written(beside):
-        return [code]
+        return []
     layer = says_something(read_toml(beside))
     for section in sorted(layer.table.keys() - {"rule", *SECTIONS}):
         problem = "is not of a detector: what lies beside one sets its rule"
         raise ConfigError(
             layer.source, section, problem, f"[rule] and [{OWN}]; all else by --config"
         )
-    return [code, layer]
-
-
-def _fingerprint(file: Path) -> str:
-    """Empty where the file cannot be read: who loads it says so."""
-    try:
-        return fingerprint(file.read_bytes()) if file.is_file() else ""
-    except OSError:
-        return ""
+    return [layer]
 
 
 def _is_being_written(file: Path) -> bool:
@@ -122,11 +111,11 @@ def trial_layers(
     like, of_rig = rig_layers(rig)
     layers = [
         *of_rig,
-        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile", "files")}),
+        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
         not_chosen(object_name),
         *map(not_chosen, detector_layers(detector)),
         *(own_name(own, "objects", "object", chosen) for own in own_layers(files, assignments)),
     ]
     layers = [*calibration_layers(layers), *layers]
     chosen_names = {"rig": like, "profile": profile, "detector_name": detector}
-    return [*layers, Layer("command line", {**chosen_names, "files": own_files(layers)})]
+    return [*layers, Layer("command line", chosen_names)]

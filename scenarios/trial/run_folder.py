@@ -20,10 +20,10 @@ from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
 from grasp.states import PhaseChange
-from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
-from scenarios.trial.pictures import Pictures
+from scenarios.trial.foxglove import CHANNELS as VIEWER_CHANNELS
+from scenarios.trial.foxglove import ViewerMessages
 from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
 from scenarios.world.truth import Truth
 
@@ -32,7 +32,7 @@ RESULT = "result.json"
 OF_THE_MACHINE = ("timing", "recording", "recordings")  # of a result
 TRIED_BYTES = 65_536  # a second of a run
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
-WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **pictures.CHANNELS}
+WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 EPOCHS = {
     True: "virtual: 2000-01-01T00:00:00Z is when the rig was switched on",
     False: "wall clock",
@@ -149,7 +149,7 @@ class Record:
         self._config, self._seed, self._home = config, seed, home
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
         self._clock = clock
-        self._pictures = Pictures(config, clock.unix_ns)
+        self._viewer_messages = ViewerMessages(config, clock.unix_ns)
         self._phases_written = 0
         self._watch = watch
         self._uncut = ExitStack()
@@ -204,12 +204,7 @@ class Record:
             write(PHASES, change.t_ns, change)
         if truth is not None:
             write(TRUTH, tick.t_ns, truth)
-        try:
-            self._pictures.write(write, tick, truth, changes)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # no run shall end for a picture
-            self._pictures.end(write, tick.t_ns, error)
+        self._viewer_messages.write(write, tick, truth, changes)
 
     def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
         """Judge, close the recording and write the result. Whatever raises on the way, of arm and

@@ -1,6 +1,7 @@
 """Settings that a data set names or draws: surfaces, kinds of objects and layouts, packaged ones or
 files by their paths; and single settings replaced for one recording."""
 
+import hashlib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import Layer, by_path, file_of, load, named_layer, read_toml, thing_layer
+from grasp.settings import Layer, by_path, file_of, load, named_layer, thing_layer
 from scenarios.world.objects import Name
 
 C = TypeVar("C", bound=msgspec.Struct)
@@ -41,7 +42,8 @@ def beside(value: Any, folder: Path) -> Any:
 
 def fingerprints(*words: str) -> dict[str, str]:
     """Of the files among them."""
-    return {word: read_toml(Path(word)).digest for word in words if by_path(word)}
+    files = [word for word in words if by_path(word)]
+    return {file: hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] for file in files}
 
 
 def layout_file(name: str) -> Path | None:
