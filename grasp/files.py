@@ -15,22 +15,6 @@ TOO_MANY = (errno.EMFILE, errno.ENFILE)  # open at once
 LEADS_NOWHERE = NO_NAMES | {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 
 
-def waits_for_a_writer(path: Path) -> bool:
-    """Whether it is a named pipe, which to open may take for ever; one that this program was begun
-    with (`/dev/stdin`, the shell's `<(...)`) is open already. Raises OSError."""
-    if not path.is_fifo():
-        return False
-    pipe = path.stat()
-    return not any(_is_open_as(int(number), pipe) for number in os.listdir("/dev/fd"))
-
-
-def _is_open_as(descriptor: int, pipe: os.stat_result) -> bool:
-    try:
-        return os.path.samestat(os.fstat(descriptor), pipe)
-    except OSError:  # that of the listing itself
-        return False
-
-
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     """Write a file, all of it or nothing; what stood there stays until then. Raises OSError."""
     if path.exists() and not path.is_file():  # /dev/stdout

@@ -17,13 +17,10 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.files import waits_for_a_writer
 
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
-MOST_DEEP = 16  # tables and lists in one another; ours are three
 TOGETHER = "what goes together"
 # What an option of its own chooses: with each comes a file of settings, or more
 CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
@@ -53,13 +50,7 @@ def names(kind: str) -> list[str]:
 def read_toml(path: Path) -> Layer:
     """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
     try:
-        if waits_for_a_writer(path):
-            raise ValueError("a named pipe, which may have no writer")
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise ValueError(f"more than {MOST_BYTES} bytes")
-        table = tomllib.loads(content.decode("utf-8"))
+        table = tomllib.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -69,29 +60,28 @@ def read_toml(path: Path) -> Layer:
 
 def checked(layer: Layer) -> Layer:
     """The layer, if a setting can have such values at all; else ConfigError."""
-    waiting: list[tuple[tuple[str, ...], int, Any]] = [((), 0, layer.table)]
-    while waiting:  # not by recursion: that is what too deep a file would break
-        path, depth, value = waiting.pop()
-        for problem, bounds in _impossible(depth, value):
-            raise ConfigError(layer.source, ".".join(path) or "-", problem, bounds)
-        if isinstance(value, dict):
-            waiting += [((*path, name), depth + 1, inner) for name, inner in value.items()]
-        elif isinstance(value, list):
-            waiting += [(path, depth + 1, inner) for inner in value]
+    for key, value in _values("", layer.table):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(layer.source, key, "is not finite", "finite numbers")
+        if isinstance(value, int) and value.bit_length() > 63:
+            problem = "a whole number too large for any setting"
+            raise ConfigError(layer.source, key, problem, "less than 2^63")
+        if not all(c.isprintable() or c in "\n\t" for c in f"{key}{value}"):
+            problem = "holds control characters"
+            raise ConfigError(layer.source, key, problem, "text that can be printed")
     return layer
 
 
-def _impossible(depth: int, value: Any) -> Iterator[tuple[str, str]]:
-    """What is wrong with a value whatever setting it is of, and what is allowed."""
-    if depth > MOST_DEEP:
-        yield "is nested too deeply", f"{MOST_DEEP} levels"
-    if isinstance(value, float) and not math.isfinite(value):
-        yield "is not finite", "finite numbers"
-    if isinstance(value, int) and value.bit_length() > 63:
-        yield "a whole number too large for any setting", "less than 2^63"
-    texts = [*value] if isinstance(value, dict) else [value] if isinstance(value, str) else []
-    if not all(c.isprintable() or c in "\n\t" for text in texts for c in text):
-        yield "holds control characters", "text that can be printed"
+def _values(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Every value in tables and lists, with its dotted key."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _values(f"{key}.{name}".lstrip("."), inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _values(key, inner)
+    else:
+        yield key, value
 
 
 def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:

@@ -30,8 +30,7 @@ from scenarios.rigs.emulated_cell import (
     end_on_signals,
     serve,
 )
-from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import swing
+from scenarios.tap.mallet import TapConfig, swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")

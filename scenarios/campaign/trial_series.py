@@ -63,9 +63,9 @@ class TrialSeries(msgspec.Struct, frozen=True):
         ]  # fmt: skip
 
     def store(self, out: Path, resume: bool) -> CampaignStore:
-        """Its file, to go on with or a new one; raises what ``CampaignStore`` raises."""
-        open_store = CampaignStore.resume if resume else CampaignStore.create
-        return open_store(out, self.spec(), [Combination(self.scenario, {}, self.config)])
+        """Its file, to go on with or a new one; raises what ``CampaignStore.create`` raises."""
+        places = [Combination(self.scenario, {}, self.config)]
+        return CampaignStore.create(out, self.spec(), places, resume)
 
 
 def run(

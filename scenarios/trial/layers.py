@@ -20,45 +20,30 @@ from grasp.settings import (
     read_toml,
     thing_layer,
 )
-from scenarios.rigs.calibration import (
-    Files,
-    calibration_layers,
-    own_layers,
-    rig_layers,
-    says_something,
-)
+from scenarios.rigs.calibration import Files, calibration_layers, own_layers, rig_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 
 
 def detector_layers(word: str) -> list[Layer]:
     """What is set for a detector: its file of config/detectors; for the user's own, the `.toml` of
-    the same name beside it, if there is one. Raises ConfigError for an unknown name, and where that
-    file says nothing, or sets more than a rule and detectors: a file that is read only because it
-    lies beside another sets no limit and no device."""
+    the same name beside it, if it sets anything. Raises ConfigError for an unknown name, and where
+    that file sets more than a rule and detectors: a file that is read only because it lies beside
+    another sets no limit and no device."""
     if word in offered() and word not in names("detectors"):
         return []
     if not (is_code(word) or is_weights(word)):
         return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
     file = Path(word.rpartition(":")[0] if is_code(word) else word)
     beside = file.with_suffix(".toml")
-    if not os.path.lexists(beside) or _is_being_written(beside):
+    if not os.path.lexists(beside):
         return []
-    layer = says_something(read_toml(beside))
+    layer = read_toml(beside)
     for section in sorted(layer.table.keys() - {"rule", *SECTIONS}):
         problem = "is not of a detector: what lies beside one sets its rule"
         raise ConfigError(
             layer.source, section, problem, f"[rule] and [{OWN}]; all else by --config"
         )
     return [layer]
-
-
-def _is_being_written(file: Path) -> bool:
-    """Whether what is printed goes there: with `tune mine.onnx > mine.toml` a shell has emptied the
-    file before anything is read."""
-    try:
-        return os.path.samestat(os.fstat(1), file.stat())
-    except OSError:  # closed
-        return False
 
 
 def check_read(
