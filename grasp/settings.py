@@ -9,7 +9,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -21,6 +21,8 @@ from drivers.errors import ConfigError
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
+MOST_CHARACTERS = 1_000_000  # of a file; ours have a few thousand
+MOST_DEEP = 16  # tables and lists in one another; ours are three
 TOGETHER = "what goes together"
 # What an option of its own chooses: with each comes a file of settings, or more
 CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
@@ -50,7 +52,11 @@ def names(kind: str) -> list[str]:
 def read_toml(path: Path) -> Layer:
     """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
     try:
-        table = tomllib.loads(path.read_text("utf-8"))
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MOST_CHARACTERS + 1)
+        if len(text) > MOST_CHARACTERS:
+            raise ValueError(f"more than {MOST_CHARACTERS} characters")
+        table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -59,29 +65,26 @@ def read_toml(path: Path) -> Layer:
 
 
 def checked(layer: Layer) -> Layer:
-    """The layer, if a setting can have such values at all; else ConfigError."""
-    for key, value in _values("", layer.table):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(layer.source, key, "is not finite", "finite numbers")
-        if isinstance(value, int) and value.bit_length() > 63:
-            problem = "a whole number too large for any setting"
-            raise ConfigError(layer.source, key, problem, "less than 2^63")
-        if not all(c.isprintable() or c in "\n\t" for c in f"{key}{value}"):
-            problem = "holds control characters"
-            raise ConfigError(layer.source, key, problem, "text that can be printed")
+    """The layer, if settings can have such values at all; else ConfigError."""
+    _check(layer.source, "", layer.table, 0)
     return layer
 
 
-def _values(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Every value in tables and lists, with its dotted key."""
+def _check(source: str, key: str, value: Any, depth: int) -> None:
+    if depth > MOST_DEEP:
+        raise ConfigError(source, key, "is nested too deeply", f"{MOST_DEEP} levels")
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _values(f"{key}.{name}".lstrip("."), inner)
+            _check(source, f"{key}.{name}".lstrip("."), inner, depth + 1)
     elif isinstance(value, list):
         for inner in value:
-            yield from _values(key, inner)
-    else:
-        yield key, value
+            _check(source, key, inner, depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(source, key, "is not finite", "finite numbers")
+    elif isinstance(value, int) and value.bit_length() > 63:
+        raise ConfigError(source, key, "is too large for any setting", "less than 2^63")
+    elif not all(c.isprintable() or c in "\n\t" for c in f"{key}{value}"):
+        raise ConfigError(source, key, "holds control characters", "text that can be printed")
 
 
 def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:

@@ -11,13 +11,7 @@ import numpy as np
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
 from detector.scores.blows import blows_of
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Streamed,
-    events_by_label,
-    scored,
-    spoken,
-)
+from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, events_by_label, scored, spoken
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
 from scenarios.benchmark.scoring import Contender, Scores

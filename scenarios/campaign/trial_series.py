@@ -25,12 +25,6 @@ INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
 JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so; no device was to blame
 
 
-class Home(msgspec.Struct, frozen=True):
-    """What a result says of the arm's home."""
-
-    home_m: Vector3 | None = None
-
-
 class TrialSeries(msgspec.Struct, frozen=True):
     """One experiment with one set of settings, so many times, with seeds one after the other."""
 
@@ -104,8 +98,8 @@ def run(
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
     """Of the arm, that the trials up to now began from; None where none of them has one."""
-    homes = (msgspec.json.decode(row.result, type=Home).home_m for row in rows if row.result)
-    return next((home for home in homes if home is not None), None)
+    homes = (msgspec.json.decode(row.result).get("home_m") for row in rows if row.result)
+    return next((msgspec.convert(home, Vector3) for home in homes if home is not None), None)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:

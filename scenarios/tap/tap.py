@@ -278,11 +278,8 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
         facts = _facts(config, trial)
         outcome = TapOutcome(trial.outcome_of(verdict(facts)))
         judged = trial.bug is None and not trial.interrupted
-        motion, before, impulse_n_s = (
-            facts.motion,
-            trial.sequence.before,
-            trial.sequence.impulse_n_s,
-        )
+        motion, before = facts.motion, trial.sequence.before
+        impulse_n_s = trial.sequence.impulse_n_s
         registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
         again_s = None
         if motion is not None and registered_s is not None:
