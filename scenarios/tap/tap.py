@@ -46,6 +46,7 @@ PATIENCE_S = 10.0  # to wait for that before the trial is given up; assumed
 WATCH_S = 3.0  # the status is watched so long after a blow; longer than any window of the verdict
 FELT_FACTOR = 3.0  # a felt blow: the first change of counts so many times the largest before
 MOTION_BOUND_S = 0.15  # it has ended so long after a felt blow: slip lasts 13-140 ms in a model
+MEASURED = ("displacement_m", "down_m", "across_m", "turned_rad", "struck_s")  # of the motion
 SIDES = {
     "top": "on the TOP, downwards",
     "side": "on the SIDE, across the closing axis",
@@ -290,13 +291,9 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
             success=outcome is TapOutcome.REGISTERED if judged else None,
             outcome=outcome.value,
             moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
-            displacement_m=motion.displacement_m if motion else None,
-            down_m=motion.down_m if motion else None,
-            across_m=motion.across_m if motion else None,
-            turned_rad=motion.turned_rad if motion else None,
+            **{name: getattr(motion, name, None) for name in MEASURED},
             impulse_n_s=impulse_n_s,
             mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
-            struck_s=motion.struck_s if motion else None,
             slip_onset_s=motion.from_s if motion else None,
             slip_end_s=motion.until_s if motion else None,
             slip_duration_ms=later_ms(motion.from_s, motion.until_s) if motion else None,

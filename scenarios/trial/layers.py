@@ -51,26 +51,18 @@ def check_read(
 ) -> None:
     """Raises ConfigError where the user's own layers set what the rule, the chosen answer to slip
     or the ``detector``, if one is named, does not read."""
-    unread = {
-        f"controller.{key}": (by, f"set another {by.partition(' ')[0]}")
-        for key, by in controller.unread.items()
-    }
+    unread = {f"controller.{key}": by for key, by in controller.unread.items()}
     this_rule = f"a rule of kind {rule.kind} and fusion {rule.fusion}"
-    unread |= {f"rule.{key}": (this_rule, "set rule.kind or rule.fusion") for key in rule.unread}
+    unread |= {f"rule.{key}": this_rule for key in rule.unread}
     others = SECTIONS - {section_of(detector)} if detector else frozenset()
     for layer in own:
-        for key, (by, instead) in sorted(unread.items()):
+        for key, by in sorted(unread.items()):
             section, _, name = key.partition(".")
             if name in layer.table.get(section, {}):
-                problem, remedy = f"is not read by {by}", f"leave it out, or {instead}"
-                raise ConfigError(layer.source, key, problem, remedy)
+                raise ConfigError(layer.source, key, f"is not read by {by}", "leave it out")
         for section in sorted(others & layer.table.keys()):
-            said = layer.table[section]
-            name = next(iter(said), "") if isinstance(said, dict) else ""
-            raise ConfigError(
-                layer.source, f"{section}.{name}".rstrip("."), f"is not read by {detector}",
-                f"[{section_of(detector)}] alone, or another --detector",
-            )  # fmt: skip
+            remedy = f"[{section_of(detector)}] alone, or another --detector"
+            raise ConfigError(layer.source, section, f"is not read by {detector}", remedy)
 
 
 def trial_layers(
