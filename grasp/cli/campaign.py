@@ -37,12 +37,13 @@ WIDTH_WITHOUT_TERMINAL = 160
 
 
 def _spec(args: argparse.Namespace) -> CampaignSpec:
-    changes = {
-        "detectors": (args.detector,) if args.detector is not None else None,
-        "profiles": (args.profile,) if args.profile is not None else None,
-        "repetitions": args.repetitions,
-    }
-    wanted = {key: value for key, value in changes.items() if value is not None}
+    wanted: dict[str, Any] = {}
+    if args.detector is not None:
+        wanted["detectors"] = (args.detector,)
+    if args.profile is not None:
+        wanted["profiles"] = (args.profile,)
+    if args.repetitions is not None:
+        wanted["repetitions"] = args.repetitions
     spec = read_spec(file_of("campaigns", args.campaign))
     own = (*spec.config, *map(str, args.config or ()))
     spec = msgspec.structs.replace(spec, config=own, **wanted)
@@ -52,8 +53,7 @@ def _spec(args: argparse.Namespace) -> CampaignSpec:
 
 
 def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
-    """Raises ConfigError that names `--set` for a wrong one, UsageError for what the campaign
-    itself sets in each trial: it would be ignored."""
+    """Raises ConfigError for a wrong `--set`, UsageError for one that the sweep overrides."""
     for key in (assignment.partition("=")[0].strip() for assignment in assignments):
         if key in spec.sweep:
             raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")

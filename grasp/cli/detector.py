@@ -1,5 +1,5 @@
-"""`grasp detector`: score, tune and train slip detectors, show their cards; and whether the
-decision rule of a user's own network was made for it."""
+"""`grasp detector`: score and tune slip detectors, show their cards; check the decision rule of a
+user's own network."""
 
 import argparse
 import json
@@ -79,7 +79,7 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
 
 
 def scores_text(sheet: Any, rule: Any) -> str:
-    """The score sheet as a person reads it, with the rule that makes events of samples."""
+    """The score sheet, with the rule that makes events of samples."""
     return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
 
 
@@ -107,12 +107,6 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     point = {**msgspec.structs.asdict(chosen), "minutes": known.minutes, "slips": known.slips}
     rule = point.pop("rule")
     lines = ["on the split validation:", *listing(point).splitlines()]
-    for folder in args.data:
-        its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
-        part = evidence(its, chosen.rule)
-        lines.append(f"{folder}: {part.caught} of {part.slips} slips apart from taps, "
-                     f"{part.false} false in {60.0 * part.minutes:.1f} s of a hand at "
-                     "rest")  # fmt: skip
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
         lines.append("that is little: one more or less of either would make another rule; give "
                      "more recordings, or simulated sets beside")  # fmt: skip
@@ -120,8 +114,8 @@ def _tune_labelled(args: argparse.Namespace) -> int:
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
-    """Raises UsageError for less of a hand's rest than one false event of the budget needs: nothing
-    tells rules apart that make none. ``more``: what would do. A budget of 0 needs no test."""
+    """Raises UsageError for less rest of a hand than one false event of the budget needs. ``more``:
+    what to give. A budget of 0 needs no test."""
     if minutes * budget < 1.0 and budget > 0.0:
         event = f", where one false event is {1.0 / minutes:.3g} a minute" if minutes else ""
         raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
@@ -178,8 +172,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _packaged_rule(network: str) -> Any:
-    """By which a packaged network's slip is registered by default; None for a file, of which it
-    depends on how it is named."""
+    """The default decision rule of a packaged network; None for a file."""
     if network not in names("detectors"):
         return None
     return msgspec.convert(named_layer("detectors", network).table.get("rule", {}), RuleSettings)
@@ -208,8 +201,8 @@ def check_weights(config: Any) -> None:
 
 
 def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
-    """Check each detector that was named, with settings and weights, before any data are read.
-    Raises BadFile, ConfigError, UsageError."""
+    """Check settings and weights of each detector before any data are read. Raises BadFile,
+    ConfigError, UsageError."""
     for word in words:
         config = load_config("can", "simulated", word, files, assignments)
         if weights := _own_weights(config):
@@ -237,7 +230,7 @@ def warn_of_untuned_rule(config: Any, layers: Any) -> None:
 
 
 def _own_weights(config: Any) -> str:
-    """The file of them; empty for a packaged network by its name, and for what is no network."""
+    """The file of a user's weights; empty for a packaged network, and for what is no network."""
     if config.detector_section != NETWORK:
         return ""
     name = config.detector_name

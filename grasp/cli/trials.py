@@ -43,8 +43,7 @@ def is_single(args: argparse.Namespace) -> bool:
 
 
 def is_asked(args: argparse.Namespace) -> bool:
-    """Whether a person at real devices is asked: a single lift may be started by a script, and
-    nobody is there to answer."""
+    """Whether a person at real devices is asked: a script may start a single lift."""
     return not is_single(args) or (sys.stdin is not None and sys.stdin.isatty())
 
 
@@ -57,8 +56,7 @@ def is_paced(args: argparse.Namespace) -> bool:
 def run_trials(
     args: argparse.Namespace, config: Any, permit: Any, begin: Callable[[], None]
 ) -> int:
-    """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called once nothing
-    prevents them any more."""
+    """Lifts or taps. ``config``: of the scenario. ``begin`` is called when nothing prevents it."""
     single = is_single(args)
     experiment = trial_series.TrialSeries(args.scenario, config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
@@ -215,7 +213,7 @@ def _report_last(results: list[Any], config: Any, kept: str) -> None:
 
 
 def _kept(rows: list[Any], out: Path, of: int) -> str:
-    """What a series ``of`` so many has left, and how to go on with it where some are missing."""
+    """What a series ``of`` so many trials has left, and how to continue it."""
     judged = sum(row.status == "done" for row in rows)
     void = f", {len(rows) - judged} more not counted" if len(rows) > judged else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"

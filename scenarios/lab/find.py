@@ -1,8 +1,7 @@
 """Which devices answer at addresses that a person gives: known ports only, no network search."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from functools import partial
 from urllib.parse import urlsplit
 
@@ -10,10 +9,11 @@ import msgspec
 
 from drivers.errors import GraspError, UsageError
 from drivers.robotiq import protocol
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusSettings
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link import UsbLink, boards
 from drivers.ur.link import preflight
+from scenarios.rigs.device_checks import read_registers
 
 MODBUS_PORT = 502
 TIMEOUT_S = 1.0  # of each question
@@ -92,14 +92,11 @@ def _asked(
 
 def _gripper(host: str, port: int) -> str:
     settings = ModbusSettings(host=host, port=port, timeout_s=TIMEOUT_S)
-    with closing(ModbusTransport(settings)) as transport:
-        now_ns = time.monotonic_ns()
-        words = transport.read(protocol.TCP.status_register, protocol.REGISTERS, now_ns)
-    status = protocol.StatusRegisters.from_registers(words)
-    if strange := protocol.doubts(status, status):
+    before, now = read_registers(settings)
+    if strange := protocol.doubts(now, before):
         raise ValueError(", ".join(strange))
-    state = "activated" if status.ready else "not activated"
-    return f"{state}, {protocol.FAULTS[status.fault].text or 'no fault'}"
+    state = "activated" if now.ready else "not activated"
+    return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}"
 
 
 def _dashboard(host: str) -> str:

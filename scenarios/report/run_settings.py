@@ -1,8 +1,5 @@
-"""The settings of a trial beside those that nobody chose, and the command that runs it again.
-
-Settings are the resolved table that a recording or a campaign keeps: of a recording (``begun``)
-with what the experiment itself sets before it begins.
-"""
+"""The settings of a trial beside the defaults, and the command that runs it again. Settings are the
+resolved table of a recording (``begun``: the experiment has set some) or of a campaign."""
 
 import json
 import shlex
@@ -43,7 +40,7 @@ class Setting(msgspec.Struct, frozen=True):
 
 
 def settings_of(told: Told, begun: bool = True) -> list[Setting]:
-    """All of them, in their order, as TOML writes values."""
+    """All settings, in order, with values as TOML."""
     usual = dict(_leaves(_usual(told, begun)))
     known = bool(usual)
     return [
@@ -95,7 +92,7 @@ def _detector_of(profile: str) -> str:
 
 
 def _usual(told: Told, begun: bool) -> dict[str, Any]:
-    """What the same names give with nothing of one's own; empty where this version cannot tell."""
+    """The settings that the same names give; empty where this version does not know them."""
     body = told["object"]["name"]
     own_object = Layer("recording", {"object": told["object"]})
     try:
@@ -125,7 +122,7 @@ def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and what stands there; a list is one value."""
+    """Dotted keys and their values; a list is one value."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{key}.")
