@@ -7,6 +7,7 @@ slip, and it could not, because a thumb that stands at the cap is latched at tha
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -285,13 +286,14 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
         again_s = None
         if motion is not None and registered_s is not None:
             again_s = nominal_again_s(facts, last_motion_s(motion))
+        measured: dict[str, Any] = {name: getattr(motion, name, None) for name in MEASURED}
         return TapResult(
             **trial.figures(config, self.name, seed),
             direction=config.direction(seed),
             success=outcome is TapOutcome.REGISTERED if judged else None,
             outcome=outcome.value,
             moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
-            **{name: getattr(motion, name, None) for name in MEASURED},
+            **measured,
             impulse_n_s=impulse_n_s,
             mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
             slip_onset_s=motion.from_s if motion else None,
