@@ -55,13 +55,6 @@ class Vector(msgspec.Struct, frozen=True, omit_defaults=True):
     z: float = 0.0
 
 
-class Size2(msgspec.Struct, frozen=True):
-    """Of a cell."""
-
-    x: float
-    y: float
-
-
 class Quaternion(msgspec.Struct, frozen=True, omit_defaults=True):
     """A rotation."""
 
@@ -165,7 +158,7 @@ class Grid(msgspec.Struct, frozen=True):
     frame_id: str
     pose: Pose
     column_count: int
-    cell_size: Size2
+    cell_size: Vector
     row_stride: int  # bytes
     cell_stride: int
     fields: list[PackedElementField]
@@ -281,7 +274,7 @@ def grid(now: Time, counts: NDArray[np.int16], told: Sequence[tuple[float, float
             cells[row, finger * (columns + 1) + column] = -count
     corner = point(GRID_X_M, -CELL_M * cells.shape[1] / 2.0)
     return Grid(
-        now, "hand", Pose(corner, UPRIGHT), cells.shape[1], Size2(CELL_M, CELL_M),
+        now, "hand", Pose(corner, UPRIGHT), cells.shape[1], Vector(CELL_M, CELL_M),
         2 * cells.shape[1], 2, [PackedElementField("pressed", 0, INT16)], cells.tobytes(),
     )  # fmt: skip
 
