@@ -10,7 +10,7 @@ from grasp.cli import view
 from grasp.cli.output import aside
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import Onlooker
+from grasp.viewer_process import ViewerProcess
 from scenarios.report.run_view import facts, turned_text
 from scenarios.trial.result import spelt
 
@@ -25,8 +25,8 @@ COMPILING = "setting up: the world is compiled, a minute or so; the next run fin
 
 
 class Here:
-    """Draws in this process, with the methods of ``Onlooker``: in virtual time nothing waits. A
-    screen that is gone does not stop a run."""
+    """Draws in this process, with the methods of ``ViewerProcess``: in virtual time nothing waits.
+    A screen that is gone does not stop a run."""
 
     lost = 0
 
@@ -61,11 +61,11 @@ class Display:
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
-        self._shown: Onlooker | Here | None = None
+        self._shown: ViewerProcess | Here | None = None
         if not quiet and rig == "simulated":
             self._shown = Here(self._panel)
         elif not quiet:
-            self._shown = Onlooker(view)
+            self._shown = ViewerProcess(view)
             self._shown.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:

@@ -16,8 +16,8 @@ from grasp.cli.output import show
 from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
 from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import motion
+from scenarios.acquire.session import counts_per_newton
 from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words

@@ -9,7 +9,7 @@ import msgspec
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import leave_signals_to_the_run
+from grasp.viewer_process import ignore_signals
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -180,7 +180,7 @@ def _bar(part: float, cells: int) -> str:
 
 def main() -> None:
     """Draw what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
     shown = Panel() if isinstance(first, Begin) and first.panel else Lines()

@@ -11,8 +11,7 @@ import msgspec
 
 from detector.recordings import SUFFIX, Recording, Split, read, read_dataset
 from drivers.errors import BadFile, UsageError
-from scenarios.acquire.datasets.build import INDEX
-from scenarios.acquire.datasets.collect import SAMPLES
+from scenarios.acquire.datasets.build import INDEX, SAMPLES
 
 RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 GO_ON = "`grasp dataset build` goes on with it"

@@ -10,8 +10,7 @@ import numpy as np
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
-from detector.scores.blows import blows_of
-from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, events_by_label, scored, spoken
+from detector.scores.evaluation import Streamed, scored, spoken
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
 from scenarios.benchmark.scoring import Contender, Scores
@@ -110,8 +109,7 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
 def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
     """Every slip of one recording that `evaluate_streams` counts."""
     recording = streamed.recording
-    how = events_by_label(streamed.label)
-    found = scored(streamed, how, WARM_UP_SAMPLES, blows_of(recording))
+    found = scored(streamed)
     delays_ms = found.judged(registered_events(streamed.probabilities, rule)).events.delays_ms
     slips = found.slips
     events = slips.truth[slips.counted[slips.truth[:, 0]]]

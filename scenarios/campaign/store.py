@@ -14,8 +14,15 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord, one_line
-from grasp.files import LEADS_NOWHERE, PRIVATE_FILE, make_private_folder, partial_of, write_whole
-from grasp.lock import Holder, locked
+from grasp.files import (
+    LEADS_NOWHERE,
+    PRIVATE_FILE,
+    Holder,
+    locked,
+    make_private_folder,
+    partial_of,
+    write_whole,
+)
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 

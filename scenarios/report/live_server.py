@@ -1,7 +1,7 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
-Started by `grasp.watch`; reads one `Message` a line from standard input until that ends. A viewer
-is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
+Started by `grasp.viewer_process`; reads one `Message` a line from standard input until that ends.
+A viewer is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
-from grasp.watch import leave_signals_to_the_run
+from grasp.viewer_process import ignore_signals
 from scenarios.report.page import render
 from scenarios.report.run_view import View
 
@@ -165,7 +165,7 @@ async def _serve(told: Serve, source: BinaryIO) -> None:
 
 def main() -> None:
     """Serve what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     os.nice(NICE)
     # more viewers than there are descriptors: no tracebacks on the terminal of a run
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)

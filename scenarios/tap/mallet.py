@@ -21,7 +21,7 @@ from drivers.interfaces import Vector3
 from scenarios.rigs.config import CUT
 from scenarios.trial.config import TrialConfig
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import HALF_APERTURE_M, Blow, ContactSettings, Level
 
 if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
     from scenarios.world.contact import Contact, Floats
@@ -172,7 +172,7 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     kept = 1 - hand.relaxation_fraction
     pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
-    touch_m = hand.half_aperture_m - width_m
+    touch_m = HALF_APERTURE_M - width_m
     held = Held(contact, touch_m + pressed_m)
     held.waits(0.0, SETTLE_S)
     return held

@@ -23,9 +23,8 @@ from detector.network import NetworkSettings
 from detector.network_file import is_weights
 from detector.plugins import Scalar, is_code
 from detector.psd import PsdFairSettings, PsdSettings
-from grasp.controller_settings import ControllerSettings
+from grasp.controller_settings import ControllerSettings, LoopSettings
 from grasp.guard import GuardSettings
-from grasp.loop_settings import LoopSettings
 from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml

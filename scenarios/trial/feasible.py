@@ -6,7 +6,7 @@ from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
-from grasp.slip_response.stop_and_close import RESUME_MPS2
+from grasp.slip_response import RESUME_MPS2
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig

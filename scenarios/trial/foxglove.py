@@ -23,6 +23,7 @@ from grasp.loop import Tick
 from grasp.messages import Write
 from grasp.states import PhaseChange, State
 from scenarios.trial.config import TrialConfig
+from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 from scenarios.world.truth import Truth
 
 LOG, TRANSFORMS, SCENE, TAXELS = "/log", "/tf", "/scene", "/taxels"
@@ -230,12 +231,12 @@ class ViewerMessages:
         ]
 
     def _transforms(self, tick: Tick, truth: Truth | None, home: Vector3) -> FrameTransforms:
-        now, half_m = self._time(tick.t_ns), self._config.contact.half_aperture_m
+        now = self._time(tick.t_ns)
         calibration = self._config.calibration
         per_count_m = 0.0 if calibration is None else calibration.m_per_count
         found = [FrameTransform(now, "world", "hand", point(*tick.arm.position_m))]
         for name, (side, y), counts in zip(FINGER_NAMES, PADS, tick.gripper.positions, strict=True):
-            place = point(side * (half_m - counts * per_count_m), y)
+            place = point(side * (HALF_APERTURE_M - counts * per_count_m), y)
             found.append(FrameTransform(now, "hand", f"finger_{name}", place))
         if truth is not None:
             x, y, z = home
@@ -248,7 +249,7 @@ class ViewerMessages:
     def _scene(self, tick: Tick, truth: Truth | None) -> SceneUpdate:
         """Pads and object as boxes; frames move them."""
         now = self._time(tick.t_ns)
-        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * self._config.contact.pad_half_length_m)
+        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * PAD_HALF_LENGTH_M)
         boxes = [
             (f"finger_{name}", Cube(Pose(point(x=side * PAD_M / 2.0)), pad, colour))
             for name, colour, (side, _) in zip(FINGER_NAMES, COLOURS, PADS, strict=True)

@@ -40,7 +40,7 @@ def find_recording(path: Path) -> Path:
 
 def open_trial(path: Path) -> RunRecording:
     """The recording of a trial, given its folder or the file itself; raises BadFile for others."""
-    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    recording = RunRecording(find_recording(path), RUN_CHANNELS)
     if next(recording.of(CONTROL), None) is None:
         raise BadFile(
             recording.path,

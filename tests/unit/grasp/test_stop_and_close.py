@@ -4,7 +4,7 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import CloseFast, MoveArm, StopArm
-from grasp.slip_response.stop_and_close import RESUME_MPS2
+from grasp.slip_response import RESUME_MPS2
 from grasp.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
@@ -78,7 +78,7 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     assert d.controller.state is State.DESCEND
     assert d.controller.cap_reached
     assert d.t_ns - began_ns < 10e9
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended() -> None:
