@@ -40,7 +40,6 @@ from scenarios.rigs.calibration import (
     calibration_layers,
     own_layers,
     rig_layers,
-    says_something,
 )
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import HARDWARE
@@ -180,14 +179,14 @@ def section_of(detector: str) -> str:
 def detector_layers(word: str) -> list[Layer]:
     """What is set for a detector: its file of config/detectors; of one's own its fingerprint, and
     the `.toml` of the same name beside it, if there is one. Raises ConfigError for an unknown
-    name, and where that file says nothing."""
+    name."""
     if is_code(word) or is_weights(word):
         file = Path(word.rpartition(":")[0] if is_code(word) else word)
         beside = file.with_suffix(".toml")
         code = Layer(str(file), {}, _fingerprint(file))
-        if not os.path.lexists(beside) or _is_being_written(beside):
+        if not os.path.lexists(beside):
             return [code]
-        return [code, _of_detector(says_something(read_toml(beside)))]
+        return [code, _of_detector(read_toml(beside))]
     if word in offered() and word not in names("detectors"):
         return []
     return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
@@ -203,15 +202,6 @@ def _of_detector(beside: Layer) -> Layer:
             remedy = f"[rule] and [{OWN}]; all else by --config"
             raise ConfigError(beside.source, section, problem, remedy)
     return beside
-
-
-def _is_being_written(file: Path) -> bool:
-    """Whether what is printed goes there: with `tune mine.onnx > mine.toml` a shell has emptied the
-    file before anything is read."""
-    try:
-        return os.path.samestat(os.fstat(1), file.stat())
-    except OSError:  # closed
-        return False
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:
