@@ -23,7 +23,7 @@ from grasp.loop import ControlLoop, Tick
 from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.campaign.config import load_config
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.simulated import cell_settings
@@ -172,6 +172,8 @@ class Oracle:
 
 class FalseAlarms:
     """A detector whose probabilities are all 1 for 0.1 s at times drawn from the seed."""
+
+    name, threshold, memory = "false alarms", 0.5, 0
 
     def __init__(self, of: SlipDetector | Oracle, clock: Clock, a_minute: float, seed: int) -> None:
         self._of, self._clock = of, clock

@@ -1,7 +1,8 @@
-"""`grasp dataset`: build or collect a data set of labelled recordings; `grasp detector train`: fit
-a network to such data sets and write its weights, which needs the extra `train`."""
+"""`grasp dataset`: build or collect labelled recordings. `grasp detector train`: train a network on
+them and write its weights (extra `train`)."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from grasp.cli import exits
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
-from scenarios.acquire.datasets import build, collect
+from scenarios.acquire.datasets import build
 from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
@@ -23,7 +24,7 @@ from scenarios.trial.result import versions
 
 TELL_S = 10.0  # at least so often how far a training is
 # options that are settings of a training
-SETTINGS = ("seed", "steps", "augmentation", "label", "moved_m", "validations")
+SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
 def dataset_build(args: argparse.Namespace) -> int:
@@ -34,17 +35,14 @@ def dataset_build(args: argparse.Namespace) -> int:
     planned = f"{len(jobs)} recordings"
     if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
         planned += f"; {too_short(short)}: a larger --share makes them longer"
-    before, finished = -1, 0
+    exits.say(planned)
+    finished = 0
     with progress("recordings", hidden=args.json) as bar:
 
-        def report(done: int, total: int) -> None:  # earlier builds say nothing of the time left
-            nonlocal before, finished
+        def report(done: int, total: int) -> None:
+            nonlocal finished
             finished = done
-            if before < 0:
-                before = done
-                exits.say(planned + (f"; {done} are there" if done else ""))
-            else:
-                bar(done - before, total - before)
+            bar(done, total)
 
         try:
             made = build.build(jobs, config, args.out, workers(args), report)
@@ -60,7 +58,7 @@ def dataset_build(args: argparse.Namespace) -> int:
 def dataset_collect(args: argparse.Namespace) -> int:
     for source in args.source:
         require_labelled(source)
-    made = collect.collect(args.source, args.out)
+    made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
     show(args, value, f"{args.out}: {counts}")
@@ -75,7 +73,7 @@ def detector_train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
-        raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
+        raise UsageError(f"{out} does not end in {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
     checkpoint = out.with_suffix(".checkpoint")
     _check_files(args, out, checkpoint)
     training, validation = _prepare(args)
@@ -95,10 +93,7 @@ def detector_train(args: argparse.Namespace) -> int:
         f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is any; the "
         "log's is of all recordings)")  # fmt: skip
     if training.step < training.settings.steps:
-        why = "its minutes were spent (--minutes)"
-        if training.stands_still:
-            why = "validation improved no more"
-        exits.say(f"ended before its {training.settings.steps} steps: {why}")
+        exits.say(f"validation improved no more before {training.settings.steps} steps")
     if (rule := out.with_suffix(".toml")).is_file():
         exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
     return exits.SUCCESS
@@ -138,7 +133,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
     """Train to the end and write the weights; returns their card. An interruption waits for the end
-    of a step, so that the checkpoint is of whole ones."""
+    of a step."""
     from detector.training.export import export
 
     with (
@@ -148,19 +143,20 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     ):
         smooth: float | None = None
 
-        def report(p: Any) -> None:  # the bar is for a person, the log has a line a validation
+        def report(loss: float, s: Any) -> None:  # a log line for each validation's score
             nonlocal smooth
-            smooth = p.loss if smooth is None else 0.98 * smooth + 0.02 * p.loss
-            best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-            bar(p.step, int(p.steps), f"training, loss {smooth:.3f}{best}")
-            if (s := p.score) is not None:
+            smooth = loss if smooth is None else 0.98 * smooth + 0.02 * loss
+            best = f", best delay {training.best.delay_ms:.0f} ms" if training.best else ""
+            bar(training.step, training.settings.steps, f"training, loss {smooth:.3f}{best}")
+            if s is not None:
                 log.write(
-                    f"step {p.step} minutes {p.minutes:.2f} loss {smooth:.4f} validation loss "
-                    f"{s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
+                    f"step {training.step} minutes {training.minutes:.2f} loss {smooth:.4f} "
+                    f"validation loss {s.loss:.4f} accuracy {s.accuracy:.4f} "
+                    f"delay_ms {s.delay_ms:.1f}\n"
                 )
                 log.flush()
             signals.check()
 
-        training.run(args.minutes, out.with_suffix(".checkpoint"), report)
+        training.run(math.inf, out.with_suffix(".checkpoint"), report)
     signals.check()
     return export(training, validation, out, versions()["commit"])

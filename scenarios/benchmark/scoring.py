@@ -6,20 +6,18 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from detector.decision import RuleSettings, registered_events
+from detector.decision import RuleSettings
 from detector.interface import SlipDetector
 from detector.network_file import is_weights
 from detector.plugins import is_code
 from detector.recordings import LabelName, Recording, Split
-from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     HAND_FINGERS,
     WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
     evaluate_streams,
-    events_by_label,
-    scored,
+    judge_stream,
     stream_recordings,
 )
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
@@ -34,11 +32,7 @@ T = TypeVar("T")
 Tell = Callable[[int, int], None]  # progress: done, total
 
 
-def silent(done: int, total: int) -> None:
-    """Reports no progress."""
-
-
-def reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
+def _reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
     """The items; progress is reported after each."""
     for done, item in enumerate(items, 1):
         yield item
@@ -71,9 +65,9 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         word = self.config.detector_name
         return word if is_code(word) or is_weights(word) else self.detector.name
 
-    def points(self, tell: Tell = silent) -> list[SweepPoint]:
+    def points(self, tell: Tell = lambda done, total: None) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""
-        return sweep(self.streams, reported(list(rules(self.config.rule)), tell))
+        return sweep(self.streams, _reported(list(rules(self.config.rule)), tell))
 
 
 def read_split(
@@ -110,18 +104,18 @@ def contender(
     label: LabelName = "slip",
     files: Files = None,
     assignments: Sequence[str] = (),
-    tell: Tell = silent,
+    tell: Tell = lambda done, total: None,
 ) -> Contender:
     """Stream the named detector with its settings over the recordings."""
     config = load_config("can", "simulated", name, files, assignments)
-    counted = reported(recordings, tell)
+    counted, first = _reported(recordings, tell), recordings[0]
     streams = stream_recordings(config.make_detector, counted, stopwatch_ns, label)
-    return Contender(
-        config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
-    )
+    return Contender(config, config.make_detector(first.fingers, first.taxels), streams, data)
 
 
-def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> SweepPoint | None:
+def tune_rule(
+    made: Contender, budget_per_min: float, tell: Tell = lambda done, total: None
+) -> SweepPoint | None:
     """The quickest rule within a budget of false events a minute of a hand; None if none is."""
     points = made.points(tell)
     points += sweep(made.streams, at_the_budget(points, budget_per_min))
@@ -139,12 +133,7 @@ class Evidence(msgspec.Struct, frozen=True):
 
 def evidence(streams: Sequence[Streamed], rule: RuleSettings) -> Evidence:
     """What some of the streams say of the rule."""
-    judged = [
-        scored(s, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording), apart=True)
-        .judged(registered_events(s.probabilities, rule))
-        .events
-        for s in streams
-    ]
+    judged = [judge_stream(s, rule, apart=True).events for s in streams]
     rest = zip(streams, judged, strict=True)
     hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
     slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)

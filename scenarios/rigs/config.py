@@ -20,6 +20,7 @@ from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
+    HALF_APERTURE_M,
     ContactSettings,
     DamageSettings,
     FingertipSettings,
@@ -164,11 +165,10 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     def __post_init__(self) -> None:
         super().__post_init__()
         half_m = wider(self.object, self.variation).half_width_m
-        open_m = self.contact.half_aperture_m
-        if not self.real and not 0.0 < half_m < open_m:
+        if not self.real and not 0.0 < half_m < HALF_APERTURE_M:
             raise ValueError(
                 f"object.half_width_m with variation.width_error_m: {half_m * 1e3:g} mm, and the "
-                f"hand opens {open_m * 1e3:g} mm a side (contact.half_aperture_m)"
+                f"hand opens {HALF_APERTURE_M * 1e3:g} mm a side"
             )
 
 

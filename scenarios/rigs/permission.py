@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import ConfigError, Refused, UsageError
-from grasp.lock import Holder, locked
+from grasp.files import Holder, locked
 from scenarios.rigs.calibration import Files, own_files_of
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import calibration

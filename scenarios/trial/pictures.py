@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from drivers.errors import in_words
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.fault import Fault
-from grasp.foxglove import (
+from grasp.loop import Tick
+from grasp.messages import Write
+from grasp.states import PhaseChange, State
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.foxglove import (
     ERROR,
     INFO,
     INT16,
@@ -39,10 +43,7 @@ from grasp.foxglove import (
     Time,
     Vector,
 )
-from grasp.loop import Tick
-from grasp.messages import Write
-from grasp.states import PhaseChange, State
-from scenarios.trial.config import TrialConfig
+from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 from scenarios.world.truth import Truth
 
 LOG, TRANSFORMS, SCENE, FORCES, TAXELS = "/log", "/tf", "/scene", "/forces", "/taxels"
@@ -51,7 +52,6 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
 }  # fmt: skip
 
 EVERY = 10  # ticks
-KEPT = 300  # messages that are written together: alike beside alike, they take a third of the room
 SIDES = ((-1.0, 0.0), (1.0, -0.03), (1.0, 0.03))  # of the thumb, B and C: of x, and y in metres
 FORCE_M = 0.005  # of an arrow, a newton
 PAD_M, PAD_WIDTH_M, CELL_M = 0.008, 0.02, 0.006  # as drawn
@@ -90,12 +90,10 @@ class Pictures:
         self._arrows_before: tuple[Arrow, ...] | None = None
         self._failed: tuple[Fault, ...] = ()
         self._ended = False
-        self._kept: list[tuple[str, int, msgspec.Struct]] = []
 
     def end(self, write: Write, t_ns: int, error: BaseException) -> None:
         """A bug of ours: nothing more is drawn, and the log says why."""
         self._ended = True
-        self._kept.clear()
         text = f"no more pictures: {in_words(error)}"
         write(LOG, t_ns, Log(self._time(t_ns), ERROR, text, "pictures"))
 
@@ -115,37 +113,23 @@ class Pictures:
             self._home = tick.arm.position_m
             write(SCENE, tick.t_ns, self._scene(tick, truth))
         now, taxels_mm = self._time(tick.t_ns), self._config.fingertip.taxels_mm
-        self._kept.append((TRANSFORMS, tick.t_ns, self._transforms(tick, truth)))
+        write(TRANSFORMS, tick.t_ns, self._transforms(tick, truth))
         arrows = self._arrows(tick, truth)
         if arrows != self._arrows_before:
             self._arrows_before = arrows
             forces = SceneEntity(now, "hand", "forces", True, arrows)
-            self._kept.append((FORCES, tick.t_ns, SceneUpdate([forces])))
+            write(FORCES, tick.t_ns, SceneUpdate([forces]))
         if tick.frame is not None:
-            self._kept.append((TAXELS, tick.t_ns, grid(now, tick.frame.counts, taxels_mm)))
-        if len(self._kept) >= KEPT:
-            self.flush(write)
-
-    def flush(self, write: Write) -> None:
-        """Write what is kept, topic by topic."""
-        kept, self._kept = sorted(self._kept, key=lambda each: each[:2]), []
-        for topic, t_ns, message in kept:
-            write(topic, t_ns, message)
+            write(TAXELS, tick.t_ns, grid(now, tick.frame.counts, taxels_mm))
 
     def _time(self, t_ns: int) -> Time:
         return Time.of(self._unix_ns + t_ns)
 
     def _lines(self, tick: Tick, changes: Sequence[PhaseChange]) -> list[Log]:
-        lines = [
-            Log(
-                self._time(c.t_ns),
-                WRONG.get(State(c.phase), INFO),
-                f"{c.phase}: {c.cause}",
-                "phase",
-            )
-            for c in changes
-        ]
-        now = self._time(tick.t_ns)
+        now, lines = self._time(tick.t_ns), []
+        for c in changes:
+            level, text = WRONG.get(State(c.phase), INFO), f"{c.phase}: {c.cause}"
+            lines.append(Log(self._time(c.t_ns), level, text, "phase"))
         if tick.decision.slip.event:
             lines.append(Log(now, INFO, "slip registered", "slip"))
         failed = (*tick.observation.faults, *tick.observation.reported)
@@ -161,9 +145,9 @@ class Pictures:
 
     def _reach_m(self, tick: Tick, finger: int) -> float:
         """From the middle to the face of a pad."""
-        calibration, contact = self._config.calibration, self._config.contact
+        calibration = self._config.calibration
         per_count = 0.0 if calibration is None else calibration.m_per_count
-        return contact.half_aperture_m - tick.gripper.positions[finger] * per_count
+        return HALF_APERTURE_M - tick.gripper.positions[finger] * per_count
 
     def _transforms(self, tick: Tick, truth: Truth | None) -> FrameTransforms:
         now = self._time(tick.t_ns)
@@ -181,9 +165,9 @@ class Pictures:
 
     def _scene(self, tick: Tick, truth: Truth | None) -> SceneUpdate:
         """What keeps its shape; frames move it."""
-        now, contact = self._time(tick.t_ns), self._config.contact
+        now = self._time(tick.t_ns)
         body, below_m = self._body(now)
-        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * contact.pad_half_length_m)
+        pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * PAD_HALF_LENGTH_M)
         palm = Cube(_at(z=PALM_M), Vector(0.11, 0.09, 0.03), METAL)
         arm = Cube(_at(z=PALM_M + ARM_M / 2.0), Vector(0.05, 0.05, ARM_M), METAL)
         entities = [SceneEntity(now, "hand", "hand", True, cubes=(palm, arm))]
@@ -200,16 +184,14 @@ class Pictures:
     def _body(self, now: Time) -> tuple[SceneEntity, float]:
         """The object, and how far it reaches below the grip."""
         told = self._config.object
-        wide = 2.0 * told.half_width_m
+        wide, above_m = 2.0 * told.half_width_m, told.body_above_grip_m
         if told.shape == "ellipsoid":
-            sphere = Sphere(
-                _at(z=-told.grip_height_m), Vector(wide, wide, 2.0 * told.half_height_m), WOOD
-            )
+            size = Vector(wide, wide, 2.0 * told.half_height_m)
+            sphere = Sphere(_at(z=-told.grip_height_m), size, WOOD)
             below_m = told.half_height_m + told.grip_height_m
             return SceneEntity(now, "object", "object", True, spheres=(sphere,)), below_m
-        below_m = min(DOWN_M, told.body_above_grip_m)
-        tall = told.body_above_grip_m + below_m
-        cube = Cube(_at(z=(told.body_above_grip_m - below_m) / 2.0), Vector(wide, wide, tall), WOOD)
+        below_m = min(DOWN_M, above_m)
+        cube = Cube(_at(z=(above_m - below_m) / 2.0), Vector(wide, wide, above_m + below_m), WOOD)
         return SceneEntity(now, "object", "object", True, cubes=(cube,)), below_m
 
     def _arrows(self, tick: Tick, truth: Truth | None) -> tuple[Arrow, ...]:

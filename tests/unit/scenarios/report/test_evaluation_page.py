@@ -8,7 +8,7 @@ import pytest
 from scenarios.benchmark.evaluation_file import EvaluationFile, evaluated
 from scenarios.benchmark.scoring import contender
 from scenarios.report.evaluation_page import evaluation_page
-from scenarios.report.tables import BOTTOM, LEFT, RIGHT, TOP
+from scenarios.report.page import BOTTOM, LEFT, RIGHT, TOP
 from tests.unit.detector.toys import toys
 
 

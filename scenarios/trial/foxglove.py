@@ -1,8 +1,8 @@
-"""Messages that Foxglove and Lichtblick draw by themselves: the shapes of their published schemas.
+"""Messages that Foxglove and Lichtblick draw by themselves, by their published schemas.
 
 https://docs.foxglove.dev/docs/sdk/schemas, as JSON: a time is seconds and nanoseconds since 1970,
-bytes are base64. Lengths in metres, colours from 0 to 1. Lists and numbers that are empty or nought
-are left out, as the viewers allow.
+bytes are base64. Lengths in metres, colours from 0 to 1. Empty lists and zeros are left out, as the
+viewers allow.
 """
 
 from typing import ClassVar
