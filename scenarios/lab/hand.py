@@ -39,7 +39,6 @@ from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.rigs.device_checks import read_gripper
-from scenarios.rigs.opening import open_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     activate,
@@ -51,6 +50,7 @@ from scenarios.rigs.rig import (
     to_open,
     until_active,
 )
+from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
