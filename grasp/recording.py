@@ -128,15 +128,6 @@ class RunRecorder:
         except Exception as error:
             self._fail(error)
 
-    def attach(self, name: str, media_type: str, content: bytes) -> None:
-        """Put a file into the recording, dated like its first instant."""
-        if self._writer is None:
-            return
-        try:
-            self._writer.add_attachment(self._unix_ns, self._unix_ns, name, media_type, content)
-        except Exception as error:
-            self._fail(error)
-
     def close(self) -> None:
         """Write the index and close the file; safe to call twice."""
         writer, self._writer = self._writer, None

@@ -96,29 +96,6 @@ def auc(probabilities: Floats, labels: Labels) -> float | None:
     return Ranking(probabilities, labels).auc(np.ones(len(labels)))
 
 
-class ReliabilityBin(msgspec.Struct, frozen=True):
-    """Samples whose probability lies in one of ten equal bins: how sure the detector was of slip on
-    average, and which share of them slipped."""
-
-    n: int
-    said: float
-    slipped: float
-
-
-def reliability(probabilities: Floats, labels: Labels) -> list[ReliabilityBin]:
-    """The bins, of (n,) each, that hold anything."""
-    bins = _calibration_bins(probabilities)
-    counts, said, slipped = (
-        np.bincount(bins, weights, CALIBRATION_BINS)
-        for weights in (np.ones(len(labels)), probabilities, labels.astype(np.float64))
-    )
-    return [
-        ReliabilityBin(int(n), float(p / n), float(slip / n))
-        for n, p, slip in zip(counts, said, slipped, strict=True)
-        if n
-    ]
-
-
 def calibration_error(probabilities: Floats, labels: Labels) -> float:
     """Expected calibration error over ten equal bins of probability."""
     gap = np.bincount(_calibration_bins(probabilities), probabilities - labels)

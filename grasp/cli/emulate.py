@@ -24,8 +24,7 @@ from scenarios.campaign.config import load_for_devices
 from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import all_in_words
 from scenarios.rigs.emulated_cell import CellOrder, EmulatedCell, Listening, end_on_signals, serve
-from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import swing
+from scenarios.tap.mallet import TapConfig, swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")

@@ -34,8 +34,20 @@ from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.ending import End
-from scenarios.trial.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
-from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
+from scenarios.trial.foxglove import (
+    EVERY_TICKS,
+    INFO,
+    LOG,
+    TAXELS,
+    TRANSFORMS,
+    FrameTransform,
+    FrameTransforms,
+    Grid,
+    Log,
+    Time,
+    grid,
+    point,
+)
 from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
@@ -140,7 +152,7 @@ class PressPictures:
             self._phase = sample.phase
             write(LOG, sample.t_ns, Log(now, INFO, sample.phase.value, "phase"))
         self._samples += 1
-        if self._samples % EVERY != 1 or not all(map(math.isfinite, sample.arm.position_m)):
+        if self._samples % EVERY_TICKS != 1 or not all(map(math.isfinite, sample.arm.position_m)):
             return
         hand = FrameTransform(now, "world", "hand", point(*sample.arm.position_m))
         write(TRANSFORMS, sample.t_ns, FrameTransforms([hand]))

@@ -10,13 +10,7 @@ import numpy as np
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Streamed,
-    scored,
-    spoken,
-)
-from detector.scores.metrics import ReliabilityBin, reliability
+from detector.scores.evaluation import Streamed, scored, spoken
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
 from scenarios.benchmark.scoring import Contender, Scores
@@ -64,7 +58,6 @@ class Evaluated(msgspec.Struct, frozen=True):
     rule: RuleSettings
     sheet: dict[str, Any]
     choices: list[Choice]  # from few false events to many
-    reliability: list[ReliabilityBin]
     slips: list[ScoredSlip]
     worst: list[SlipTrace]
 
@@ -98,8 +91,6 @@ def no_evaluation(path: Path, why: Exception) -> BadFile:
 def evaluated(made: Contender, sheet: Scores) -> Evaluated:
     """What the file keeps of a detector; ``sheet`` is its evaluation."""
     rule, streams = made.config.rule, made.streams
-    parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
-    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     found = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
     return Evaluated(
@@ -110,7 +101,6 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
             Choice(c.false_per_min, *map(_known, (c.delay_ms, c.p90_delay_ms, c.p99_delay_ms)))
             for c in frontier(made.points())
         ],
-        reliability=reliability(p, labels),
         slips=[slip for _, slip in found],
         worst=[trace(s, slip, rule) for s, slip in worst],
     )

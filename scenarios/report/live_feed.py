@@ -18,7 +18,7 @@ from scenarios.report import live_server as server
 from scenarios.report.live_server import Begin, Row, Said, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.pictures import taxel_places
+from scenarios.trial.foxglove import taxel_places
 from scenarios.world.truth import Truth
 
 Values = list[float | None]

@@ -49,7 +49,7 @@ def rig_layers(word: str) -> tuple[str, list[Layer]]:
         said = "missing" if like is None else f"{like!r} is none"
         raise ConfigError(word, "rig", said, " or ".join(names("rigs")))
     rest = {key: value for key, value in file.table.items() if key != "rig"}
-    own = Layer(file.source, rest, file.digest)
+    own = Layer(file.source, rest)
     return str(like), [not_chosen(named_layer("rigs", str(like))), not_chosen(own)]
 
 

@@ -1,4 +1,4 @@
-"""What viewers draw by themselves: their own schemas, the run's own numbers, and little room."""
+"""What viewers draw by themselves: frames at the places of arm, fingers and object."""
 
 import json
 from collections import defaultdict
