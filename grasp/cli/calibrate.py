@@ -22,8 +22,8 @@ from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import guard_of
-from scenarios.rigs.opening import ANY_BOARD
 from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
     "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "

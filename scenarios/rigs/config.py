@@ -60,17 +60,17 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     @property
     def chosen(self) -> dict[str, str]:
         """Names of the devices that are not ours, by kind."""
-        named = {device: getattr(self, device) for device in GROUPS}
-        return {device: name for device, name in named.items() if name}
+        named = zip(GROUPS, (self.gripper, self.arm, self.fingertips), strict=True)
+        return {device: name for device, name in named if name}
 
     def settings(self, device: str) -> dict[str, Scalar]:
-        given: dict[str, Scalar] = getattr(self, f"{device}_settings")
-        return given
+        given = (self.gripper_settings, self.arm_settings, self.fingertips_settings)
+        return dict(zip(GROUPS, given, strict=True))[device]
 
     def called(self, device: str) -> str:
         """The name and settings of a device, for locks and messages."""
         given = ",".join(f"{key}={value}" for key, value in sorted(self.settings(device).items()))
-        return f"{getattr(self, device)}({given})"
+        return f"{self.chosen[device]}({given})"
 
     def check_offered(self) -> None:
         """Raises ConfigError for a name that no installed package offers."""

@@ -40,7 +40,7 @@ DEFAULT_PROFILE = "default"
 UNHASHED = ("profile", "source", "usb", "realtime")
 UNHASHED_KEYS = {
     "gripper": ("calibration",),
-    "calibration": ("name", "pressed_bytes", "presses", "reason"),
+    "calibration": ("name", "pressed_bytes", "presses"),
     "object": ("description",),
     "modbus": ("host", "port", "serial_port", "slave"),
     "ur": ("host",),
