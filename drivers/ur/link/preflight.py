@@ -111,13 +111,6 @@ class Dashboard:
         return self.line()
 
 
-def peek(host: str, port: int, count: int, timeout_s: float) -> bytes:
-    """The first bytes that a port sends unasked; raises OSError."""
-    connection = socket.create_connection((host, port), timeout_s)
-    with connection, connection.makefile("rb") as stream:
-        return _exactly(stream, count)
-
-
 def _exactly(stream: IO[bytes], count: int) -> bytes:
     data = stream.read(count)
     if len(data) < count:
