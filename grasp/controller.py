@@ -14,7 +14,7 @@ from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Ve
 from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import TRIAL, Fault, lines
+from grasp.fault import LOST, TRIAL, Fault, lines
 from grasp.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
@@ -100,7 +100,7 @@ class GraspController:
 
     @property
     def fault_cause(self) -> str:
-        """Why the run ended early, for people; empty if it did not, or the object was lost."""
+        """Why the run ended early, for people; empty if it did not."""
         return lines(self.faults)
 
     @property
@@ -367,6 +367,7 @@ class GraspController:
 
     def _lose(self, obs: Observation, cause: str) -> None:
         """The arm stops, and nothing is lowered."""
+        self.faults = (Fault(LOST, TRIAL, cause, kind=LOST),)
         self._enter_safe_state(Trigger.LOSE, obs, cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:

@@ -16,7 +16,7 @@ from grasp import signals
 from grasp.contact_estimator import Stiffness
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
-from grasp.fault import INTERNAL, INTERRUPTED, SAFETY_STOP, TRIAL, WORLD, Fault, lines
+from grasp.fault import INTERNAL, INTERRUPTED, LOST, SAFETY_STOP, TRIAL, WORLD, Fault, lines
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.monitors.checks import STOOD_STILL, Monitors
@@ -153,8 +153,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
     @property
     def fault(self) -> str:
-        """Why it ended in the safe state, for people; empty if it did not, or was told to."""
-        return "" if self.interrupted else lines(self.faults)
+        """Why it cannot be judged, for people; empty where it can be, or was told to end."""
+        return lines(fault for fault in self.faults if fault.kind not in (INTERRUPTED, LOST))
 
     def outcome_of(self, verdict: str) -> str:
         """What it is called: the verdict of one that can be judged, or why it cannot."""
@@ -203,7 +203,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
         faults, end = self.faults, self.end(config)
-        if not faults:
+        if not faults or faults[0].kind == LOST:
             return None
         if self.bug is not None:
             return Failure(INTERNAL, faults[0].line, REPORT, end, faults)
@@ -288,19 +288,10 @@ def run_trial(
         loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
 
-    def given_up() -> Failure | None:
-        """In another thread, where this one does not come back from native code."""
-        bugs.append(Bug.of_stuck())
-        _aborted(loop, trace)
-        trial = FinishedTrial(
-            controller, loop, trace, None, Stalls(), (), None, bugs[0], rig.way_out
-        )
-        return trial.failure(config)
-
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with signals.guarded(given_up) if rig.on_wall else nullcontext():
+    with signals.guarded() if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
@@ -350,6 +341,8 @@ def _aborted(loop: ControlLoop, trace: Trace) -> None:
 def _run_or_stop(loop: ControlLoop, deadline_s: float) -> None:
     try:
         loop.run(deadline_s)
+    except signals.Stuck:  # as a bug does: it may be anywhere in a step
+        raise
     except KeyboardInterrupt as stop:
         loop.stop(Fault(INTERRUPTED, TRIAL, signals.cause(stop), kind=INTERRUPTED))
 

@@ -2,8 +2,6 @@
 
 import platform
 import subprocess
-import sys
-import threading
 import traceback
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -73,14 +71,6 @@ class Bug(msgspec.Struct, frozen=True):
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)
-
-    @classmethod
-    def of_stuck(cls) -> Self:
-        """Of what the main thread does now, which no signal could cut: asked in another thread."""
-        frame = sys._current_frames()[threading.main_thread().ident or 0]  # noqa: SLF001
-        stop = signals.Interruption(signals.number())
-        text = f"{signals.cause(stop)} while this stood still"
-        return cls(type(stop).__name__, text, "".join(traceback.format_stack(frame)))
 
     @property
     def fault(self) -> Fault:

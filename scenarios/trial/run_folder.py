@@ -162,7 +162,6 @@ class Record:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
             uncut.enter_context(signals.deferred())
-            uncut.enter_context(signals.lastly(self._abandon))
             self._folder = self._begun() if self._wanted is None else None
             self._uncut = uncut.pop_all()
         return self
