@@ -1,4 +1,4 @@
-"""Fills the frozen, bounded classes that the rooms declare, from layers of TOML.
+"""Fills the frozen, bounded classes that the packages declare, from layers of TOML.
 
 Later layers win. Every violation becomes one ConfigError that names the file, the key and what is
 allowed there.
@@ -10,7 +10,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -23,23 +23,20 @@ from grasp.files import waits_for_a_writer
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-PLACE = re.compile(r"\[[^]]*\]")  # in a list or a table: which one does not matter
 MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
-
-# What is chosen by an option of its own: with each comes a file of settings, or more
+TOGETHER = "what goes together"
+# What an option of its own chooses: with each comes a file of settings, or more
 CHOSEN = {
     "rig": "--rig", "profile": "--profile", "detector_name": "--detector", "files": "--config",
 }  # fmt: skip
-
-
 # Of a kind, kept for testing: found by name, in no list, so what goes over a kind never meets them
 UNSEEN = "unseen"
 
 
 class Layer(msgspec.Struct, frozen=True):
-    """Settings from one place; ``source`` names it in error messages, ``digest`` tells what a file
-    held."""
+    """Settings from one place; ``source`` names it in error messages, ``digest`` is the fingerprint
+    of a file."""
 
     source: str
     table: Table
@@ -70,12 +67,8 @@ def read_toml(path: Path) -> Layer:
         table = tomllib.loads(content.decode("utf-8"))
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
-    except RecursionError:
-        raise ConfigError(str(path), "-", "is nested too deeply", f"{MOST_DEEP} levels") from None
-    except (OSError, ValueError) as error:
-        once = "; a section stands once, with all its keys" if " twice" in str(error) else ""
-        problem, allowed = f"cannot be read: {error}", f"valid TOML, UTF-8{once}"
-        raise ConfigError(str(path), "-", problem, allowed) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
     return checked(Layer(str(path), table, fingerprint(content)))
 
 
@@ -86,56 +79,51 @@ def fingerprint(content: bytes) -> str:
 
 def own_files(layers: Sequence[Layer]) -> dict[str, str]:
     """The files of one's own among the layers, each with its fingerprint."""
-    told = {layer.source: layer.digest for layer in layers if layer.digest}
-    return {p: digest for p, digest in told.items() if not Path(p).is_relative_to(config_dir())}
+    read = {layer.source: layer.digest for layer in layers if layer.digest}
+    return {p: digest for p, digest in read.items() if not Path(p).is_relative_to(config_dir())}
 
 
 def checked(layer: Layer) -> Layer:
     """The layer, if a setting can have such values at all; else ConfigError."""
-
-    def refuse(key: str, problem: str, allowed: str) -> None:
-        raise ConfigError(layer.source, key or "-", problem, allowed)
-
-    waiting: list[tuple[str, int, Any]] = [("", 0, layer.table)]
+    waiting: list[tuple[tuple[str, ...], int, Any]] = [((), 0, layer.table)]
     while waiting:  # not by recursion: that is what too deep a file would break
-        key, depth, value = waiting.pop()
-        if depth > MOST_DEEP:
-            refuse(key, "is nested too deeply", f"{MOST_DEEP} levels")
+        path, depth, value = waiting.pop()
+        for problem, bounds in _impossible(depth, value):
+            raise ConfigError(layer.source, ".".join(path) or "-", problem, bounds)
         if isinstance(value, dict):
-            for name, inner in value.items():
-                if not name.isprintable():
-                    refuse(f"{key}.{name}".lstrip("."), "holds control characters", "plain names")
-                waiting.append((f"{key}.{name}".lstrip("."), depth + 1, inner))
+            waiting += [((*path, name), depth + 1, inner) for name, inner in value.items()]
         elif isinstance(value, list):
-            if any(inner != inner for inner in value):  # a vector has no range that refuses it
-                refuse(key, "holds what is not a number", "finite numbers")
-            waiting += [(key, depth + 1, inner) for inner in value]
-        elif isinstance(value, str):
-            if not all(c.isprintable() or c in "\n\t" for c in value):
-                refuse(key, "holds control characters", "text that can be printed")
-        elif isinstance(value, int) and value.bit_length() > 63:
-            refuse(key, "a whole number too large for any setting", "less than 2^63")
-        elif isinstance(value, float) and math.isinf(value):
-            refuse(key, "is infinite", "a finite number")
+            waiting += [(path, depth + 1, inner) for inner in value]
     return layer
+
+
+def _impossible(depth: int, value: Any) -> Iterator[tuple[str, str]]:
+    """What is wrong with a value whatever setting it is of, and what is allowed."""
+    if depth > MOST_DEEP:
+        yield "is nested too deeply", f"{MOST_DEEP} levels"
+    if isinstance(value, float) and not math.isfinite(value):
+        yield "is not finite", "finite numbers"
+    if isinstance(value, int) and value.bit_length() > 63:
+        yield "a whole number too large for any setting", "less than 2^63"
+    texts = [*value] if isinstance(value, dict) else [value] if isinstance(value, str) else []
+    if not all(c.isprintable() or c in "\n\t" for text in texts for c in text):
+        yield "holds control characters", "text that can be printed"
 
 
 def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
     """The layer, if it says nothing that only an option of its own may choose."""
-    for key, option in options.items():
-        if key in layer.table:
-            raise ConfigError(layer.source, key, "is no setting", f"choose it with {option}")
+    for key in sorted(options.keys() & layer.table.keys()):
+        raise ConfigError(layer.source, key, "is no setting", f"choose it with {options[key]}")
     return layer
 
 
 def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
     """config/<kind>/<name>.toml, or of those kept for testing; raises ConfigError listing the known
     names, and the ``others`` that the caller knows of."""
-    known = [*names(kind), *others]
-    if name in names(f"{kind}/{UNSEEN}"):
+    known, testing = [*names(kind), *others], names(f"{kind}/{UNSEEN}")
+    if name in testing:
         kind = f"{kind}/{UNSEEN}"
     elif name not in names(kind):
-        testing = names(f"{kind}/{UNSEEN}")
         rest = f"; kept for testing: {', '.join(testing)}" if testing else ""
         hint = meant(name, [*known, *testing])
         raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known) + rest)
@@ -159,13 +147,9 @@ def thing_layer(kind: str, section: str, word: str) -> Layer:
     if not by_path(word):
         return named_layer(kind, word)
     layer = read_toml(Path(word))
-    others = [key for key in layer.table if key != section]
-    table = layer.table.get(section)
-    if others:
-        raise ConfigError(
-            word, others[0], f"is not of the {section}", f"[{section}] alone; --config"
-        )
-    if not isinstance(table, dict):
+    for key in sorted(layer.table.keys() - {section}):
+        raise ConfigError(word, key, f"is not of the {section}", f"[{section}] alone; --config")
+    if not isinstance(layer.table.get(section), dict):
         raise ConfigError(word, section, "missing", f"a section [{section}]")
     return own_name(layer, kind, section)
 
@@ -177,9 +161,8 @@ def own_name(layer: Layer, kind: str, section: str, chosen: Any = None) -> Layer
     name = table.get("name") if isinstance(table, dict) else None
     if name != chosen and name in [*names(kind), *names(f"{kind}/{UNSEEN}")]:
         taken = f"is {name!r}, as one of config/{kind} is called"
-        raise ConfigError(
-            layer.source, f"{section}.name", taken, f"a name of its own, or --{section} {name}"
-        )
+        remedy = f"a name of its own, or --{section} {name}"
+        raise ConfigError(layer.source, f"{section}.name", taken, remedy)
     return layer
 
 
@@ -187,8 +170,7 @@ def file_of(kind: str, word: str) -> Path:
     """A file by its path, or by its name in config/<kind>; raises ConfigError for no known name."""
     if by_path(word) or os.sep in word:
         return Path(word)
-    named_layer(kind, word)
-    return config_dir() / kind / f"{word}.toml"
+    return Path(named_layer(kind, word).source)
 
 
 def assignment_layer(assignments: Sequence[str]) -> Layer:
@@ -196,17 +178,15 @@ def assignment_layer(assignments: Sequence[str]) -> Layer:
     table: Table = {}
     for text in assignments:
         key, equals, value = text.partition("=")
-        parts = key.strip().split(".")
-        if not equals or not all(parts):
+        *sections, last = key.strip().split(".")
+        if not equals or not all((*sections, last)):
             raise ConfigError("--set", text, "not an assignment", "section.key=value")
-        if len(parts) > MOST_DEEP:
-            raise ConfigError("--set", key, "is nested too deeply", f"{MOST_DEEP} levels")
         node = table
-        for part in parts[:-1]:
-            node = node.setdefault(part, {})
+        for section in sections:
+            node = node.setdefault(section, {})
             if not isinstance(node, dict):
                 raise ConfigError("--set", key, "is both a value and a section", "one of them")
-        node[parts[-1]] = _value(key, value.strip())
+        node[last] = _value(key, value.strip())
     return checked(Layer("--set", table))
 
 
@@ -215,9 +195,7 @@ def _value(key: str, text: str) -> Any:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         return text
-    except RecursionError:
-        raise ConfigError("--set", key, "is nested too deeply", f"{MOST_DEEP} levels") from None
-    except ValueError as error:  # a whole number of thousands of digits
+    except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
         raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None
 
 
@@ -238,45 +216,37 @@ def sources_of(layers: Sequence[Layer]) -> dict[str, str]:
 def _merged(layers: Sequence[Layer]) -> tuple[Table, dict[str, str]]:
     merged: Table = {}
     sources: dict[str, str] = {}
+
+    def merge(into: Table, new: Table, source: str, prefix: str) -> None:
+        for key, value in new.items():
+            sources[prefix + key] = source
+            if isinstance(value, dict) and isinstance(into.get(key, {}), dict):
+                merge(into.setdefault(key, {}), value, source, f"{prefix}{key}.")
+            else:
+                into[key] = value
+
     for layer in layers:
-        _merge(merged, layer.table, layer.source, sources, "")
+        merge(merged, layer.table, layer.source, "")
     return merged, sources
-
-
-def _merge(into: Table, new: Table, source: str, sources: dict[str, str], prefix: str) -> None:
-    for key, value in new.items():
-        path = f"{prefix}{key}"
-        sources[path] = source
-        if isinstance(value, dict) and isinstance(into.get(key, {}), dict):
-            _merge(into.setdefault(key, {}), value, source, sources, f"{path}.")
-        else:
-            into[key] = value
-
-
-TOGETHER = "what goes together"
-NAMED = re.compile(r"([a-z_]+\.[a-z_0-9]+): ")  # the setting that a problem begins with
 
 
 def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
     """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
     problem, _, at = message.partition(" - at `$")
     key = at.rstrip("`").lstrip(".")
-    field = re.search(r"(?:unknown|required) field `(.+?)`", problem)
-    if field:
-        owner = _type_at(cls, key)
+    whole = hasattr(_type_at(cls, key), "__struct_fields__")  # not one setting of it
+    if field := re.search(r"(?:unknown|required) field `(.+?)`", problem):
+        known = list(getattr(_type_at(cls, key), "__struct_fields__", ()))
         key = f"{key}.{field[1]}".lstrip(".")
-        known = list(getattr(owner, "__struct_fields__", ()))
-        missing = "required" in problem
-        text = "missing" if missing else f"unknown key{meant(field[1], known)}"
+        text = "missing" if "required" in problem else f"unknown key{meant(field[1], known)}"
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
-    if not key:  # settings that do not go together
-        named = NAMED.match(problem)
+    if not key:  # settings that do not go together, of which the first is named
+        named = re.match(r"([a-z_]+\.[a-z_0-9]+): ", problem)
         return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
+    remedy = TOGETHER if whole and not problem.startswith("Expected") else allowed(cls, key)
     if word := re.match(r"Invalid enum value '(.*)'", problem):
-        problem += meant(word[1], re.findall(r"'(\w+)'", allowed(cls, key)))
-    if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
-        return ConfigError(_source(sources, key), key, problem, TOGETHER)
-    return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
+        problem += meant(word[1], re.findall(r"'(\w+)'", remedy))
+    return ConfigError(_source(sources, key), key, problem, remedy)
 
 
 def _source(sources: dict[str, str], key: str) -> str:
@@ -287,9 +257,14 @@ def _source(sources: dict[str, str], key: str) -> str:
     return sources.get(key) or (files.pop() if len(files) == 1 else "configuration")
 
 
+def _parts(key: str) -> list[str]:
+    """Of a dotted key; in a list or a table: which one does not matter."""
+    return [part for part in re.sub(r"\[[^]]*\]", "", key).split(".") if part]
+
+
 def _type_at(cls: type, key: str) -> type:
     """The struct class that the dotted key leads to, where it may be left out or is one of many."""
-    for part in filter(None, PLACE.sub("", key).split(".")):
+    for part in _parts(key):
         hint = get_type_hints(cls).get(part, cls)
         cls = next((arg for arg in get_args(hint) if hasattr(arg, "__struct_fields__")), hint)
     return cls
@@ -297,23 +272,20 @@ def _type_at(cls: type, key: str) -> type:
 
 def allowed(cls: type, key: str) -> str:
     """What the field's declaration says is allowed: type, range and description."""
-    owner_key, _, name = PLACE.sub("", key).rpartition(".")
-    if owner_key and not hasattr(_type_at(cls, owner_key), "__struct_fields__"):
-        return allowed(cls, owner_key)  # a table of any names
-    hints = get_type_hints(_type_at(cls, owner_key), include_extras=True)
-    annotation = hints.get(name, "?")
+    *owner, name = _parts(key)
+    within = _type_at(cls, ".".join(owner))
+    if owner and not hasattr(within, "__struct_fields__"):
+        return allowed(cls, ".".join(owner))  # a table of any names
+    annotation = get_type_hints(within, include_extras=True).get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)
+    text = _said(get_type_hints(within).get(name, base))
     meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
-    text = _said(get_type_hints(_type_at(cls, owner_key)).get(name, base))
     if meta is None:
         return text
-    bounds = [
-        f"{sign} {bound:g}"
-        for sign, bound in ((">=", meta.ge), (">", meta.gt), ("<=", meta.le), ("<", meta.lt))
-        if bound is not None
-    ]
+    signs = ((">=", meta.ge), (">", meta.gt), ("<=", meta.le), ("<", meta.lt))
+    bounds = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
     description = f" ({meta.description})" if meta.description else ""
-    return " ".join([text, " and ".join(bounds)]).strip() + description
+    return f"{text} {bounds}".strip() + description
 
 
 def _said(kind: Any) -> str:

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.campaign.paper import wilson
-from scenarios.campaign.worker import run_once
-from scenarios.lift.config import LiftConfig
+from scenarios.campaign.summary import wilson
+from scenarios.lift.lift import LiftConfig, lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.world import contact, laws
@@ -168,7 +167,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 
 def trial(task: Task) -> Row:
-    result = run_once(task.config, task.seed, None).result
+    result = lift.run(task.config, task.seed, None).result
     if result is None:
         raise RuntimeError(f"{task.config.object.name}, seed {task.seed}: no result")
     return Row(task.at, task.moved, result.outcome, bool(result.success))

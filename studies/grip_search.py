@@ -19,8 +19,7 @@ from drivers.interfaces import Counts3
 from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
-from scenarios.lift.config import LiftConfig
-from scenarios.lift.lift import twin_onset_s
+from scenarios.lift.lift import LiftConfig, twin_onset_s
 from scenarios.rigs.simulated import Draw, draw
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import STEEPNESS
+from detector.interface import FORMULAS
 from detector.recordings import Recording
 from detector.scores.evaluation import (
     HIGH,
@@ -30,7 +31,6 @@ from grasp.cli.detector import check_named
 from grasp.cli.parser import Parser
 from scenarios.benchmark.scoring import Contender, contender, read_split
 from scenarios.campaign.config import load_config
-from scenarios.trial.config import FORMULAS
 from studies.runner import Study, add_data, markdown
 
 Floats = NDArray[np.float64]

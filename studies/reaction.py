@@ -25,7 +25,7 @@ from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.slip_response.base import CLOSED_COUNTS
 from scenarios.campaign.config import load_config
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.simulated import cell_settings
@@ -170,7 +170,7 @@ def _judged(end: Truth, config: LiftConfig) -> Reaction:
         onset_s=onset_s or 0.0, twin_onset_s=None, peak_force_n=None,
         force_bound_n=math.inf, cap_reached=False, alarm_stayed=False, fault="",
     )  # fmt: skip
-    verdict = outcome(facts, config.object, config.scoring)
+    verdict = outcome(facts, config.object)
     slip_mm = end.slip_distance_m * 1e3 if verdict in SUCCESSES else None
     if end.force_rise_s is None or onset_s is None:
         return Reaction(slip_mm, None)

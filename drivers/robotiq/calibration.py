@@ -25,7 +25,6 @@ class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         tuple[int, ...], Meta(description="force bytes that were pressed on a scale")
     ] = ()
     presses: Annotated[int, Meta(ge=0, description="of each of them; 0: not counted")] = 0
-    reason: Annotated[str, Meta(description="why a byte is far from what the manual says")] = ""
     least_force_n: Annotated[float, Meta(ge=1, le=30, description="static force of byte 0, N")]
     most_force_n: Annotated[
         float, Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")

@@ -1,32 +1,29 @@
-"""`grasp calibrate`: what a count of the fingertips, a byte of the hand and a still hold are worth,
-measured on a lab's own devices and written into files, and a fit of the simulated fingertip; `grasp
-tactile`: what the fingertips measure, and how their board is wired."""
+"""`grasp calibrate`: measures counts, force bytes and noise on a lab's devices and writes them into
+files. `grasp tactile`: what the fingertips measure, and how their board is wired."""
 
 import argparse
 import math
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from detector.recordings import read
-from drivers.errors import BadFile, ConfigError, UsageError
+from drivers.errors import ConfigError, UsageError
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.identify import watch
 from drivers.takktile.link import UsbLink
 from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
-from grasp.cli.options import check_new, check_writable, need
-from grasp.cli.output import aside, progress, show
+from grasp.cli.options import check_new
+from grasp.cli.output import aside, show
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import guard_of
+from scenarios.rigs.opening import ANY_BOARD
 from scenarios.rigs.permission import HARDWARE
-from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
     "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "
@@ -34,6 +31,8 @@ ON_SCALE = (
 )
 CLOSED = (255, 255, 255)
 WATCH_S, REST_S = 3600.0, 5.0
+LEAST_FALL_COUNTS = 20  # of a press: half a newton; an untouched taxel varies by one or two
+PRESSES = 10  # of force byte 0
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
@@ -58,7 +57,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def plan() -> str:
         return (
-            f"move finger {args.finger}, {args.presses} times with force byte 0, onto the scale, "
+            f"move finger {args.finger}, {PRESSES} times with force byte 0, onto the scale, "
             f"with {args.up_to:g} N at most by the manual"
         )
 
@@ -69,7 +68,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         return calibrate.calibrate_hand(
-            config, permit, args.finger, args.presses, args.up_to, operator, aside, args.note
+            config, permit, args.finger, PRESSES, args.up_to, operator, aside, args.note
         )
 
     def how_to_use(text: str) -> str:
@@ -87,7 +86,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import rule_of
+    from scenarios.benchmark.label_free import tune_unlabelled
 
     config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -106,7 +105,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         counts = calibrate.held_still(config, permit, args.seconds, operator, aside)
-        found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
+        found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
         return _rule_file(args, found, found.rule == judged.rule)
 
     return _measure(args, config, plan, look, act)
@@ -117,8 +116,8 @@ def _measure(
     act: Callable[[Any, Any], str], on_scale: bool = False, moves: bool = True,
     afterwards: Callable[[str], str] = lambda text: "",
 ) -> int:  # fmt: skip
-    """As ``perform``, with a person who answers: ``act`` returns the text of the file, which is
-    written and shown. ``on_scale``: a finger presses on one; ``afterwards``: says how to use it."""
+    """As ``perform``, with an operator: ``act`` returns the text of the file, which is written and
+    shown. ``on_scale``: a finger presses on one; ``afterwards``: how to use the file."""
     operator = lab.TerminalOperator()
 
     def ask() -> None:
@@ -192,9 +191,9 @@ def tactile_identify(args: argparse.Namespace) -> int:
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
     strongest: dict[tuple[int, int], Any] = {}
     last, whole = None, False
-    link = UsbLink.find(args.serial or named or None, _bus(args.url or config.usb.url))
+    link = UsbLink.find(named or None, _bus(args.url or config.usb.url))
     watched = watch(link, config.tactile, args.seconds, lambda: aside(
-        f"press one pad after the other, for {args.seconds:g} s"), args.least_fall)  # fmt: skip
+        f"press one pad after the other, for {args.seconds:g} s"), LEAST_FALL_COUNTS)  # fmt: skip
     try:
         with suppress(KeyboardInterrupt):  # what was pressed until then is reported
             for press in watched:
@@ -233,67 +232,3 @@ def _taxel(press: Any) -> str:
     if press.finger is None:
         return f"no finger has this cell in `cells`: {cell}"
     return f"finger {press.finger} taxel {press.taxel} ({cell})"
-
-
-def calibrate_fingertip(args: argparse.Namespace) -> int:
-    from scenarios.acquire import fingertip_fit as fitting
-    from scenarios.acquire.signal_statistics import signal_statistics
-
-    if args.figure:
-        need("charts", "matplotlib")
-    if args.check and args.out:
-        raise UsageError("--out writes fitted values, but --check fits none",
-                         "leave out --out or --check")  # fmt: skip
-    recording = read(args.recording)
-    if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
-        raise BadFile(args.recording, "needs one fingertip with samples of slip and of rest",
-                      "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
-    if args.out:
-        check_writable(args.out, fitting.WRITTEN)
-    real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
-    setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
-    simulated = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
-    rows = fitting.compare(real, simulated)
-    misfit = fitting.misfit(real, fitting.mean(simulated))
-    if args.out:
-        write_whole(args.out, fitting.as_toml(fitted, args.recording.name).encode())
-    if args.figure:
-        _draw(args.figure, setup, recording)
-    parameters = fitting.parameter_values(setup)
-    value = {"recording": args.recording.name, "misfit": misfit, "statistics": rows,
-             "parameters": parameters, "fitted": not args.check}  # fmt: skip
-    lines = ["real; simulated, with the range of 80 % of clips:"]
-    for row in rows:
-        far = "" if row.within_aim else "; beyond the aim"
-        lines.append(f"  {row.name:<32}{row.real:9.3g}; {row.simulated:.3g} [{row.low:.3g}, "
-                     f"{row.high:.3g}]{far}")  # fmt: skip
-    lines += [f"misfit {misfit:.2f} (1: on average just within the aims)", "", "parameters, with "
-              "the range searched:"]  # fmt: skip
-    lines += [
-        f"  {name:<32}{value:9.3g} [{low:g}, {high:g}]" for name, value, low, high in parameters
-    ]
-    return show(args, value, "\n".join(lines))
-
-
-def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
-    from scenarios.acquire.fingertip_fit import FitSetup, Search, fit
-
-    search = Search(seed=args.seed)
-    if args.rounds is not None:
-        search = msgspec.structs.replace(search, close_rounds=args.rounds)
-    with progress("fitting", hidden=args.json) as bar:
-
-        def report(done: int, total: int, best: float) -> None:
-            bar(done, total, f"fitting, misfit {best:.2f}")
-
-        return fit(real, FitSetup(), search, report)
-
-
-def _draw(out: Path, setup: Any, recording: Any) -> None:
-    from scenarios.acquire.fingertip_fit import JUDGE_SEED
-    from scenarios.acquire.strokes import simulate
-    from scenarios.report.export import draw_clips, simulated
-
-    clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
-    real = ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip)
-    draw_clips(out, [real, *simulated(clips)[:2]])

@@ -18,23 +18,32 @@ from grasp.cli.options import workers
 from grasp.cli.output import print_json, progress
 from grasp.settings import file_of
 from scenarios.campaign.config import load_config
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.run import default_path, run
 from scenarios.campaign.spec import CampaignSpec, read_spec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.summary import Cell, Summary, Variant, paper_rate, summarize
+from scenarios.campaign.summary import (
+    TABLE_IV,
+    TRIALS,
+    Cell,
+    Summary,
+    Variant,
+    paper_rate,
+    summarize,
+    wilson,
+)
 
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
 WIDTH_WITHOUT_TERMINAL = 160
 
 
 def _spec(args: argparse.Namespace) -> CampaignSpec:
-    changes = {
-        "detectors": (args.detector,) if args.detector is not None else None,
-        "profiles": (args.profile,) if args.profile is not None else None,
-        "repetitions": args.repetitions,
-    }
-    wanted = {key: value for key, value in changes.items() if value is not None}
+    wanted: dict[str, Any] = {}
+    if args.detector is not None:
+        wanted["detectors"] = (args.detector,)
+    if args.profile is not None:
+        wanted["profiles"] = (args.profile,)
+    if args.repetitions is not None:
+        wanted["repetitions"] = args.repetitions
     spec = read_spec(file_of("campaigns", args.campaign))
     own = (*spec.config, *map(str, args.config or ()))
     spec = msgspec.structs.replace(spec, config=own, **wanted)
@@ -44,8 +53,7 @@ def _spec(args: argparse.Namespace) -> CampaignSpec:
 
 
 def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
-    """Raises ConfigError that names `--set` for a wrong one, UsageError for what the campaign
-    itself sets in each trial: it would be ignored."""
+    """Raises ConfigError for a wrong `--set`, UsageError for one that the sweep overrides."""
     for key in (assignment.partition("=")[0].strip() for assignment in assignments):
         if key in spec.sweep:
             raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")

@@ -1,5 +1,5 @@
-"""`grasp detector`: score, tune and train slip detectors, show their cards; and whether the
-decision rule of a user's own network was made for it."""
+"""`grasp detector`: score and tune slip detectors, show their cards; check the decision rule of a
+user's own network."""
 
 import argparse
 import json
@@ -12,7 +12,7 @@ import msgspec
 
 from detector import network_file
 from detector.decision import RuleSettings
-from detector.interface import DETECTORS
+from detector.interface import DETECTORS, FORMULAS, NETWORK
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -22,7 +22,8 @@ from grasp.files import write_whole
 from grasp.settings import config_dir, meant, named_layer, names, sources_of
 from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
-from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS, NETWORK, trial_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
@@ -61,12 +62,14 @@ def detector_evaluate(args: argparse.Namespace) -> int:
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
     """Write the file of an evaluation."""
-    from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
+    from scenarios.benchmark.evaluation_file import EvaluationFile
 
-    source = args.data or [args.recording]
-    more = {"--split": [args.split] if args.data else [], "--set": args.set}
-    more["--config"] = [str(file) for file in args.config or ()]
-    command = shlex.join(command_of(args.detector, source, args.label, more))
+    source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
+    words = ["grasp", "detector", "evaluate", *args.detector, *source, "--label", args.label]
+    words += ["--split", args.split] if args.data else []
+    for option, values in (("--set", args.set), ("--config", args.config or ())):
+        words += [word for value in values for word in (option, str(value))]
+    command = shlex.join(words)
     file = EvaluationFile(
         data=data, label=args.label, command=command, versions=versions(), detectors=kept
     )
@@ -76,7 +79,7 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
 
 
 def scores_text(sheet: Any, rule: Any) -> str:
-    """The score sheet as a person reads it, with the rule that makes events of samples."""
+    """The score sheet, with the rule that makes events of samples."""
     return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
 
 
@@ -104,12 +107,6 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     point = {**msgspec.structs.asdict(chosen), "minutes": known.minutes, "slips": known.slips}
     rule = point.pop("rule")
     lines = ["on the split validation:", *listing(point).splitlines()]
-    for folder in args.data:
-        its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
-        part = evidence(its, chosen.rule)
-        lines.append(f"{folder}: {part.caught} of {part.slips} slips apart from taps, "
-                     f"{part.false} false in {60.0 * part.minutes:.1f} s of a hand at "
-                     "rest")  # fmt: skip
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
         lines.append("that is little: one more or less of either would make another rule; give "
                      "more recordings, or simulated sets beside")  # fmt: skip
@@ -117,8 +114,8 @@ def _tune_labelled(args: argparse.Namespace) -> int:
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
-    """Raises UsageError for less of a hand's rest than one false event of the budget needs: nothing
-    tells rules apart that make none. ``more``: what would do. A budget of 0 needs no test."""
+    """Raises UsageError for less rest of a hand than one false event of the budget needs. ``more``:
+    what to give. A budget of 0 needs no test."""
     if minutes * budget < 1.0 and budget > 0.0:
         event = f", where one false event is {1.0 / minutes:.3g} a minute" if minutes else ""
         raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
@@ -127,10 +124,10 @@ def check_testable(minutes: float, budget: float, more: str) -> None:
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
-    from scenarios.benchmark.label_free import tune_unlabelled
+    from scenarios.benchmark.label_free import hold_in, tune_unlabelled
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    found = tune_unlabelled(config, args.unlabelled, args.budget)
+    found = tune_unlabelled(config, map(hold_in, args.unlabelled), args.budget)
     known = {k: v for k, v in msgspec.structs.asdict(found).items() if k != "rule"}
     lines = ["on the holds; the level is the limit of a cusum, else log-odds of the threshold:",
              *listing(known).splitlines()]  # fmt: skip
@@ -175,8 +172,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _packaged_rule(network: str) -> Any:
-    """By which a packaged network's slip is registered by default; None for a file, of which it
-    depends on how it is named."""
+    """The default decision rule of a packaged network; None for a file."""
     if network not in names("detectors"):
         return None
     return msgspec.convert(named_layer("detectors", network).table.get("rule", {}), RuleSettings)
@@ -205,8 +201,8 @@ def check_weights(config: Any) -> None:
 
 
 def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
-    """Check each detector that was named, with settings and weights, before any data are read.
-    Raises BadFile, ConfigError, UsageError."""
+    """Check settings and weights of each detector before any data are read. Raises BadFile,
+    ConfigError, UsageError."""
     for word in words:
         config = load_config("can", "simulated", word, files, assignments)
         if weights := _own_weights(config):
@@ -234,7 +230,7 @@ def warn_of_untuned_rule(config: Any, layers: Any) -> None:
 
 
 def _own_weights(config: Any) -> str:
-    """The file of them; empty for a packaged network by its name, and for what is no network."""
+    """The file of a user's weights; empty for a packaged network, and for what is no network."""
     if config.detector_section != NETWORK:
         return ""
     name = config.detector_name

@@ -1,5 +1,4 @@
-"""`grasp status`, `gripper`, `arm` and `release`: look at a lab's devices, and move them by hand,
-slowly."""
+"""`grasp status`, `gripper`, `arm` and `release`: read a lab's devices, and move them slowly."""
 
 import argparse
 from collections.abc import Callable
@@ -168,7 +167,7 @@ def release(args: argparse.Namespace) -> int:
 
 
 def _hand_config(args: argparse.Namespace) -> Any:
-    """What its calibration claims is told before anything else, of a dry run too."""
+    """Settings; warns of a weak calibration first, in a dry run too."""
     config = lab.load_config(args)
     lab.warn_of_weak_calibration(config.calibration)
     return config

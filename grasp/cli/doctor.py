@@ -1,4 +1,5 @@
-"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing."""
+"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. `grasp
+doctor HOST...`: list the devices that answer at these addresses."""
 
 import argparse
 from typing import Any
@@ -10,6 +11,8 @@ MARKS = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def doctor(args: argparse.Namespace) -> int:
+    if args.hosts:
+        return _find(args)
     from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.doctor import examine
     from scenarios.trial.execution import make_guard
@@ -46,3 +49,17 @@ def doctor(args: argparse.Namespace) -> int:
 
     found = [check._asdict() for check in checks]
     return show(args, {"healthy": not failed, "checks": found, "exit_code": code}, text, code)
+
+
+def _find(args: argparse.Namespace) -> int:
+    from scenarios.lab.find import find, settings_of
+
+    found = list(find(args.hosts))
+    settings = settings_of(found)
+    lines = [
+        f"{'yes' if f.answered else 'no':<4}  {f.device} at {f.where}: {f.detail}" for f in found
+    ]
+    if settings:
+        lines += ["", "for a file of your own, as lab.toml:", "", settings]
+    code = exits.SUCCESS if any(f.answered for f in found) else exits.DEVICE
+    return show(args, {"found": found, "settings": settings}, "\n".join(lines), code)

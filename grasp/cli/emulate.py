@@ -1,5 +1,4 @@
-"""`grasp emulate`: the emulated cell for other people's clients, and what a person who stands
-beside it types."""
+"""`grasp emulate`: the emulated cell for any client, and the actions that its operator types."""
 
 import argparse
 import json
@@ -19,27 +18,17 @@ from drivers.addresses import cannot_listen, check_free, check_host
 from drivers.errors import ConfigError, UsageError
 from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
+from grasp.cli.commands import OPERATOR_ACTIONS
 from grasp.cli.output import aside
-from grasp.cli.view import turned_text
 from scenarios.campaign.config import load_for_devices
+from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import all_in_words
-from scenarios.rigs.emulated_cell import (
-    CellOrder,
-    EmulatedCell,
-    Listening,
-    end_on_signals,
-    serve,
-)
+from scenarios.rigs.emulated_cell import CellOrder, EmulatedCell, Listening, end_on_signals, serve
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")
-KNOWN = (
-    f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
-    "press FINGER TAXEL [NEWTONS] | lay FINGER NEWTONS | fault NAME [SETTING=VALUE ...] | "
-    "fault help"
-)
 STDIN = 0
 POLL_S = 0.05
 PRESS_S = 1.0  # of a pad
@@ -76,8 +65,7 @@ class Console:
     """Executes lines of standard input, where that is a terminal or a pipe, until it ends."""
 
     def __init__(self, config: TapConfig, seed: int) -> None:
-        """``config`` says how hard the mallet strikes; that is searched here, where nobody waits
-        for a device's reply."""
+        """The strength of taps is searched here, where nobody waits for a device."""
         self._typed = _is_typed()
         self._taps: dict[str, Any] = {}
         for direction in DIRECTIONS if self._typed else ():
@@ -95,7 +83,7 @@ class Console:
         # sent to the background: reading from the terminal fails then, instead of stopping us
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
         if os.isatty(STDIN):
-            _say(f"what a person does, a line each: {KNOWN}")
+            _say(f"what a person does, a line each: {OPERATOR_ACTIONS}")
         threading.Thread(target=self._run, args=(cell,), name="console", daemon=True).start()
 
     def _run(self, cell: EmulatedCell) -> None:
@@ -109,7 +97,7 @@ class Console:
         try:
             reply = cell.obey(self._request(words))
         except (ValueError, KeyError, msgspec.MsgspecError) as error:
-            return f"{error.args[0] if error.args else error}: {KNOWN}"
+            return f"{error.args[0] if error.args else error}: {OPERATOR_ACTIONS}"
         while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
             time.sleep(POLL_S)
             reply = cell.obey({"verb": "home"})
@@ -169,8 +157,7 @@ def _value(text: str) -> Any:
 
 
 def _is_typed() -> bool:
-    """Whether somebody may type: not for standard input from nowhere, or a terminal in front of
-    which another program runs."""
+    """Whether somebody may type: a pipe, or a terminal with this program in its foreground."""
     try:
         mode = os.fstat(STDIN).st_mode
         if not os.isatty(STDIN):

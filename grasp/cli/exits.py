@@ -42,14 +42,13 @@ def code_of(kind: str) -> int:
 
 
 def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
-    """As ``report`` for a run that had begun: what happened, where, how arm and hand were left, and
-    only then what to do; a line each."""
+    """As ``report`` for a run that had begun: what happened, how arm and hand were left, and then
+    what to do; a line each."""
     end = failure.end
     if end is None:
         return report(failure.kind, failure.message, failure.remedy, as_json, **extra)
     if as_json:
-        left = {name: getattr(end, name) for name in end.__struct_fields__}
-        return report(failure.kind, failure.message, failure.remedy, True, end=left, **extra)
+        return report(failure.kind, failure.message, failure.remedy, True, end=end, **extra)
     code = report(failure.kind, failure.message, "", False)
     say_end(end, failure.remedy)
     return code
@@ -78,8 +77,7 @@ def say(line: str) -> None:
 
 
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
-    """Say what went wrong and what to do; returns the exit code. Whatever of it is not ours, a
-    name or what a file holds, does nothing to a terminal."""
+    """Print what went wrong and what to do, without control characters; returns the exit code."""
     code = code_of(kind)
     if code == INTERRUPTED:
         code = SIGNALLED + signals.number()

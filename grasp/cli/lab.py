@@ -1,5 +1,5 @@
-"""What commands of a lab's own devices share: settings, dry runs, permission to move,
-warnings, and questions to the person at the terminal."""
+"""Shared by commands of a lab's devices: settings, dry runs, permission to move, warnings, and
+questions to the operator."""
 
 import argparse
 import os
@@ -61,9 +61,9 @@ def perform(
 ) -> int:  # fmt: skip
     """Run a command that moves a lab's devices, or its dry run.
 
-    ``plan``: what would move as far as the settings say, told with a refusal. ``look``: queries the
-    devices for a dry run and returns what would move; raises what the motion would. ``before``:
-    warns and asks. ``act``: moves, with the permit; of what does not move, without.
+    ``plan``: what would move by the settings, for a refusal. ``look``: queries the devices for a
+    dry run; returns what would move, raises what the motion would. ``before``: warns and asks.
+    ``act``: moves, with the permit.
     """
     if args.dry_run:
         return print_done(args, Done(look()), "would")
@@ -77,8 +77,8 @@ def perform(
 def motion_permit(
     config: Any, args: argparse.Namespace, plan: Callable[[], str] | None = None
 ) -> Any:
-    """Permission to move real devices; None where the rig has none. Raises UsageError without
-    `--confirm-motion`, after it has said what would move."""
+    """Permission to move real devices; None where the rig has none. Without `--confirm-motion` it
+    prints what would move and raises UsageError."""
     try:
         return permit(config, args.confirm_motion, args.config, args.set, args.rig)
     except UsageError:
@@ -98,8 +98,7 @@ def warn_of_weak_calibration(calibration: Any) -> None:
 
 
 def warn_of_slow_arm(config: Any) -> None:
-    """What the arm's speed slider makes of its speeds; what refuses a run, or does not answer, is
-    reported by whoever opens the arm."""
+    """Effect of the arm's speed slider. What prevents a run is reported when the arm is opened."""
     if config.devices.arm:
         return
     with suppress(GraspError):
@@ -110,8 +109,8 @@ def warn_of_slow_arm(config: Any) -> None:
 
 
 def warn_of_mode(config: Any, opened: bool = False) -> None:
-    """What it means that a hand is not in basic mode. That scissor mode keeps it from closing is
-    reported by whoever opens the hand, unless it is ``opened`` only."""
+    """What it means that a hand is not in basic mode. That scissor mode prevents closing is said
+    when the hand is opened for it, so only with ``opened`` here."""
     if config.devices.gripper:
         return
     with suppress(GraspError):
@@ -125,8 +124,7 @@ def warn_of_mode(config: Any, opened: bool = False) -> None:
 
 
 def confirm(question: str, word: str, given: bool) -> None:
-    """Ask a person to type a word, unless it was given on the command line; raises UsageError for
-    anything else, and where nobody can be asked."""
+    """Ask a person to type a word, unless it was given as an option; else raises UsageError."""
     if given:
         return
     if sys.stdin is None or not sys.stdin.isatty():
@@ -144,8 +142,7 @@ class TerminalOperator:
         self._gone = False
 
     def expect(self) -> None:
-        """Before anything moves: raises UsageError where the input has ended, as of a script, so
-        that nobody would answer."""
+        """Before anything moves: raises UsageError where the input has ended, as of a script."""
         if not self._read():
             told = "nobody is there to be asked: standard input has ended"
             raise UsageError(told, "start it at a terminal: nothing was moved")
@@ -157,8 +154,7 @@ class TerminalOperator:
         self._print(text)
 
     def poll(self) -> str | None:
-        """A line, once it is there. A terminal that closed counts as Ctrl-C, once: nobody is
-        left."""
+        """A line, once it is there. A terminal that closed counts as Ctrl-C, once."""
         if self._gone:
             return None
         ended = b"\n" not in self.typed and not self._read()
@@ -177,8 +173,8 @@ class TerminalOperator:
             print(f">>> {text}", file=sys.stderr, flush=True)
 
     def _read(self) -> bool:
-        """Take what is there; False at the end of the input. Never much at once: a program that
-        types without end must not keep whoever looks after the arm."""
+        """Read what is there; False at the end of the input. Bounded: endless input must not keep
+        the loop."""
         for _ in range(READS):
             try:
                 if not select.select([sys.stdin], [], [], 0)[0]:

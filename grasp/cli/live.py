@@ -8,28 +8,47 @@ from typing import Any, Self
 from drivers.errors import UsageError
 from grasp.cli import view
 from grasp.cli.output import aside
-from grasp.guard import limit_in_words
 from grasp.loop import Tick
 from grasp.states import State
 from grasp.watch import Onlooker
+from scenarios.report.run_view import facts, turned_text
 from scenarios.trial.result import spelt
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
 SETTING_UP = {
-    "simulated": "a world is simulated",
-    "emulated": "a cell starts",
+    "simulated": "a world is simulated", "emulated": "a cell starts",
     "hardware": "devices are connected",
-}
+}  # fmt: skip
 ACTIVATING = ", the gripper activates (10 s, the first time 20 s)"
 COMPILING = "setting up: the world is compiled, a minute or so; the next run finds it"
 
 
-class Display:
-    """Follows runs tick by tick. In wall time another process draws; in virtual time this one.
+class Here:
+    """Draws in this process, with the methods of ``Onlooker``: in virtual time nothing waits. A
+    screen that is gone does not stop a run."""
 
-    ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` leaves
-    plain lines to registrations. ``page``: of ``viewed``, which follows too.
+    lost = 0
+
+    def __init__(self, panel: bool) -> None:
+        self._drawn = view.Panel() if panel else view.Lines()
+
+    def tell(self, message: view.Message) -> None:
+        with contextlib.suppress(OSError):
+            self._drawn.take(message)
+
+    show = tell
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._drawn.close()
+
+
+class Display:
+    """Shows runs tick by tick. In wall time another process draws; in virtual time this one.
+
+    ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` shows
+    plain lines of registrations only. ``page``: of ``viewed``, which follows too.
     """
 
     def __init__(
@@ -42,18 +61,15 @@ class Display:
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
-        self._there: Onlooker | None = None
-        self._here: view.Panel | view.Lines | None = None
-        if quiet:
-            return
-        if rig == "simulated":
-            self._here = view.Panel() if self._panel else view.Lines()
-        else:
-            self._there = Onlooker(view)
-            self._there.tell(view.Begin(self._panel))
+        self._shown: Onlooker | Here | None = None
+        if not quiet and rig == "simulated":
+            self._shown = Here(self._panel)
+        elif not quiet:
+            self._shown = Onlooker(view)
+            self._shown.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
-        if self._here is not None:  # where the world is
+        if isinstance(self._shown, Here):  # where the world is
             from scenarios.world.compiling import told_when_compiling
 
             said = told_when_compiling(lambda: self.tell(view.Busy(COMPILING)))
@@ -82,16 +98,15 @@ class Display:
         due = self._ticks % every == 0 and not self._brief
         self._phase = tick.decision.state
         self._ticks += 1
-        if news or due:
-            self._show(view.glimpse(tick, news, self._trial))
+        if self._shown is not None and (news or due):
+            self._shown.show(view.glimpse(tick, news, self._trial))
 
     def sample(self, sample: Any) -> None:
         """Show one sample of ``scenarios.acquire.session``."""
-        if self._page is not None:
-            self._page.watch(sample)
         self._ticks += 1
-        if self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0:
-            self._show(view.Busy(view.sample_line(sample)))
+        due = self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0
+        if self._shown is not None and due:
+            self._shown.show(view.Busy(view.sample_line(sample)))
 
     def ended(self, text: str, note: bool) -> None:
         """What a run has become; ``note``: leave a line of it between two runs."""
@@ -100,34 +115,20 @@ class Display:
         if note:
             self.tell(view.Note(text))
 
-    def _show(self, message: view.Message) -> None:
-        """During a run. A screen that is gone must not stop it: nothing more is shown then."""
-        if self._there is not None:
-            self._there.show(message)
-        elif self._here is not None:
-            try:
-                self._here.take(message)
-            except OSError:
-                self._here = None
-
     def tell(self, message: view.Message) -> None:
-        """To whoever draws: a process of its own, or this one."""
-        if self._there is not None:
-            self._there.tell(message)
-        else:
-            self._show(message)
+        """Between ticks: waits for a reader that is behind."""
+        if self._shown is not None:
+            self._shown.tell(message)
 
     def close(self) -> None:
-        """Leave the last state on the screen, and say what was never on it; safe to call twice."""
+        """Leave the last state on the screen; safe to call twice."""
         self._until_closed.close()
-        if self._there is not None:
-            self._there.close()
-            if self._there.lost:  # the run and its recording lack nothing
+        if self._shown is not None:
+            self._shown.close()
+            if self._shown.lost:  # the run and its recording lack nothing
                 with contextlib.suppress(OSError):
-                    aside(f"{self._there.lost} pictures of the run were not drawn in time")
-            self._there = None
-        if self._here is not None:
-            self._here.close()
+                    aside(f"{self._shown.lost} pictures of the run were not drawn in time")
+            self._shown = None
 
 
 @contextlib.contextmanager
@@ -163,28 +164,6 @@ def verdict(result: Any) -> str:
     return "\n".join(lines)
 
 
-def facts(result: Any) -> list[str]:
-    """What a person wants to know of a trial, a line each."""
-    facts = []
-    if (late_ms := result.detection_latency_ms) is not None:
-        when = f"{late_ms:.0f} ms after" if late_ms >= 0.0 else f"{-late_ms:.0f} ms before"
-        text = f"slip registered {when} its onset"
-        if result.reaction_latency_ms is not None:
-            text += f", grip force rising {result.reaction_latency_ms:.0f} ms after it"
-        facts.append(text)
-    if result.slip_distance_m is not None:
-        slipped = f"the object slipped {result.slip_distance_m * 1e3:.1f} mm"
-        facts.append(", ".join(t for t in (slipped, view.turned_text(result.turned_rad)) if t))
-    if result.paused_s:
-        facts.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")
-    true_n, measured_n = result.peak_force_n, result.peak_measured_n
-    peaks = ", ".join(f"{name} {force:.1f}" for name, force in (true_n or measured_n).items())
-    known = "true" if true_n else "estimated by the fingertips"
-    facts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
-    facts.append(limit_in_words(result.force_limit_n, result.cap_mode))
-    return facts
-
-
 def trial_line(result: Any) -> str:
     """One lift or tap of several in a line."""
     tap = result.scenario == "tap"
@@ -193,7 +172,7 @@ def trial_line(result: Any) -> str:
              f"{spelt(result.outcome):<18}"]  # fmt: skip
     if moved_m is not None:
         parts.append(f"{'moved' if tap else 'slipped'} {moved_m * 1e3:5.1f} mm")
-        parts.append(view.turned_text(result.turned_rad))
+        parts.append(turned_text(result.turned_rad))
     if tap and result.slip_duration_ms is not None:
         parts.append(f"in {result.slip_duration_ms:3.0f} ms")
     if result.detection_latency_ms is not None:

@@ -5,6 +5,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -23,52 +24,17 @@ BAD_CACHE = (
 )
 
 
+MODULES = {
+    **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
+    **dict.fromkeys(("status", "gripper", "arm", "release"), "devices"),
+    "dataset": "training", "detector train": "training", "tactile": "calibrate",
+}  # fmt: skip
+
+
 def module_of(command: str) -> ModuleType:
     """The module with what a command does, imported when it runs."""
     group = command.partition(" ")[0]
-    if group == "run":
-        from grasp.cli import run
-
-        return run
-    if group in ("replay", "runs", "report", "export"):
-        from grasp.cli import recordings
-
-        return recordings
-    if group == "campaign":
-        from grasp.cli import campaign
-
-        return campaign
-    if group == "dataset" or command == "detector train":
-        from grasp.cli import training
-
-        return training
-    if group == "detector":
-        from grasp.cli import detector
-
-        return detector
-    return _device_module(group)
-
-
-def _device_module(group: str) -> ModuleType:
-    if group in ("tactile", "calibrate"):
-        from grasp.cli import calibrate
-
-        return calibrate
-    if group == "doctor":
-        from grasp.cli import doctor
-
-        return doctor
-    if group == "emulate":
-        from grasp.cli import emulate
-
-        return emulate
-    if group == "config":
-        from grasp.cli import config
-
-        return config
-    from grasp.cli import devices
-
-    return devices
+    return import_module(f"grasp.cli.{MODULES.get(command) or MODULES.get(group, group)}")
 
 
 def _version() -> str:

@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 PICTURES = (".svg", ".png", ".pdf")
-OBJECT_HELP = (
-    "one of config/objects (ball, box, can, cardboard, foam, football; kept for testing: book, "
-    "bottle, jar, mug, orange, sponge), or the path of a .toml file of one's own"
-)
+OBJECT_HELP = "one of config/objects, or a .toml file of your own"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
@@ -51,31 +48,23 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
 
 def file_to_write(text: str) -> Path:
     """Reads the name of a file, in a folder that is there and can be written."""
-    return _writable(Path(text), _problem(Path(text), Path(text).parent))
+    return _writable(text, _problem(Path(text), Path(text).parent))
 
 
 def file_with_folders(text: str) -> Path:
     """As ``file_to_write``, where missing folders are made."""
-    return _writable(Path(text), _problem(Path(text), nearest(Path(text).parent)))
+    return _writable(text, _problem(Path(text), nearest(Path(text).parent)))
 
 
 def folder_to_fill(text: str) -> Path:
     """Reads the name of a folder, one that is there or can be made."""
-    return _writable(Path(text), against_writing(nearest(Path(text))))
+    return _writable(text, against_writing(nearest(Path(text))))
 
 
-def picture(text: str) -> Path:
-    """Reads the name of a file of a kind that can be drawn."""
-    if Path(text).suffix not in PICTURES:
-        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
-        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
-    return file_to_write(text)
-
-
-def _writable(path: Path, problem: str) -> Path:
+def _writable(text: str, problem: str) -> Path:
     if problem:
-        raise argparse.ArgumentTypeError(f"{str(path)!r}: {problem}")
-    return path
+        raise argparse.ArgumentTypeError(f"{text!r}: {problem}")
+    return Path(text)
 
 
 def _problem(path: Path, folder: Path) -> str:
@@ -119,27 +108,24 @@ _FLAG = {"action": "store_true"}
 # what `share` adds: option and value, help, more
 SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
     "json": ("--json", "one JSON object on standard output, nothing else", _FLAG),
-    "config": ("--config FILE", "TOML over the packaged settings; several: later ones on top "
-        "(default: $GRASP_CONFIG)", {"type": Path, "action": "append"}),
-    "set": ("--set SECTION.KEY=VALUE", "one setting; may be repeated; `grasp config` lists them",
+    "config": ("--config FILE", "settings over the packaged ones (default: $GRASP_CONFIG)",
+        {"type": Path, "action": "append"}),
+    "set": ("--set SECTION.KEY=VALUE", "one setting; `grasp config` lists them",
         {"action": "append", "default": []}),
-    "rig": ("--rig NAME", "emulated (real protocols to a cell in another process), simulated "
-        "(virtual time), hardware, or a .toml file based on one of these", {"default": "emulated"}),
+    "rig": ("--rig NAME", "emulated (real protocols, a cell in another process), simulated "
+        "(virtual time), hardware, or a .toml file", {"default": "emulated"}),
     "seed": ("--seed N", "random seed", {"type": seed, "default": 0}),
-    "object": ("--object NAME", f"{OBJECT_HELP} (default: %(default)s)", {"default": "can"}),
-    "profile": ("--profile NAME", "one of config/profiles: how detector, decision and reaction are "
-        "set together", {"default": "default"}),
-    "detector": ("--detector NAME", "one of config/detectors, one that an installed package "
-        "offers, or one of your own: FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
+    "object": ("--object NAME", OBJECT_HELP, {"default": "can"}),
+    "profile": ("--profile NAME", "one of config/profiles", {"default": "default"}),
+    "detector": ("--detector NAME", "one of config/detectors, of an installed package, or "
+        "your own: FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
     "runs": ("--runs DIR", "folder of recordings", {"type": Path, "default": "runs"}),
     "jobs": ("--jobs N", "worker processes (default: one per core)",
         {"type": whole(1, MOST_JOBS), "default": len(os.sched_getaffinity(0))}),
-    "cluster": ("--cluster ADDRESS", "use the workers of this Dask scheduler instead, e.g. "
-        "tcp://10.0.0.1:8786 (needs the extra `cluster`)", {}),
-    "confirm": ("--confirm-motion", "required for every motion of the hardware rig: confirms that "
-        "the cell is clear and a person watches", _FLAG),
-    "dry": ("--dry-run", "on real devices: query them, print what would move, and move nothing",
-        _FLAG),
+    "cluster": ("--cluster ADDRESS", "workers of a Dask scheduler instead (extra `cluster`)", {}),
+    "confirm": ("--confirm-motion", "the cell is clear and a person watches: needed by every "
+        "motion of the hardware rig", _FLAG),
+    "dry": ("--dry-run", "on real devices: print what would move, and move nothing", _FLAG),
 }  # fmt: skip
 
 

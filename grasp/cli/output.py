@@ -1,5 +1,5 @@
-"""How results and progress are printed: lines for a person; under --json, JSON and nothing else on
-standard output, whatever a library prints."""
+"""Prints results and progress: lines for a person, or under --json only JSON on standard output,
+whatever a library prints."""
 
 import argparse
 import contextlib
@@ -50,8 +50,7 @@ def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], co
 
 
 def listing(result: Any) -> str:
-    """The fields of a result, a line each, under the names that they have in JSON too; numbers with
-    four digits, and with the 95 % interval that ``intervals`` has of them."""
+    """The fields of a result, a line each, with their 95 % interval if ``intervals`` has one."""
     import msgspec
 
     fields = msgspec.structs.asdict(result) if isinstance(result, msgspec.Struct) else dict(result)
@@ -83,9 +82,8 @@ def aside(text: str) -> None:
 def progress(
     doing: str, hidden: bool = False, every_s: float = math.inf
 ) -> Iterator[Callable[..., None]]:
-    """A moving bar with the time left on standard error, a line for each tenth where that is no
-    terminal, and after ``every_s`` without one; yields what takes done, total and what is done
-    now."""
+    """A bar with the time left on standard error; if that is no terminal, a line for each tenth and
+    after ``every_s``. Yields a function of done, total and what is done now."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -116,8 +114,8 @@ def _progress_lines(doing: str, every_s: float) -> Callable[..., None]:
 
 
 def open_standard_streams() -> None:
-    """Open those that whoever started us had closed, on nothing: the next file that is opened, say
-    a recording, would get such a number, and whatever is printed."""
+    """Open on /dev/null those that are closed: else a recording would get such a descriptor, and
+    what is printed."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
@@ -127,8 +125,8 @@ def open_standard_streams() -> None:
 
 
 class _Stream:
-    """A standard stream whose errors cannot be taken for a device's: without a reader standard
-    output raises UnreadError, and standard error nothing."""
+    """Without a reader standard output raises UnreadError, and standard error nothing, so that
+    neither is taken for an error of a device."""
 
     def __init__(self, stream: TextIO, silent: bool) -> None:
         self._stream, self._silent = stream, silent
@@ -155,7 +153,7 @@ class _Stream:
 
 @contextlib.contextmanager
 def guarded_streams() -> Iterator[None]:
-    """Within, errors of standard output and error are known for theirs."""
+    """Within, standard output and error are ``_Stream``."""
     out, err = cast(TextIO, _Stream(sys.stdout, False)), cast(TextIO, _Stream(sys.stderr, True))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         yield
@@ -163,8 +161,8 @@ def guarded_streams() -> Iterator[None]:
 
 @contextlib.contextmanager
 def only_json() -> Iterator[None]:
-    """Within, ``print_json`` alone writes to standard output. What else is printed goes to standard
-    error, also by libraries and processes that write to the descriptor itself."""
+    """Within, ``print_json`` alone writes to standard output. All else goes to standard error, also
+    what libraries and processes write to the descriptor itself."""
     global _results  # noqa: PLW0603  (there is one standard output)
     out = sys.stdout
     with contextlib.ExitStack() as stack:

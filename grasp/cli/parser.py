@@ -33,8 +33,7 @@ class Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises usage errors, also for unknown options, so that the help they name is the command's
-    own."""
+    """Raises usage errors, also for unknown options."""
 
     def __init__(self, *args: Any, **given: Any) -> None:
         self._headed: dict[str, Any] = {}
@@ -59,8 +58,8 @@ class Parser(argparse.ArgumentParser):
     def option(
         self, names: str, text: str, reads: Callable[[str], Any] | None = None, **given: Any
     ) -> None:
-        """``names``: its own and what its value is called, as `--seed N` or `file FILE`. The help
-        ends with the default where it says nothing of one."""
+        """``names``: `--seed N` or `file FILE`. The help ends with the default if ``text`` does not
+        mention it."""
         *words, last = names.split()
         if not words or last.startswith("-"):
             words.append(last)
@@ -77,15 +76,13 @@ class Parser(argparse.ArgumentParser):
     def command(
         self, name: str, text: str, more: str = "", examples: Sequence[str] = (), section: str = ""
     ) -> "Parser":
-        """Add a command. ``text``: its line in lists; ``more``: what its own help adds.
-        ``section``: of a help that lists commands in sections."""
+        """Add a command. ``text``: its line in lists; ``more``: what its own help adds."""
         if self._commands is None:
             self._commands = self.add_subparsers(
                 metavar="COMMAND", required=True, parser_class=Parser
             )
         if section:
-            listed = argparse.Action([], name, help=text)
-            self._sections.setdefault(section, []).append(listed)
+            self._sections.setdefault(section, []).append(argparse.Action([], name, help=text))
         parser: Parser = self._commands.add_parser(name, help=text, description=text + more)
         if examples:
             parser.epilog = EXAMPLES + "\n".join(f"  {line}" for line in examples)
@@ -123,15 +120,15 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, f"see `{self.prog} --help`")
 
     def commands(self) -> "dict[str, Parser]":
-        """Its commands by name; none where it is one that does something."""
+        """Its commands by name."""
         return {} if self._commands is None else dict(self._commands.choices)
 
     def arguments(self) -> list[argparse.Action]:
-        """All that it takes but commands."""
+        """Its options and positional arguments."""
         return [action for action in self._actions if action is not self._commands]
 
     def leaves(self) -> "Iterator[Parser]":
-        """All commands below it that do something, itself if it has none below."""
+        """All commands below it without commands of their own."""
         for parser in self.commands().values():
             yield from parser.leaves()
         if self._commands is None:
@@ -151,7 +148,7 @@ def complete(parser: Parser) -> None:
 
 
 def _names_of(kind: str) -> Callable[..., list[str]]:
-    """Names of config/<kind>, and the files that one of the user's own may be in."""
+    """Names of config/<kind>, and files of the user's own."""
 
     def names_and_files(prefix: str, **_: object) -> list[str]:
         from argcomplete.completers import FilesCompleter
@@ -159,8 +156,8 @@ def _names_of(kind: str) -> Callable[..., list[str]]:
         from detector.plugins import offered
         from grasp.settings import names
 
-        if kind != "detectors":
-            return [*names(kind), *FilesCompleter(("toml",))(prefix)]
-        return [*names(kind), *offered(), *FilesCompleter(("toml", "py", "onnx"))(prefix)]
+        more = kind == "detectors"
+        files = FilesCompleter(("toml", "py", "onnx") if more else ("toml",))(prefix)
+        return [*names(kind), *(offered() if more else ()), *files]
 
     return names_and_files

@@ -102,9 +102,7 @@ def _line(name: str, result: dict[str, Any]) -> str:
     slip = result.get("slip_distance_m", result.get("displacement_m"))
     told = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
     if "samples" in result:
-        told = (
-            f"{result['samples']} samples, {result['slip']} slip, direction {result['direction']}"
-        )
+        told = "{samples} samples, {slip} slip, direction {direction}".format(**result)
     seed = f"seed {result['seed']:<6}"
     return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
 
@@ -149,34 +147,41 @@ def export(args: argparse.Namespace) -> int:
     to, database = args.to or by_name or "csv", is_database(args.run)
     if database and to != "csv":
         raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
-    made = _campaign_table if database else {"csv": _table, "svg": _picture, "layout": _layout}[to]
-    print(made(args.run, args.out))
+    if to == "svg":
+        print(_draw(args.run, args.out))
+        return exits.SUCCESS
+    default, content, begins = _campaign_file(args.run) if database else _run_file(args.run, to)
+    out = args.out or default
+    check_writable(out, begins)
+    write_whole(out, content.encode(), private=True)
+    print(out)
     return exits.SUCCESS
 
 
-def _write(out: Path, content: str, begins: str) -> Path:
-    check_writable(out, begins)
-    write_whole(out, content.encode(), private=True)
-    return out
-
-
-def _table(run: Path, out: Path | None) -> Path:
-    from scenarios.report.export import BEGINS, as_csv
-    from scenarios.trial.run_folder import find_recording
-
-    return _write(out or find_recording(run).with_suffix(".csv"), as_csv(run), BEGINS)
-
-
-def _layout(run: Path, out: Path | None) -> Path:
+def _run_file(run: Path, to: str) -> tuple[Path, str, str]:
+    """Default path, content and how a file of ours begins: a run's table, or a viewer's layout."""
     from grasp.settings import config_dir
+    from scenarios.report.export import BEGINS, as_csv
     from scenarios.trial.run_folder import find_recording, open_trial
 
-    open_trial(run)
+    recording = find_recording(run)
+    if to == "csv":
+        return recording.with_suffix(".csv"), as_csv(run), BEGINS
+    open_trial(run)  # raises BadFile
     content = (config_dir() / "viewers" / "foxglove.json").read_text("utf-8")
-    return _write(out or find_recording(run).with_name(LAYOUT), content, LAYOUT_BEGINS)
+    return recording.with_name(LAYOUT), content, LAYOUT_BEGINS
 
 
-def _picture(run: Path, out: Path | None) -> Path:
+def _campaign_file(file: Path) -> tuple[Path, str, str]:
+    from scenarios.campaign.store import COLUMNS, CampaignStore
+
+    text = io.StringIO(newline="")
+    with CampaignStore.open(file) as store:
+        store.write_csv(text)
+    return file.with_suffix(".csv"), text.getvalue(), ",".join(COLUMNS[:3])
+
+
+def _draw(run: Path, out: Path | None) -> Path:
     need("charts", "matplotlib")
     from scenarios.report.export import draw_run
     from scenarios.trial.run_folder import find_recording
@@ -188,12 +193,3 @@ def _picture(run: Path, out: Path | None) -> Path:
     check_writable(out)
     draw_run(run, out)
     return out
-
-
-def _campaign_table(file: Path, out: Path | None) -> Path:
-    from scenarios.campaign.store import COLUMNS, CampaignStore
-
-    text = io.StringIO(newline="")
-    with CampaignStore.open(file) as store:
-        store.write_csv(text)
-    return _write(out or file.with_suffix(".csv"), text.getvalue(), ",".join(COLUMNS[:3]))

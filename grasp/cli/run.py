@@ -1,5 +1,4 @@
-"""`grasp run SCENARIO`: one lift, a series of taps or an acquisition, live and recorded; and its
-dry run, which queries real devices and moves nothing."""
+"""`grasp run SCENARIO`: lifts, taps or an acquisition, live and recorded, and their dry runs."""
 
 import argparse
 import json
@@ -19,15 +18,14 @@ from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import motion
-from scenarios.campaign.config import load_config
+from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words
-from scenarios.rigs.device_checks import ask_devices, ask_pressing_devices
+from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
-from scenarios.tap.tap import tap_config
-from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard
+from scenarios.trial.layers import trial_layers
 
 ENOUGH = "q"
 POLL_S = 0.05
@@ -59,7 +57,7 @@ def run_lift(args: argparse.Namespace) -> int:
             print(rule)
         warn_of_untuned_rule(config, trial_layers(*chosen))
 
-    scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
+    scenario = EXPERIMENTS[args.scenario].own(config)
     return run_trials(args, scenario, permit, begin)
 
 
@@ -68,8 +66,7 @@ def run_tap(args: argparse.Namespace) -> int:
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
-    """Permission to move what the rig has, if it is known which devices are meant; says where
-    measured figures are from."""
+    """Permission to move the rig's devices; prints where measured figures are from."""
     permit = motion_permit(config, args)
     check_devices(config)
     if permit is not None:  # an acquisition has neither calibration nor source
@@ -111,9 +108,7 @@ def run_acquire(args: argparse.Namespace) -> int:
 
 def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
     """Ask, close in free air, ask again; returns the settings of the gentle lift that follows.
-
-    Raises UsageError on a rig without real devices, and where the person ends it.
-    """
+    Raises UsageError on a rig without real devices, and where the person ends it."""
     if permit is None or args.json or args.trials is not None or args.resume:
         raise UsageError("--first is one lift by a person on the rig hardware",
                          "without --json, --trials and --resume; or leave --first out")  # fmt: skip
@@ -165,9 +160,7 @@ def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
     _check_real(config)
     check_devices(config)
     counts_per_newton(config, args.seed)  # raises where nobody has measured it
-    return _print_dry_run(
-        press_plan(config, course, args.seconds), ask_pressing_devices(config), args
-    )
+    return _print_dry_run(press_plan(config, course, args.seconds), ask_devices(config), args)
 
 
 def _check_real(config: Any) -> None:
@@ -189,8 +182,7 @@ def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace
 
 
 def dry_code(against: list[Any]) -> int:
-    """Of the run that would not start: who drives the cell is asked first, then all devices are
-    opened, and only then the hand is looked at."""
+    """Exit code of the run: the cell is checked first, then the devices, and then the hand."""
     if not against:
         return exits.SUCCESS
     codes = [exits.code_of(check.kind or DeviceFault.kind) for check in against]
@@ -201,7 +193,7 @@ def dry_code(against: list[Any]) -> int:
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
     """The settings as that run uses them; raises ConfigError for what would be refused."""
     if args.scenario == "tap":
-        config = tap_config(config.for_tap())
+        config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:
         config = gently(config)
     make_guard(config)

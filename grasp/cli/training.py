@@ -1,7 +1,8 @@
-"""`grasp dataset`: build or collect a data set of labelled recordings; `grasp detector train`: fit
-a network to such data sets and write its weights, which needs the extra `train`."""
+"""`grasp dataset`: build or collect labelled recordings. `grasp detector train`: train a network on
+them and write its weights (extra `train`)."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from scenarios.trial.result import versions
 
 TELL_S = 10.0  # at least so often how far a training is
 # options that are settings of a training
-SETTINGS = ("seed", "steps", "augmentation", "label", "moved_m", "validations")
+SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
 
 def dataset_build(args: argparse.Namespace) -> int:
@@ -34,17 +35,14 @@ def dataset_build(args: argparse.Namespace) -> int:
     planned = f"{len(jobs)} recordings"
     if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
         planned += f"; {too_short(short)}: a larger --share makes them longer"
-    before, finished = -1, 0
+    exits.say(planned)
+    finished = 0
     with progress("recordings", hidden=args.json) as bar:
 
-        def report(done: int, total: int) -> None:  # earlier builds say nothing of the time left
-            nonlocal before, finished
+        def report(done: int, total: int) -> None:
+            nonlocal finished
             finished = done
-            if before < 0:
-                before = done
-                exits.say(planned + (f"; {done} are there" if done else ""))
-            else:
-                bar(done - before, total - before)
+            bar(done, total)
 
         try:
             made = build.build(jobs, config, args.out, workers(args), report)
@@ -75,7 +73,7 @@ def detector_train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
-        raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
+        raise UsageError(f"{out} does not end in {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
     checkpoint = out.with_suffix(".checkpoint")
     _check_files(args, out, checkpoint)
     training, validation = _prepare(args)
@@ -95,10 +93,7 @@ def detector_train(args: argparse.Namespace) -> int:
         f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is any; the "
         "log's is of all recordings)")  # fmt: skip
     if training.step < training.settings.steps:
-        why = "its minutes were spent (--minutes)"
-        if training.stands_still:
-            why = "validation improved no more"
-        exits.say(f"ended before its {training.settings.steps} steps: {why}")
+        exits.say(f"validation improved no more before {training.settings.steps} steps")
     if (rule := out.with_suffix(".toml")).is_file():
         exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
     return exits.SUCCESS
@@ -138,7 +133,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
     """Train to the end and write the weights; returns their card. An interruption waits for the end
-    of a step, so that the checkpoint is of whole ones."""
+    of a step."""
     from detector.training.export import export
 
     with (
@@ -161,6 +156,6 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
                 log.flush()
             signals.check()
 
-        training.run(args.minutes, out.with_suffix(".checkpoint"), report)
+        training.run(math.inf, out.with_suffix(".checkpoint"), report)
     signals.check()
     return export(training, validation, out, versions()["commit"])

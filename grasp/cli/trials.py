@@ -17,7 +17,7 @@ from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
 from grasp.cli.live import Display, trial_line, verdict, viewed
 from grasp.cli.output import aside, show
-from scenarios.campaign import experiment as experiments
+from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
 from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.result import Failure
@@ -43,8 +43,7 @@ def is_single(args: argparse.Namespace) -> bool:
 
 
 def is_asked(args: argparse.Namespace) -> bool:
-    """Whether a person at real devices is asked: a single lift may be started by a script, and
-    nobody is there to answer."""
+    """Whether a person at real devices is asked: a script may start a single lift."""
     return not is_single(args) or (sys.stdin is not None and sys.stdin.isatty())
 
 
@@ -57,10 +56,9 @@ def is_paced(args: argparse.Namespace) -> bool:
 def run_trials(
     args: argparse.Namespace, config: Any, permit: Any, begin: Callable[[], None]
 ) -> int:
-    """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called once nothing
-    prevents them any more."""
+    """Lifts or taps. ``config``: of the scenario. ``begin`` is called when nothing prevents it."""
     single = is_single(args)
-    experiment = experiments.Experiment(config, args.seed, trials_of(args))
+    experiment = trial_series.TrialSeries(args.scenario, config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
         raise UsageError(told, "leave it out, or --trials 1")
@@ -108,7 +106,7 @@ def _follow(
             watch=None if page is None else page.watch, placed=args.first,
         )  # fmt: skip
         try:
-            for finished, row in experiments.run(experiment, bench, store):
+            for finished, row in trial_series.run(experiment, bench, store):
                 failure, result = finished.failure, finished.result
                 if row is not None:
                     rows[row.trial] = row
@@ -215,7 +213,7 @@ def _report_last(results: list[Any], config: Any, kept: str) -> None:
 
 
 def _kept(rows: list[Any], out: Path, of: int) -> str:
-    """What a series ``of`` so many has left, and how to go on with it where some are missing."""
+    """What a series ``of`` so many trials has left, and how to continue it."""
     judged = sum(row.status == "done" for row in rows)
     void = f", {len(rows) - judged} more not counted" if len(rows) > judged else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"

@@ -1,16 +1,11 @@
-"""What is drawn of a run: plain lines, or a panel in a terminal.
+"""Terminal view of a run: plain lines, or a live panel. In wall time it is a process of its own
+(``python -m grasp.cli.view``), which reads one JSON message a line until its input ends."""
 
-In wall time this is a process of its own (``python -m grasp.cli.view``, begun by ``grasp.watch``),
-which reads one JSON message a line until its input ends.
-"""
-
-import math
 import sys
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from detector.auxiliary_outputs import SECTOR_DEG
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State
@@ -19,10 +14,8 @@ from grasp.watch import leave_signals_to_the_run
 if TYPE_CHECKING:
     from rich.status import Status
 
-BAR_CELLS, TEXT_CELLS = 30, 47  # of a bar at most; of a panel's line beside its two bars
+BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
 FORCE_FULL_N = 12.0
-LEAST_TURN_DEG = 0.1  # less is not told
-ARROWS = "→↗↑↖←↙↓↘"  # of eight directions, from a fingertip's x to its y
 _STYLE: dict[str, str] = {
     State.COMPENSATE: "bold yellow", State.HOLD: "bold green", State.KEPT: "bold green",
     State.FAULT: "bold red",
@@ -30,7 +23,7 @@ _STYLE: dict[str, str] = {
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """The first message: what kind of picture is wanted."""
+    """The first message."""
 
     panel: bool
 
@@ -59,8 +52,6 @@ class Glimpse(msgspec.Struct, frozen=True, tag=True):
     probabilities: list[float]
     positions: Counts3
     arm_m: float | None  # None: no number, which JSON cannot say
-    speed: str = ""  # of slip, of the hand
-    arrows: str = 3 * " "  # where each fingertip slides over the object, in the frame of its pad
     trial: str = ""  # which of several
 
 
@@ -71,11 +62,6 @@ def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
     """What is shown of a tick."""
     slip = tick.decision.slip
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
-    motion = tick.observation.motion if slip.armed else None
-    speed, arrows = "", ""
-    if motion is not None:
-        speed = f"some {1e3 * motion.hand_mps:.0f} mm/s"
-        arrows = "".join(ARROWS[deg // SECTOR_DEG] for deg in motion.direction_deg)
     return Glimpse(
         t_s=tick.t_ns * 1e-9,
         phase=tick.decision.state.value,
@@ -86,16 +72,8 @@ def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
         probabilities=tick.observation.probabilities.tolist(),
         positions=tick.gripper.positions,
         arm_m=tick.arm.position_m[2],
-        speed=speed,
-        arrows=arrows or 3 * " ",
         trial=trial,
     )
-
-
-def turned_text(turned_rad: float | None) -> str:
-    """How far the object has turned in the hand; empty where nobody would see it."""
-    turned_deg = math.degrees(abs(turned_rad or 0.0))
-    return f"turned {turned_deg:.1f} deg" if turned_deg >= LEAST_TURN_DEG else ""
 
 
 def sample_line(sample: Any) -> str:
@@ -113,7 +91,7 @@ class Lines:
     def take(self, message: Message) -> None:
         # in one write: another process asks its questions on the same terminal
         if isinstance(message, Glimpse):
-            sys.stdout.write(f"{_line(message)}\n")
+            sys.stdout.write(f"{line(message)}\n")
         elif isinstance(message, Busy | Note):
             sys.stdout.write(f"{message.text}\n")
         sys.stdout.flush()
@@ -123,7 +101,7 @@ class Lines:
 
 
 class Panel:
-    """A panel that is redrawn in place, with the log of phases and registrations above it."""
+    """A panel that is redrawn in place, below a log of phases and registrations."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -147,7 +125,7 @@ class Panel:
         self._stop_waiting()
         self._live.start()  # with the first one; does nothing afterwards
         if seen.news:
-            self._live.console.print(short_line(seen), highlight=False)
+            self._live.console.print(line(seen), highlight=False)
         self._live.update(panel(seen, self._live.console.width), refresh=True)
 
     def _stop_waiting(self) -> None:
@@ -160,41 +138,29 @@ class Panel:
         self._live.stop()
 
 
-def _line(seen: Glimpse) -> str:
-    fingers = "  ".join(
-        f"{name} {force:5.1f} N p {p:4.2f}"
-        for name, force, p in zip(FINGER_NAMES, seen.measured_n, seen.probabilities, strict=True)
-    )
-    speed = f", {seen.speed}" if seen.speed else ""
-    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {fingers}  slip {seen.slip}{speed}"
-
-
-def short_line(seen: Glimpse) -> str:
-    """For the log above a panel, which has the rest: at most 80 columns."""
+def line(seen: Glimpse) -> str:
+    """One tick in at most 80 columns."""
     pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
     return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {forces} N  slip {seen.slip}"
 
 
 def panel(seen: Glimpse, width: int) -> Any:
-    """The live picture, ``width`` columns at most: phase, slip status, and a bar of force and of
-    probability a finger."""
+    """Phase, slip status, and bars of force and probability a finger, ``width`` columns at most."""
     from rich.panel import Panel as Frame
     from rich.table import Table
     from rich.text import Text
 
     cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
-    rows = zip(
-        FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, seen.arrows, strict=True
-    )
-    for name, force_n, p, position, way in rows:
+    rows = zip(FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, strict=True)
+    for name, force_n, p, position in rows:
         table.add_row(
             f"finger {name}",
             Text(_bar(force_n / FORCE_FULL_N, cells), style="cyan"),
             f"{force_n:5.1f} N",
             Text(_bar(p, cells), style="red" if p > 0.5 else "blue"),
-            f"p {p:4.2f} {way}",
+            f"p {p:4.2f}",
             f"{position:3d} counts",
         )
     arm = " no number" if seen.arm_m is None else f"{seen.arm_m:6.3f} m"
@@ -204,8 +170,7 @@ def panel(seen: Glimpse, width: int) -> Any:
         (seen.slip, "bold red" if seen.registered else "green"),
         " ",
     )
-    below = " · ".join(filter(None, (seen.trial, seen.speed)))
-    return Frame(table, title=title, title_align="left", subtitle=below or None, expand=False)
+    return Frame(table, title=title, title_align="left", subtitle=seen.trial or None, expand=False)
 
 
 def _bar(part: float, cells: int) -> str:
@@ -220,8 +185,8 @@ def main() -> None:
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
     shown = Panel() if isinstance(first, Begin) and first.panel else Lines()
     try:
-        for line in sys.stdin.buffer:
-            shown.take(decode(line))
+        for message in sys.stdin.buffer:
+            shown.take(decode(message))
         shown.close()
     except OSError:  # the screen is gone
         return

@@ -40,7 +40,7 @@ from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
 from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
 from scenarios.trial.result import REPORT, Bug, Failure, versions
-from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, dated, metadata
+from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
 
 
@@ -196,8 +196,8 @@ def run(
     """
     check_runs(runs)
     with signals.deferred(), open_acquire_rig(config, seed, paced, permit) as rig:
-        dates = dated(rig.clock.virtual, rig.clock.unix_ns)
-        known = {**metadata(config, seed), **dates, "motion": msgspec.json.encode(motion).decode()}
+        course = msgspec.json.encode(motion).decode()
+        known = {**metadata(config, seed, rig.clock), "motion": course}
         name = f"{SCENARIO}-{config.surface.name}"
         drawn = PressPictures(config, rig.clock.unix_ns)
         with RunFolder(runs, name, {**CHANNELS, **VIEWER_CHANNELS}, known) as folder:

@@ -2,7 +2,6 @@
 reads it."""
 
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,7 +38,7 @@ class Choice(msgspec.Struct, frozen=True):
     p99_delay_ms: float | None = None  # older evaluations have none
 
 
-class SlipHeard(msgspec.Struct, frozen=True):
+class ScoredSlip(msgspec.Struct, frozen=True):
     """One slip and its delay; ``delay_ms`` None: missed."""
 
     recording: str
@@ -53,16 +52,11 @@ class SlipHeard(msgspec.Struct, frozen=True):
 class SlipTrace(msgspec.Struct, frozen=True):
     """Samples around one slip, times in seconds from its onset."""
 
-    slip: SlipHeard
+    slip: ScoredSlip
     t_s: list[float]
     pressed: list[list[float]]  # of each finger, counts over its mean before slip began
     probabilities: list[float]
     slipping: list[tuple[float, float]]  # from, to
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for columns that are not as long as one another."""
-        if {len(self.t_s)} != {len(column) for column in (*self.pressed, self.probabilities)}:
-            raise ValueError("times, pressures and probabilities differ in number")
 
 
 class Evaluated(msgspec.Struct, frozen=True):
@@ -73,7 +67,7 @@ class Evaluated(msgspec.Struct, frozen=True):
     sheet: dict[str, Any]
     choices: list[Choice]  # from few false events to many
     reliability: list[ReliabilityBin]
-    slips: list[SlipHeard]
+    slips: list[ScoredSlip]
     worst: list[SlipTrace]
 
 
@@ -108,7 +102,7 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
     rule, streams = made.config.rule, made.streams
     parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
-    found = [(s, slip) for s in streams for slip in slips_heard(s, rule)]
+    found = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
     return Evaluated(
         detector=made.label,
@@ -124,7 +118,7 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
     )
 
 
-def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
+def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
     """Every slip of one recording that `evaluate_streams` counts."""
     recording = streamed.recording
     how = events_by_label(streamed.label)
@@ -134,8 +128,8 @@ def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
     events = slips.truth[slips.counted[slips.truth[:, 0]]]
     last = len(recording.t_s) - 1
     return [
-        SlipHeard(
-            recording=_name(recording.source),
+        ScoredSlip(
+            recording="/".join(Path(recording.source).parts[-2:]),
             onset_s=float(recording.t_s[first]),
             delay_ms=_known(float(delay)),
             kind=_kind(streamed),
@@ -147,7 +141,7 @@ def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
     ]  # fmt: skip
 
 
-def trace(streamed: Streamed, slip: SlipHeard, rule: RuleSettings) -> SlipTrace:
+def trace(streamed: Streamed, slip: ScoredSlip, rule: RuleSettings) -> SlipTrace:
     """The samples around a slip of that recording."""
     recording = streamed.recording
     t_s = recording.t_s - slip.onset_s
@@ -171,28 +165,23 @@ def trace(streamed: Streamed, slip: SlipHeard, rule: RuleSettings) -> SlipTrace:
     )
 
 
-def _badness(slip: SlipHeard) -> tuple[float, float]:
+def _badness(slip: ScoredSlip) -> tuple[float, float]:
     """Largest for a miss, then by distance; below that by delay."""
     late_ms = math.inf if slip.delay_ms is None else slip.delay_ms
     return late_ms, slip.slid_mm or 0.0
 
 
 def _kind(streamed: Streamed) -> str:
-    told = streamed.recording.metadata
-    return "" if told is None else told.cause or told.motion
+    about = streamed.recording.metadata
+    return "" if about is None else about.cause or about.motion
 
 
 def _speed_mps(streamed: Streamed, first: int, after: int) -> float | None:
-    told, speed = streamed.recording.metadata, streamed.recording.contact_speed_mps
-    if told is not None and told.speed_mps > 0.0:
-        return told.speed_mps
-    turns = told is not None and told.spin_radps > 0.0  # its speed is no one number
+    about, speed = streamed.recording.metadata, streamed.recording.contact_speed_mps
+    if about is not None and about.speed_mps > 0.0:
+        return about.speed_mps
+    turns = about is not None and about.spin_radps > 0.0  # its speed is no one number
     return None if speed is None or turns else float(speed[first:after].max())
-
-
-def _name(source: str) -> str:
-    path = Path(source)
-    return f"{path.parent.name}/{path.name}" if path.parent.name else path.name
 
 
 def _known(value: float) -> float | None:
@@ -202,16 +191,3 @@ def _known(value: float) -> float | None:
 def _rounded(values: Any, digits: int) -> list[float]:
     out: list[float] = np.round(np.asarray(values, np.float64), digits).tolist()
     return out
-
-
-def command_of(
-    names: Sequence[str], source: Sequence[Path], label: str, more: Mapping[str, Sequence[str]]
-) -> list[str]:
-    """The command that repeats an evaluation; ``more``: options and their values."""
-    words = ["grasp", "detector", "evaluate", *names]
-    kind = "--data" if all(path.is_dir() for path in source) else "--recording"
-    words += [kind, *map(str, source), "--label", label]
-    for option, values in more.items():
-        for value in values:
-            words += [option, value]
-    return words

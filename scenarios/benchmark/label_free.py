@@ -3,7 +3,7 @@
 A recording is a lift with a long hold, or a file of counts (`grasp detector tune --unlabelled`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
@@ -23,20 +23,24 @@ from scenarios.trial.run_folder import open_trial
 Counts = NDArray[np.int16]  # (n, fingers, taxels)
 
 
-def hold_in(
-    path: Path, fits: Callable[[Counts], object] = lambda counts: None
-) -> tuple[Counts, slice, float]:
+def hold_in(path: Path) -> tuple[Counts, slice, float]:
     """Counts of a recording, the samples of its hold, and the load in counts that ended with it.
 
-    Raises BadFile for another file, UsageError for one without a hold or its end, and what ``fits``
-    raises for the counts.
+    Raises BadFile for another file, UsageError for one without a hold or its end.
     """
     if path.suffix in (SUFFIX, ".csv"):
         counts = read(path, labelled=False).counts
-        fits(counts)
         return counts, *hold_of(counts)
-    counts, phases = _of_run(path)
-    fits(counts)
+    rows: list[list[int]] = []
+    phases: list[str] = []
+    latest: list[int] | None = None
+    for topic, _, message in open_trial(path):
+        if topic == TACTILE and isinstance(message, TactileMessage):
+            latest = message.counts
+        elif topic == CONTROL and isinstance(message, ControlMessage) and latest is not None:
+            rows.append(latest)
+            phases.append(message.phase)
+    counts = np.array(rows, np.int16).reshape(len(rows), FINGERS, -1)
     held = np.flatnonzero([phase == State.HOLD for phase in phases])
     _, load = hold_of(counts)
     if not len(held):
@@ -44,33 +48,11 @@ def hold_in(
     return counts, slice(int(held[0]) + SETTLED, int(held[-1])), load
 
 
-def _of_run(path: Path) -> tuple[Counts, list[str]]:
-    counts: list[list[int]] = []
-    phases: list[str] = []
-    latest: list[int] | None = None
-    for topic, _, message in open_trial(path):
-        if topic == TACTILE and isinstance(message, TactileMessage):
-            latest = message.counts
-        elif topic == CONTROL and isinstance(message, ControlMessage) and latest is not None:
-            counts.append(latest)
-            phases.append(message.phase)
-    return np.array(counts, np.int16).reshape(len(counts), FINGERS, -1), phases
-
-
-def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
-    """The rule with a threshold set by holds without slip, and never below the configured
-    one: a hold has no closing, no lifting and no taps."""
-
-    def fits(counts: Counts) -> object:
-        return config.make_detector(counts.shape[1], counts.shape[2])
-
-    return rule_of(config, [hold_in(path, fits) for path in paths], budget_per_min)
-
-
-def rule_of(
-    config: TrialConfig, recorded: Sequence[tuple[Counts, slice, float]], budget_per_min: float
+def tune_unlabelled(
+    config: TrialConfig, recorded: Iterable[tuple[Counts, slice, float]], budget_per_min: float
 ) -> Unlabelled:
-    """As ``tune_unlabelled``, from results of ``hold_in``."""
+    """The rule with a threshold set by results of ``hold_in``, holds without slip, and never below
+    the configured one: a hold has no closing, no lifting and no taps."""
     holds, loads = [], []
     for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])

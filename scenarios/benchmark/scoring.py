@@ -34,11 +34,7 @@ T = TypeVar("T")
 Tell = Callable[[int, int], None]  # progress: done, total
 
 
-def silent(done: int, total: int) -> None:
-    """Reports no progress."""
-
-
-def reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
+def _reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
     """The items; progress is reported after each."""
     for done, item in enumerate(items, 1):
         yield item
@@ -71,9 +67,9 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         word = self.config.detector_name
         return word if is_code(word) or is_weights(word) else self.detector.name
 
-    def points(self, tell: Tell = silent) -> list[SweepPoint]:
+    def points(self, tell: Tell = lambda done, total: None) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""
-        return sweep(self.streams, reported(list(rules(self.config.rule)), tell))
+        return sweep(self.streams, _reported(list(rules(self.config.rule)), tell))
 
 
 def read_split(
@@ -110,18 +106,18 @@ def contender(
     label: LabelName = "slip",
     files: Files = None,
     assignments: Sequence[str] = (),
-    tell: Tell = silent,
+    tell: Tell = lambda done, total: None,
 ) -> Contender:
     """Stream the named detector with its settings over the recordings."""
     config = load_config("can", "simulated", name, files, assignments)
-    counted = reported(recordings, tell)
+    counted, first = _reported(recordings, tell), recordings[0]
     streams = stream_recordings(config.make_detector, counted, stopwatch_ns, label)
-    return Contender(
-        config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
-    )
+    return Contender(config, config.make_detector(first.fingers, first.taxels), streams, data)
 
 
-def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> SweepPoint | None:
+def tune_rule(
+    made: Contender, budget_per_min: float, tell: Tell = lambda done, total: None
+) -> SweepPoint | None:
     """The quickest rule within a budget of false events a minute of a hand; None if none is."""
     points = made.points(tell)
     points += sweep(made.streams, at_the_budget(points, budget_per_min))

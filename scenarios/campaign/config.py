@@ -1,29 +1,30 @@
-"""The union of what lift and tap can be told: what a file or a command line may say of either."""
+"""The experiments, and the settings that a file or a command line may give for any of them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from grasp.settings import load
-from scenarios.lift.config import LiftConfig
-from scenarios.lift.scoring import ScoringSettings
+from scenarios.lift.lift import LiftConfig, lift
 from scenarios.rigs.calibration import Files, own_layers
-from scenarios.rigs.config import part
-from scenarios.tap.config import TapConfig
-from scenarios.tap.settings import TapScoringSettings, TapSettings
-from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, check_read, trial_layers
+from scenarios.tap.config import TapConfig, TapSettings
+from scenarios.tap.tap import tap
+from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
+from scenarios.trial.experiment import Experiment
+from scenarios.trial.layers import check_read, trial_layers
+
+EXPERIMENTS: dict[str, Experiment[Any, Any, Any]] = {each.name: each for each in (lift, tap)}
 
 
 class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Resolved settings of a lift or a tap."""
 
-    scoring: ScoringSettings = ScoringSettings()
     tap: TapSettings = TapSettings()
-    tap_scoring: TapScoringSettings = TapScoringSettings()
 
     def for_lift(self) -> LiftConfig:
-        return part(self, LiftConfig)
+        return lift.own(self)
 
     def for_tap(self) -> TapConfig:
-        return part(self, TapConfig)
+        return tap.own(self)
 
 
 def load_config(
@@ -39,7 +40,7 @@ def load_config(
     layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
     own = own_layers(files, assignments)
-    check_read(config.detector_name, config.rule, config.controller, own)
+    check_read(config.rule, config.controller, own, config.detector_name)
     return config
 
 

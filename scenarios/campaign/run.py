@@ -57,26 +57,19 @@ def run(
         # closed at once when something goes wrong here: the workers must not outlive it
         with closing(outcomes(work, todo, workers)) as found:
             for outcome in found:
-                progress = _counted(progress, store.add(_finished(outcome)))
+                row = store.add(outcome.result or Finished(_error_row(outcome)))
+                progress = Progress(
+                    total=progress.total,
+                    done=progress.done + 1,
+                    new=progress.new + 1,
+                    successes=progress.successes + bool(row.success),
+                    errors=progress.errors + (row.status == "error"),
+                )
                 on_progress(progress)
     return progress
 
 
-def _finished(outcome: Outcome[Task, Finished]) -> Finished:
-    if outcome.result is not None:
-        return outcome.result
+def _error_row(outcome: Outcome[Task, Finished]) -> Row:
     error = outcome.error
     known = isinstance(error, GraspError)
-    return Finished(
-        error_row(outcome.task, str(error) if known else f"{type(error).__name__}: {error}")
-    )
-
-
-def _counted(before: Progress, row: Row) -> Progress:
-    return Progress(
-        total=before.total,
-        done=before.done + 1,
-        new=before.new + 1,
-        successes=before.successes + bool(row.success),
-        errors=before.errors + (row.status == "error"),
-    )
+    return error_row(outcome.task, str(error) if known else f"{type(error).__name__}: {error}")

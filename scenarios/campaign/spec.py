@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,10 +15,7 @@ from detector.plugins import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml
-from scenarios.campaign.config import RunConfig, load_config
-from scenarios.lift.config import LiftConfig
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
+from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name
@@ -26,44 +24,25 @@ MOST_TRIALS = 1_000_000
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 
 
+Listed = Annotated[tuple[str, ...], Meta(min_length=1)]
+Seed = Annotated[int, Meta(ge=0, lt=100)]
+
+
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
+    """A grid: every combination of what is listed, each so many times. Empty: as the profile.
+    Paths are relative to the campaign's file."""
 
     name: Name
     scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
-    objects: Annotated[
-        tuple[str, ...],
-        Meta(
-            min_length=1, description="of config/objects, or paths of files beside the campaign's"
-        ),
-    ]
-    profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
-        "default",
-    )
-    detectors: Annotated[
-        tuple[str, ...],
-        Meta(description="of config/detectors, or FILE.py:NAME or FILE.onnx beside the campaign's"),
-    ] = ()
-    sweep: Annotated[
-        dict[str, tuple[Any, ...]], Meta(description="settings, section.key = [values]")
-    ] = {}
-    config: Annotated[
-        tuple[str, ...],
-        Meta(description="TOML files beside the campaign's, for every trial; later ones on top"),
-    ] = ()
-    settings: Annotated[
-        tuple[str, ...], Meta(description="section.key=value, for every trial")
-    ] = ()
-    seeds: Annotated[
-        tuple[Annotated[int, Meta(ge=0, lt=100)], ...],
-        Meta(min_length=1, description="trial seeds are seed x 10000 + repetition"),
-    ] = (0,)
-    repetitions: Annotated[
-        int, Meta(ge=1, le=SEEDS_APART, description="of every combination (paper: 20)")
-    ] = 20
-    recordings: Annotated[
-        Literal["failures", "all", "none"], Meta(description="which are kept")
-    ] = "failures"
+    objects: Listed  # of config/objects, or paths
+    profiles: Listed = ("default",)
+    detectors: tuple[str, ...] = ()  # of config/detectors, or FILE.py:NAME, or FILE.onnx
+    sweep: dict[str, tuple[Any, ...]] = {}  # settings, section.key = [values]
+    config: tuple[str, ...] = ()  # TOML files for every trial; later ones on top
+    settings: tuple[str, ...] = ()  # section.key=value, for every trial
+    seeds: Annotated[tuple[Seed, ...], Meta(min_length=1)] = (0,)  # times SEEDS_APART
+    repetitions: Annotated[int, Meta(ge=1, le=SEEDS_APART)] = 20  # of every combination (paper: 20)
+    recordings: Literal["failures", "all", "none"] = "failures"
 
 
 class Task(msgspec.Struct, frozen=True):
@@ -74,7 +53,7 @@ class Task(msgspec.Struct, frozen=True):
     repetition: int
     seed: int
     swept: dict[str, Any]  # settings that differ between the combinations
-    config: LiftConfig | TapConfig
+    config: TrialConfig
     recordings: str
 
 
@@ -83,7 +62,7 @@ class Combination(msgspec.Struct, frozen=True):
 
     scenario: str
     swept: dict[str, Any]
-    config: LiftConfig | TapConfig
+    config: TrialConfig
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -141,41 +120,28 @@ def _load(
         raise ConfigError("campaign", key, f"{problem}{at}", allowed) from None
 
 
-def _of(scenario: str, whole: RunConfig) -> LiftConfig | TapConfig:
+def _of(scenario: str, whole: RunConfig) -> TrialConfig:
     """The scenario's own part of the settings, checked."""
     make_guard(whole)
-    if scenario != tap.SCENARIO:
-        return whole.for_lift()
-    tap.tap_config(whole.for_tap())
-    return whole.for_tap()
+    experiment = EXPERIMENTS[scenario]
+    own: TrialConfig = experiment.own(whole)
+    experiment.configure(own)
+    return own
 
 
 def _check_axes(spec: CampaignSpec) -> None:
     """Nothing is run twice and counted twice, and a sweep sweeps."""
     named = ("scenarios", "objects", "profiles", "detectors", "seeds")
-    swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
-    for axis, values in ({name: getattr(spec, name) for name in named} | swept).items():
-        seen = set()
-        for value in values:
-            known = _hashable(value)
-            if known in seen:
-                raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
-            seen.add(known)
-    for axis, values in swept.items():
-        if not values:
-            raise ConfigError("campaign", axis, "is empty", "one value or more")
-    places = math.prod(
-        len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
-    )
-    if places * spec.repetitions > MOST_TRIALS:
+    axes = {name: getattr(spec, name) for name in named}
+    axes |= {f"sweep.{key}": values for key, values in spec.sweep.items()}
+    if math.prod(len(values) or 1 for values in axes.values()) * spec.repetitions > MOST_TRIALS:
         raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
-
-
-def _hashable(value: Any) -> Any:
-    """Equal for equal values of TOML."""
-    if isinstance(value, dict):
-        return frozenset((key, _hashable(each)) for key, each in value.items())
-    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
+    for axis, values in axes.items():
+        for text, times in Counter(map(_literal, values)).items():
+            if times > 1:
+                raise ConfigError("campaign", axis, f"{text} twice", "each value once")
+        if not values and axis.startswith("sweep."):
+            raise ConfigError("campaign", axis, "is empty", "one value or more")
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:
@@ -196,7 +162,7 @@ def _literal(value: Any) -> str:
 
 
 def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Task]:
-    """All trials. Repetitions are outermost: a campaign that was cut short has seen every
+    """All trials. Repetitions are outermost: a campaign that was cut short has run every
     combination about equally often, on the same seeds."""
     numbers = itertools.count()
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):

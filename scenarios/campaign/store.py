@@ -7,20 +7,21 @@ import csv
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Self, TextIO
 
 import msgspec
 
-from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from drivers.errors import BadFile, ConfigError, CouldNotRecord, one_line
 from grasp.files import (
     LEADS_NOWHERE,
-    make_private_file,
+    PRIVATE_FILE,
     make_private_folder,
     partial_of,
     write_whole,
 )
-from scenarios.campaign.lock import writing
+from grasp.lock import Holder, locked
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
@@ -97,10 +98,10 @@ class CampaignStore:
 
     @classmethod
     def resume(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """The file, if it is of this campaign, else ConfigError; a new one if there is none, or
-        one that was killed before it held anything. Raises BadFile for a damaged one."""
+        """The file, if it is of this campaign, else ConfigError; a new one if there is none. Raises
+        BadFile for a damaged one."""
         with _claimed(path) as lock:
-            if not path.exists() or _blank(path):
+            if not path.exists():
                 return cls._begun(path, spec, places)._keeping(lock)
             store = cls.open(path)
             store.rows()  # damage is found before anything is written
@@ -128,19 +129,9 @@ class CampaignStore:
 
     @classmethod
     def _begun(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        store = None
-        try:
-            with _written(path):
-                make_private_file(path)  # SQLite would ask the umask
-                store = cls(path)
-                store._create(spec, places)
-        except CouldNotRecord:
-            if store is not None:
-                store._held.close()
-            for part in ("", "-journal"):
-                path.with_name(path.name + part).unlink(missing_ok=True)
-            raise
-        return store
+        with _written(path):
+            write_whole(path, _new_file(spec, places), private=True)
+        return cls.open(path)
 
     def _keeping(self, lock: ExitStack) -> Self:
         """Keep the lock until the file is closed; remove what a killed writer left of a
@@ -150,24 +141,6 @@ class CampaignStore:
             for part in self._recordings.glob(partial_of("*.mcap", "*")):
                 part.unlink()
         return self
-
-    def _create(self, spec: CampaignSpec, places: Sequence[Combination]) -> None:
-        trial, *others = COLUMNS
-        self._db.execute("BEGIN")
-        self._db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)")
-        self._db.execute("CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT)")
-        self._db.execute(f"CREATE TABLE trials ({trial} INTEGER PRIMARY KEY, {', '.join(others)})")
-        self._insert("campaign", "format", FORMAT)
-        self._insert("campaign", "spec", msgspec.json.encode(spec).decode())
-        for place in {p.config.digest(): p for p in places}.values():
-            settings = msgspec.json.encode(place.config).decode()
-            self._insert("configs", place.config.digest(), settings)
-        self._db.execute("COMMIT")
-        self.spec = spec
-
-    def _insert(self, table: str, *values: Any) -> None:
-        marks = ", ".join("?" * len(values))
-        self._db.execute(f"INSERT OR REPLACE INTO {table} VALUES ({marks})", values)
 
     def _check(self) -> None:
         """Raises BadFile unless this is a campaign of this format, whole as a database."""
@@ -206,7 +179,9 @@ class CampaignStore:
             row = msgspec.structs.replace(row, recording=f"{kept.parent.name}/{kept.name}")
         try:
             with _written(self.path):
-                self._insert("trials", *map(_plain, msgspec.structs.astuple(row)))
+                marks = ", ".join("?" * len(COLUMNS))
+                values = [*map(_plain, msgspec.structs.astuple(row))]
+                self._db.execute(f"INSERT OR REPLACE INTO trials VALUES ({marks})", values)
         except CouldNotRecord:
             if kept is not None:
                 kept.unlink(missing_ok=True)
@@ -241,6 +216,20 @@ class CampaignStore:
         writer.writerows(msgspec.structs.asdict(row) for row in self.rows())
 
 
+def _new_file(spec: CampaignSpec, places: Sequence[Combination]) -> bytes:
+    """A campaign's file without a row."""
+    trial, *others = COLUMNS
+    configs = {p.config.digest(): msgspec.json.encode(p.config).decode() for p in places}
+    known = [("format", FORMAT), ("spec", msgspec.json.encode(spec).decode())]
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
+        db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)")
+        db.execute("CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT)")
+        db.execute(f"CREATE TABLE trials ({trial} INTEGER PRIMARY KEY, {', '.join(others)})")
+        db.executemany("INSERT INTO campaign VALUES (?, ?)", known)
+        db.executemany("INSERT INTO configs VALUES (?, ?)", configs.items())
+        return db.serialize()
+
+
 @contextmanager
 def _claimed(path: Path) -> Iterator[ExitStack]:
     """The folder made and the file locked, until the stack is closed or here, on an error."""
@@ -248,26 +237,30 @@ def _claimed(path: Path) -> Iterator[ExitStack]:
         raise ConfigError(str(path), "--out", "is a folder", "a new file")
     try:
         make_private_folder(path.parent)
-        with suppress(FileNotFoundError):
-            path.with_name(f"{path.name}-journal").lstat()  # the longest name that is needed
     except OSError as error:
         if error.errno in LEADS_NOWHERE:
             raise ConfigError(str(path), "--out", str(error.strerror), "another file") from None
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:
-        lock.enter_context(writing(path))
+        beside = path.resolve().with_name(f"{path.resolve().name}.lock")
+        try:
+            lock.enter_context(locked(beside, PRIVATE_FILE, partial(_held, path)))
+        except OSError as error:
+            raise CouldNotRecord(f"{beside}: {error.strerror}", "choose another --out") from None
         yield lock
+
+
+def _held(path: Path, holder: Holder | None) -> ConfigError:
+    by = f"process {holder.pid}: {one_line(holder.command)}" if holder else "another process"
+    return ConfigError(
+        str(path), "--out", f"is being written by {by}",
+        "another --out, or wait until that has ended",
+    )  # fmt: skip
 
 
 def _uri(path: Path) -> str:
     """Also a reader opens it to write: half of a killed writer's last row is taken back first."""
     return f"{path.absolute().as_uri()}?mode=rw"
-
-
-def _blank(path: Path) -> bool:
-    """True for a database without any table, and for an empty file."""
-    with _read(path), closing(sqlite3.connect(_uri(path), uri=True)) as db:
-        return bool(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0)
 
 
 def _plain(value: Any) -> Any:

@@ -2,21 +2,40 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from scenarios.campaign.paper import (
-    LONG,
-    TABLE_IV,
-    TRIALS,
-    wilson,
-)
 from scenarios.campaign.worker import Row
 from scenarios.lift.scoring import LiftOutcome
 
 NEAR, FAR = LiftOutcome.HELD_WITHIN_6CM.value, LiftOutcome.HELD_WITHIN_12CM.value
+TRIALS = 20
+Z_95 = 1.959964
+
+
+class PaperCell(msgspec.Struct, frozen=True):
+    """Successes of twenty (paper, table IV); a long object's lifts split at 6 and 12 cm."""
+
+    tap: int
+    near: int  # lift, within 6 cm; of the other objects: held
+    far: int = 0  # lift, 6 to 12 cm
+
+    @property
+    def lift(self) -> int:
+        return self.near + self.far
+
+
+TABLE_IV = {
+    "ball": PaperCell(18, 7),
+    "box": PaperCell(17, 20),
+    "cardboard": PaperCell(18, 9, 8),
+    "football": PaperCell(18, 17),
+    "foam": PaperCell(16, 7),
+    "can": PaperCell(18, 15, 4),
+}
+LONG = ("box", "cardboard", "can")
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,7 +123,7 @@ def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
 
 def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
     ran = [row for row in rows if row.status == "done"]
-    done = _counted(scenario, ran)
+    done = ran if scenario == "lift" else [row for row in ran if row.moved]
     successes = sum(bool(row.success) for row in done)
     outcomes, counted = _outcomes(ran), {row.trial for row in done}
     split = scenario == "lift" and name in LONG
@@ -119,26 +138,22 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=outcomes,
         apart=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=_of_a_world([registered_ms(row) for row in done], done),
-        reaction_latency_ms=_of_a_world([_force_rises_ms(row) for row in done], done),
+        detection_latency_ms=_of_a_world(registered_ms, done),
+        reaction_latency_ms=_of_a_world(_force_rises_ms, done),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
-        slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
-        turned_deg=_of_a_world([_turned_deg(scenario, row) for row in done], done),
+        slip_distance_mm=quantiles([_slip_mm(row) for row in done]),
+        turned_deg=_of_a_world(_turned_deg, done),
         paused_s=quantiles([row.paused_s for row in done]),
     )
 
 
 def registered_ms(row: Row) -> float | None:
     """After the onset of slip; an alarm that came before there was any has not registered it."""
-    return None if _false_start(row) else row.detection_latency_ms
+    return None if row.outcome == LiftOutcome.FALSE_START else row.detection_latency_ms
 
 
 def _force_rises_ms(row: Row) -> float | None:
-    return None if _false_start(row) else row.reaction_latency_ms
-
-
-def _false_start(row: Row) -> bool:
-    return row.outcome == LiftOutcome.FALSE_START
+    return None if row.outcome == LiftOutcome.FALSE_START else row.reaction_latency_ms
 
 
 def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
@@ -146,35 +161,25 @@ def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(str(row.outcome) for row in rows).most_common())
 
 
-def _of_a_world(values: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
+def _of_a_world(figure: Callable[[Row], float | None], rows: Sequence[Row]) -> Quantiles | None:
     """What a world alone knows, such as when slip began: None of real devices. None of a value is
     one that never came."""
-    known = [
-        value
-        for value, row in zip(values, rows, strict=True)
-        if value is not None or row.peak_force_n is not None  # true forces: a world knows
-    ]
+    values = [(figure(row), row) for row in rows]
+    # true forces: a world knows
+    known = [v for v, row in values if v is not None or row.peak_force_n is not None]
     return quantiles(known) if known else None
 
 
-def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:
-    """Trials that a success rate is out of: of taps, those that moved the object."""
-    done = [row for row in rows if row.status == "done"]
-    return done if scenario == "lift" else [row for row in done if row.moved]
+def _slip_mm(row: Row) -> float | None:
+    """A lifted object that was lost slipped for ever."""
+    lost = row.scenario == "lift" and not row.success
+    return None if row.slip_distance_m is None or lost else row.slip_distance_m * 1e3
 
 
-def _slip_mm(scenario: str, row: Row) -> float | None:
-    """Slip distance; a lifted object that was lost slipped for ever."""
-    if row.slip_distance_m is None or (scenario == "lift" and not row.success):
-        return None
-    return row.slip_distance_m * 1e3
-
-
-def _turned_deg(scenario: str, row: Row) -> float | None:
+def _turned_deg(row: Row) -> float | None:
     """Rotation in the hand; of a lifted object that was lost as its slip distance."""
-    if row.turned_rad is None or (scenario == "lift" and not row.success):
-        return None
-    return math.degrees(abs(row.turned_rad))
+    lost = row.scenario == "lift" and not row.success
+    return None if row.turned_rad is None or lost else math.degrees(abs(row.turned_rad))
 
 
 def paper_rate(scenario: str, name: str) -> float | None:
@@ -183,3 +188,13 @@ def paper_rate(scenario: str, name: str) -> float | None:
     if cell is None:
         return None
     return (cell.tap if scenario == "tap" else cell.lift) / TRIALS
+
+
+def wilson(successes: int, n: int) -> tuple[float, float]:
+    """95 % score interval of a proportion (Wilson 1927); 0 to 1 without trials."""
+    if n == 0:
+        return 0.0, 1.0
+    p, z2 = successes / n, Z_95**2
+    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
+    half = Z_95 / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
+    return max(0.0, middle - half), min(1.0, middle + half)

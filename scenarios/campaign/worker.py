@@ -9,16 +9,16 @@ from typing import Any
 import msgspec
 
 from grasp.fault import INTERRUPTED
+from scenarios.campaign.config import EXPERIMENTS
 from scenarios.campaign.spec import Task
-from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
-from scenarios.lift.result import LiftResult
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
-from scenarios.tap.result import TapResult
-from scenarios.trial.result import FinishedRun, TrialResult, Wanted, versions
+from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
-AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
+AnyRun = FinishedRun[Any]
+# columns of a row that only one of the experiments has
+OWN_COLUMNS = (
+    "reaction_latency_ms", "slip_distance_m", "turned_rad", "alarm_stayed", "moved", "direction",
+    "nominal_again_ms",
+)  # fmt: skip
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,22 +64,17 @@ class Finished(msgspec.Struct, frozen=True):
     recording: bytes | None = None
 
 
-def run_once(
-    config: LiftConfig | TapConfig, seed: int, runs: Path | None, wanted: Wanted | None = None
-) -> AnyRun:
-    """One judged trial of the scenario that the settings are of; KeyboardInterrupt passes."""
-    finished: AnyRun
-    if isinstance(config, TapConfig):
-        finished = tap.run(config, seed, runs, wanted=wanted)
-    else:
-        finished = lift.run(config, seed, runs, wanted=wanted)
-    if finished.result is not None and finished.result.outcome == INTERRUPTED:
+def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | None]:
+    """One judged trial; KeyboardInterrupt passes."""
+    finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.config, trial.seed, runs)
+    result, failure = finished.result, finished.failure
+    if result is not None and result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
-    if finished.result is not None and finished.result.bug is not None:
-        raise RuntimeError(finished.result.bug.traceback)
-    if finished.failure is not None and finished.failure.kind == "internal":
-        raise RuntimeError(finished.failure.message)
-    return finished
+    if result is not None and result.bug is not None:
+        raise RuntimeError(result.bug.traceback)
+    if result is None or (failure is not None and failure.kind == "internal"):
+        raise RuntimeError("no result" if failure is None else failure.message)
+    return result, failure
 
 
 def run_trial(trial: Task) -> Finished:
@@ -102,76 +97,50 @@ def spent(wall: float, cpu: float) -> dict[str, Any]:
     }
 
 
-def error_row(trial: Task, error: str, finished: AnyRun | None = None) -> Row:
+def error_row(trial: Task, error: str, result: TrialResult | None = None) -> Row:
     """The row of a trial that could not be judged, with what it left, if it left something."""
-    result = None if finished is None or finished.result is None else _table(finished.result)
-    return Row(**identity(trial), status="error", error=error, result=result)
+    left = None if result is None else _table(result)
+    return Row(**identity(trial), status="error", error=error, result=left)
 
 
 def _run(trial: Task) -> Finished:
-    if trial.recordings == "none":
-        return Finished(judged(trial, run_once(trial.config, trial.seed, None)))
-    wanted = failed if trial.recordings == "failures" else None
+    if trial.recordings != "all":
+        result, failure = run_once(trial, None)
+        if trial.recordings == "none" or not result.failed:
+            return Finished(judged(trial, result, failure))
+    # one that failed is run again: it comes out alike, and most trials need no recording
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
-        finished = run_once(trial.config, trial.seed, Path(folder), wanted)
-        row, result = judged(trial, finished), finished.result
-        if result is not None and result.recording is not None:
-            return Finished(row, Path(result.recording).read_bytes())
-        if wanted is not None and result is not None and not wanted(result):
-            return Finished(row)
-        raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
+        result, failure = run_once(trial, Path(folder))
+        if result.recording is None:
+            raise OSError("nothing was recorded" if failure is None else failure.message)
+        return Finished(judged(trial, result, failure), Path(result.recording).read_bytes())
 
 
-def failed(result: TrialResult) -> bool:
-    """Whether a trial is worth a recording; a tap that moved nothing is no failure."""
-    unmoved = isinstance(result, TapResult) and result.moved is False
-    return not (result.success or unmoved)
-
-
-def judged(trial: Task, finished: AnyRun) -> Row:
+def judged(trial: Task, result: TrialResult, failure: Failure | None) -> Row:
     """The row of a trial that was judged, whatever its verdict."""
-    result = finished.result
-    if result is None:
-        raise RuntimeError(finished.failure.message if finished.failure else "no result")
+    own: dict[str, Any] = {name: getattr(result, name, None) for name in OWN_COLUMNS}
     return Row(
         **identity(trial),
-        **_figures(result),
+        **own,
         status="done",
         success=result.success,
         outcome=result.outcome,
         detection_latency_ms=result.detection_latency_ms,
-        turned_rad=result.turned_rad,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
         paused_s=result.paused_s,
         result=_table(result),
-        error=finished.failure.message if finished.failure else None,
+        error=failure.message if failure else None,
         timing=_json(result.timing),
     )
 
 
-def _table(result: LiftResult | TapResult) -> str:
+def _table(result: TrialResult) -> str:
     """All of a result that has no column of its own."""
     table: dict[str, Any] = msgspec.to_builtins(result)
     for column in ("timing", "recording", "versions"):
         del table[column]
     return _json(table)
-
-
-def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
-    """Columns that one of the scenarios has."""
-    if isinstance(result, LiftResult):
-        return {
-            "reaction_latency_ms": result.reaction_latency_ms,
-            "slip_distance_m": result.slip_distance_m,
-            "alarm_stayed": result.alarm_stayed,
-        }
-    return {
-        "moved": result.moved,
-        "direction": result.direction,
-        "nominal_again_ms": result.nominal_again_ms,
-        "slip_distance_m": result.displacement_m,
-    }
 
 
 def identity(trial: Task) -> dict[str, Any]:

@@ -40,15 +40,15 @@ from scenarios.lab.fit import (
     odd_press,
     of_presses,
 )
-from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, step_targets
-from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
+from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, retry, step_targets
+from scenarios.rigs.calibration import FAR, MANUAL
 from scenarios.rigs.permission import MotionPermit, require
 from scenarios.rigs.rig import known_state
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.person import Operator
 
 NEWTONS = {"n": 1.0, "g": N_PER_G, "kg": 1e3 * N_PER_G}
-READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
+READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)", re.IGNORECASE)
 UNIT = "with its unit (N, g, kg)"
 CLOSED = 255
 BACK_COUNTS = 20  # off the scale; some 15 mm
@@ -62,7 +62,7 @@ UNLOADED_S = 2.0  # recorded after a hold
 
 def newtons(text: str) -> float:
     """Of a number with its unit, N, g or kg; raises UsageError for anything else."""
-    found = READING.match(text.strip())
+    found = READING.fullmatch(text.strip())
     if found is None:
         raise UsageError(f"{text.strip()!r} is no reading", "a number and its unit: N, g or kg")
     return float(found[1].replace(",", ".")) * NEWTONS[found[2].lower()]
@@ -127,7 +127,7 @@ class Presser:
 
         with signals.deferred(sealed=True), SuppressBugs():
             off = max(0, self.counts - BACK_COUNTS)
-            there = self._hand.retry(back)
+            there = retry(back, self._hand.clock)
         say(
             f"the finger has backed off the scale and stands, at {self.counts} counts; to open "
             f"the hand: `{release}`" if there
@@ -171,12 +171,7 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
     the end of its codes."""
     i = FINGER_NAMES.index(finger)
     falls, rail = [], False
-    tick_ns = clock.now_ns
-    for _ in range(SAMPLES):
-        signals.check()
-        tick_ns += PERIOD_NS
-        clock.sleep_until_ns(tick_ns)
-        touch.pump(clock.now_ns)
+    for _ in touch.ticks(clock, SAMPLES):
         if touch.counts is not None and touch.rest is not None:
             counts = touch.counts[i]
             codes = counts + touch.rest[i]
@@ -237,63 +232,43 @@ def calibrate_hand(
     """The file of what force byte 0 presses with on a scale. Raises UsageError for data that do not
     support it, and before anything moves where ``up_to_n`` is less than it may press with."""
     with open_presser(config, permit, finger, up_to_n, say) as presser:
-        forces, reason = pressed(presser, presses, up_to_n, operator)
-        known = of_presses(forces)
+        known = of_presses(pressed(presser, presses, up_to_n, operator))
         say(f"byte 0: {known.mean_n:.2f} N, 95 % below {known.bound_n:.2f} N")
         presser.to(0)
-    return hand_file(finger, known, reason, note)
+    return hand_file(finger, known, note)
 
 
-def pressed(
-    presser: Presser, presses: int, up_to_n: float, operator: Operator
-) -> tuple[list[float], str]:
-    """What a person read of so many presses, N, and why they are far from the manual's, which is
-    asked of the first such press. A press that the others contradict is made again. Raises Refused
-    without a scale."""
+def pressed(presser: Presser, presses: int, up_to_n: float, operator: Operator) -> list[float]:
+    """What a person read of so many presses, N. A press that the others contradict is repeated.
+    Raises Refused without a scale."""
     forces: list[float] = []
-    reason = ""
     while len(forces) < presses:
         if not presser.to(CLOSED):
             presser.to(0)
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
         question = f"Press {len(forces) + 1} of {presses}: what does the scale say, {UNIT}?"
-        force_n, reason = _press(presser, question, up_to_n, operator, reason)
-        forces.append(force_n)
+        forces.append(_press_reading(presser, question, up_to_n, operator))
         if (odd := odd_press(forces)) is not None:
             operator.say(f"{forces.pop(odd):.2f} N contradicts the others: it is pressed again")
         presser.to(max(0, presser.counts - BACK_COUNTS))
-    return forces, reason
+    return forces
 
 
-def _press(
-    presser: Presser, question: str, up_to_n: float, operator: Operator, reason: str
-) -> tuple[float, str]:
-    """One reading, and the reason so far; asked again for what is none, or far from the manual's
-    for no reason."""
-    force_n: float | None = None
-    while force_n is None or (not reason and _far(force_n)):
-        far = "" if force_n is None else _far(force_n)
-        again = f"{far}: type it again {UNIT}; or, if it is so, type why" if far else question
-        line = ask(operator, again, presser.idle)
+def _press_reading(presser: Presser, question: str, up_to_n: float, operator: Operator) -> float:
+    """One reading; asked again where it is none, or so far from the manual's force that its unit
+    must be wrong: readings that all have the wrong unit would not contradict one another."""
+    low_n, high_n = MANUAL.least_force_n / FAR, MANUAL.least_force_n * FAR
+    while True:
         try:
-            force_n = load_of(line, up_to_n)
+            force_n = load_of(ask(operator, question, presser.idle), up_to_n)
+            if low_n <= force_n <= high_n:
+                return force_n
+            raise UsageError(
+                f"{force_n:.3g} N is far from the {MANUAL.least_force_n:.3g} N that the manual "
+                "says of byte 0", f"{low_n:.3g} to {high_n:.3g} N; is the unit right?",
+            )  # fmt: skip
         except UsageError as error:
-            if far and len(line.split()) >= LEAST_REASON and not line[0].isdecimal():
-                reason = line
-            else:
-                operator.say(f"{error.message}: {error.remedy}")
-    return force_n, reason
-
-
-def _far(force_n: float) -> str:
-    """Why a reading may have the wrong unit, as all of them may: none would contradict another."""
-    manual_n = MANUAL.least_force_n
-    if manual_n / FAR <= force_n <= manual_n * FAR:
-        return ""
-    return (
-        f"{force_n:.3g} N is far from the {manual_n:.3g} N that the manual says of byte 0 "
-        f"({manual_n / FAR:.3g} to {manual_n * FAR:.3g} would be believed)"
-    )
+            operator.say(f"{error.message}: {error.remedy}")
 
 
 def held_still(
@@ -323,45 +298,39 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
         f"{now()}: {line.points} readings of a scale under finger {finger}, {line.least_n:.2f} to "
         f"{line.most_n:.2f} N"
     )
-    text = (
-        f"# Counts of a fingertip, {measured}.\n"
-        f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %, "
-        "the scale taken as right).\n"
-        f"# Their line misses zero by {line.offset_n:+.2f} N (rest of the pad, tare of the scale), "
-        "which is left out.\n"
-        f"# A reading is at most {line.worst_n:.2f} N from one through zero. Nothing was measured "
-        "beyond, nor of the other fingertips.\n"
-        "# For `grasp run acquire` it is control.counts_per_newton.\n"
-        f"[source]\ncounts_per_newton = "
-        f"{noted(f'{measured}, {low:.1f} to {high:.1f} (95 %)', note)}\n"
-        f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
-    )
+    source = noted(f"{measured}, {low:.1f} to {high:.1f} (95 %)", note)
+    text = f"""\
+# Counts of a fingertip, {measured}.
+# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %, the scale taken as right).
+# Their line misses zero by {line.offset_n:+.2f} N (rest of the pad, tare of the scale), which is left out.
+# A reading is at most {line.worst_n:.2f} N from one through zero. Nothing was measured beyond, nor of the other fingertips.
+# For `grasp run acquire` it is control.counts_per_newton.
+[source]
+counts_per_newton = {source}
+[guard]
+counts_per_newton = {line.slope:.1f}
+"""  # noqa: E501
     return _usable(text, "guard", GuardSettings)
 
 
-def hand_file(finger: str, known: Presses, reason: str, note: str = "") -> str:
-    """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
-    ``reason``: why the hand is far from the manual's."""
-    spread = f"{known.measured_spread_n:.2f}"
-    if known.measured_spread_n < known.spread_n:
-        spread += f", taken as {known.spread_n:.2f}"
-    source = f"scale under finger {finger}, {now()}: {known.count} presses of byte 0"
-    source += f"; far from the manual's: {reason}" if reason else ""
-    lines = [
-        f"# What finger {finger} presses with on a scale, {now()}: an upper bound. 95 % of presses "
-        "stay below, by a rule that is right of 95 % of such files.",
-        f"# {known.count} presses of byte 0: {known.mean_n:.2f} N, spread {spread}, 95 % below "
-        f"{known.bound_n:.2f} N. Other bytes count as strong as can be.",
-        "[calibration]",
-        f"source = {noted(source, note)}",
-        f"least_force_n = {math.ceil(known.bound_n * 100) / 100:g}",
-        f"most_force_n = {MOST_N:g}",
-        f"force_exponent = {STEEPEST:g}",
-        "pressed_bytes = [0]",
-        f"presses = {known.count}",
-        *([f"reason = {noted(reason, '')}"] if reason else []),
-    ]
-    return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
+def hand_file(finger: str, known: Presses, note: str = "") -> str:
+    """A calibration, for `gripper.calibration`; raises UsageError for what none may say."""
+    spread, taken = known.measured_spread_n, known.spread_n
+    told = f"{spread:.2f}" + (f", taken as {taken:.2f}" if spread < taken else "")
+    day = now()
+    source = noted(f"scale under finger {finger}, {day}: {known.count} presses of byte 0", note)
+    text = f"""\
+# What finger {finger} presses with on a scale, {day}: an upper bound. 95 % of presses stay below, by a rule that is right of 95 % of such files.
+# {known.count} presses of byte 0: {known.mean_n:.2f} N, spread {told}, 95 % below {known.bound_n:.2f} N. Other bytes count as strong as can be.
+[calibration]
+source = {source}
+least_force_n = {math.ceil(known.bound_n * 100) / 100:g}
+most_force_n = {MOST_N:g}
+force_exponent = {STEEPEST:g}
+pressed_bytes = [0]
+presses = {known.count}
+"""  # noqa: E501
+    return _usable(text, "calibration", GripperCalibration, name="measured")
 
 
 def _usable(text: str, section: str, settings: type, **more: str) -> str:

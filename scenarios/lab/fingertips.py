@@ -14,8 +14,8 @@ from drivers.takktile.driver import TakkTileDriver
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
+from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import board_address
-from scenarios.rigs.wired import open_board
 
 REST_S = 5.0  # within which the rest is taken
 A_SECOND = 100  # samples
@@ -45,6 +45,16 @@ class Touch:
             raise Stale(
                 f"the tactile board has sent no frame for {silent_ms:.0f} ms", "check its cable"
             )
+
+    def ticks(self, clock: Clock, count: int) -> Iterator[None]:
+        """So many samples at 100 Hz, each polled; Ctrl-C raises."""
+        tick_ns = clock.now_ns
+        for _ in range(count):
+            signals.check()
+            tick_ns += PERIOD_NS
+            clock.sleep_until_ns(tick_ns)
+            self.pump(clock.now_ns)
+            yield
 
     @property
     def counts(self) -> Raw | None:
@@ -104,19 +114,17 @@ class Listened(msgspec.Struct, frozen=True):
     noise_counts: Table
 
     @property
-    def codes(self) -> tuple[tuple[int, ...], ...]:
+    def codes(self) -> list[list[int]]:
         """(3, taxels) mean codes, whole."""
-        return tuple(
-            tuple(round(rest + counts) for rest, counts in zip(*finger, strict=True))
-            for finger in zip(self.rest, self.counts, strict=True)
-        )
+        whole: list[list[int]] = np.rint(np.add(self.rest, self.counts)).astype(int).tolist()
+        return whole
 
     @property
     def most_noise_counts(self) -> float:
         return max(map(max, self.noise_counts))
 
     def in_words(self) -> str:
-        """One line: what each finger bears, the noisiest taxel, frames lost."""
+        """One line: the load on each finger, the noisiest taxel, frames lost."""
         fingers = zip(FINGER_NAMES, self.counts, strict=True)
         sums = (f"{name} {sum(counts):+.0f}" for name, counts in fingers)
         return (
@@ -140,42 +148,28 @@ def listen(config: AnyRigConfig, seconds: float) -> Iterator[Listened]:
     clock = WallClock(WallClock().now_ns)
     with open_touch(config, clock, unloaded=True) as touch:
         every: list[Raw] = []
-        ticks = 0
-        for _ in range(max(1, round(seconds))):
-            raw = _samples(touch, clock)
-            ticks += A_SECOND
+        seconds = max(1, round(seconds))
+        for _ in range(seconds):
+            frames = touch.tips.statistics.frames
+            raw: list[Raw] = []
+            for _ in touch.ticks(clock, A_SECOND):
+                now = touch.tips.statistics.frames
+                if now > frames and touch.tips.latest_raw is not None:
+                    raw.append(touch.tips.latest_raw)
+                frames = now
+            if not raw:
+                raise Stale("the tactile board has sent no frame for a second", "check its cable")
             every += raw
             yield _listened(touch, raw, A_SECOND)
-        yield _listened(touch, every, ticks)
-
-
-def _samples(touch: Touch, clock: Clock) -> list[Raw]:
-    """A second of them, without the ticks that brought no frame."""
-    raw: list[Raw] = []
-    tick_ns, frames = clock.now_ns, touch.tips.statistics.frames
-    for _ in range(A_SECOND):
-        signals.check()
-        tick_ns += PERIOD_NS
-        clock.sleep_until_ns(tick_ns)
-        touch.pump(clock.now_ns)
-        now = touch.tips.statistics.frames
-        if now > frames and touch.tips.latest_raw is not None:
-            raw.append(touch.tips.latest_raw)
-        frames = now
-    if not raw:
-        raise Stale("the tactile board has sent no frame for a second", "check its cable")
-    return raw
+        yield _listened(touch, every, seconds * A_SECOND)
 
 
 def _listened(touch: Touch, raw: list[Raw], ticks: int) -> Listened:
     codes, rest = np.stack(raw), touch.rest
     assert rest is not None  # noqa: S101  (taken when it was opened)
     tables = (rest, codes.mean(axis=0) - rest, codes.std(axis=0))
-    return Listened(len(raw), ticks - len(raw), *map(_table, tables))
-
-
-def _table(values: NDArray[np.generic]) -> Table:
-    return tuple(tuple(map(float, row)) for row in values.tolist())
+    values = [tuple(tuple(map(float, row)) for row in table.tolist()) for table in tables]
+    return Listened(len(raw), ticks - len(raw), *values)
 
 
 def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Listened, str]:
@@ -183,7 +177,7 @@ def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Listened, str]:
     replace = msgspec.structs.replace
     tactile = replace(config.tactile, rest_reference=None)  # it is this that is renewed
     *_, found = listen(replace(config, tactile=tactile), seconds)
-    rows = ",\n".join(f"    {list(row)}" for row in found.codes)
+    rows = ",\n".join(f"    {row}" for row in found.codes)
     day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
     return found, (
         f"# rest codes of an unloaded hand, {day}: mean of {found.samples} samples, noise at most "

@@ -5,9 +5,11 @@ A reading that the others contradict is named, and data that do not support a fi
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist, fmean, median, stdev
+from statistics import fmean, median, stdev
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import UsageError
 from scenarios.rigs.calibration import MANUAL, WEAK_PRESSES
@@ -67,15 +69,6 @@ class Presses(msgspec.Struct, frozen=True):
     bound_n: float
 
 
-def quantile_t(share: float, freedom: int) -> float:
-    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on."""
-    z, v = NormalDist().inv_cdf(share), freedom
-    return (
-        z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2)
-        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)
-    )  # fmt: skip
-
-
 # Counts to newtons
 
 
@@ -84,20 +77,19 @@ def odd_one(points: Sequence[Point]) -> int | None:
     agree best. None: none."""
     if len(points) < LEAST_POINTS or any(p.force_n <= 0.0 or p.measured <= 0.0 for p in points):
         return None
-    x = [math.log(p.measured) for p in points]
-    y = [math.log(p.force_n) for p in points]
+    x = np.log([p.measured for p in points])
+    y = np.log([p.force_n for p in points])
 
-    def misses(i: int) -> tuple[float, list[float]]:
+    def misses(i: int) -> tuple[float, NDArray[np.float64]]:
         """Of one reading and of the others, from the law through the others."""
-        intercept, slope = _line(x[:i] + x[i + 1 :], y[:i] + y[i + 1 :])
-        away = [b - intercept - slope * a for a, b in zip(x, y, strict=True)]
-        return away.pop(i), away
+        away = y - np.polyval(_line(np.delete(x, i), np.delete(y, i)), x)
+        return float(away[i]), np.delete(away, i)
 
-    odd = min(range(len(points)), key=lambda i: sum(miss * miss for miss in misses(i)[1]))
+    odd = min(range(len(points)), key=lambda i: float((misses(i)[1] ** 2).sum()))
     miss, others = misses(odd)
-    away = abs(miss) > max(math.log1p(ODD), ODD_SIGMAS * _spread(others))
     away_n = abs(points[odd].force_n - math.exp(y[odd] - miss))
-    return odd if away and away_n > LEAST_ODD_N else None
+    contradicted = abs(miss) > max(math.log1p(ODD), ODD_SIGMAS * _spread(others.tolist()))
+    return odd if contradicted and away_n > LEAST_ODD_N else None
 
 
 def fit_counts(points: Sequence[Point]) -> Line:
@@ -118,8 +110,6 @@ def fit_counts(points: Sequence[Point]) -> Line:
         )
     if min(p.measured for p in points) <= 0.0:
         raise UsageError("a reading has no counts", "press the pad of the finger that was named")
-    if (odd := odd_one(points)) is not None:
-        raise UsageError(f"reading {odd + 1}, {forces[odd]:.2f} N, contradicts the others", AGAIN)
     if max(forces) < LEAST_MOST_N:
         raise UsageError(
             f"forces up to {max(forces):.2f} N are too near to what a kitchen scale resolves",
@@ -153,15 +143,17 @@ def _half(points: Sequence[Point]) -> float:
     needs no law of the noise."""
     count = len(points)
     slopes = [_weighed([*points[:i], *points[i + 1 :]])[1] for i in range(count)]
-    mean = fmean(slopes)
-    spread = math.sqrt((count - 1) / count * sum((s - mean) ** 2 for s in slopes))
-    return quantile_t(0.975, count - 2) * spread
+    spread = math.sqrt((count - 1) / count * sum((s - fmean(slopes)) ** 2 for s in slopes))
+    freedom = count - 2
+    student = 1.960 + 2.372 / freedom + 2.823 / freedom**2 + 2.556 / freedom**3  # 97.5 %, Fisher
+    return student * spread
 
 
 def _weighed(points: Sequence[Point]) -> tuple[float, float]:
     """Intercept and slope, neither ruled by the strongest readings."""
-    forces = [p.force_n for p in points]
-    return _line(forces, [p.measured for p in points], [force**WEIGHT for force in forces])
+    forces = np.array([p.force_n for p in points])
+    slope, offset = _line(forces, np.array([p.measured for p in points]), forces**WEIGHT)
+    return offset, slope
 
 
 # Force byte 0 to newtons
@@ -200,15 +192,13 @@ def of_presses(forces_n: Sequence[float]) -> Presses:
 
 
 def _line(
-    x: Sequence[float], y: Sequence[float], weights: Sequence[float] = ()
+    x: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
 ) -> tuple[float, float]:
-    """Intercept and slope, least squares; level where all x are the same."""
-    weights = weights or [1.0] * len(x)
-    mx, my = fmean(x, weights), fmean(y, weights)
-    square = sum(w * (a - mx) ** 2 for w, a in zip(weights, x, strict=True))
-    cross = sum(w * (a - mx) * (b - my) for w, a, b in zip(weights, x, y, strict=True))
-    slope = cross / square if square else 0.0
-    return my - slope * mx, slope
+    """Slope and intercept, least squares; level where all x are the same."""
+    mx, my = np.average(x, weights=weights + 0 * x), np.average(y, weights=weights + 0 * x)
+    square = (weights * (x - mx) ** 2).sum()
+    slope = float((weights * (x - mx) * (y - my)).sum() / square) if square else 0.0
+    return slope, float(my - slope * mx)
 
 
 def _spread(away: Sequence[float]) -> float:

@@ -3,23 +3,28 @@
 One finger opposes two. So B and C close only while the thumb is open, and stop as soon as anything
 is felt, for they may push an object against the thumb; the thumb closes last and alone, to the
 least force (`guard.cap_mode` each_motor says otherwise, here as in a run).
+
+A motion is a series of short steps, each sent once the last one is seen: a link that freezes leaves
+the fingers no more than one step to go. A step is sent before the last one ends, so that fingers do
+not stop in between: a hand may override its force whenever it starts (`hand.override_s`).
 """
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused, SuppressBugs, UsageError
+from drivers.errors import DeviceFault, Refused, SuppressAll, SuppressBugs, UsageError
 from drivers.interfaces import (
     FINGER_NAMES,
     OPEN_COUNTS,
     PERIOD_NS,
     Counts3,
     Detection,
+    FingerState,
     Gripper,
     GripperState,
     Vector3,
@@ -32,9 +37,9 @@ from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
-from scenarios.lab.finger_steps import Steps, lead_counts, retry, until_rest
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.opening import open_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     activate,
@@ -46,13 +51,16 @@ from scenarios.rigs.rig import (
     to_open,
     until_active,
 )
-from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
 MOST_STEP_M = 0.005  # of `grasp gripper step`
+LEAD_M = 0.004  # a finger is sent at most so far beyond where it is seen to be
+STEP_S = 5.0  # within which a step is seen to end; assumed, at least speed it takes 0.2 s
 STAND_S = 3.0  # within which fingers that were told to stop are seen to stand
 SPREAD_S = 15.0  # within which B and C are apart; assumed: 9 s at least speed all the way
+AT_REST = 2  # looks in a row
+TRIES, TRY_FOR_NS = 3, 1_000_000_000
 TOUCH_N = 1.0  # felt by any finger: B and C stop; above the drift of an unloaded pad
 NOT_SEEN = "press the emergency stop, switch the gripper off if it still moves"
 
@@ -104,18 +112,35 @@ def fingers_of(word: str) -> str:
 
 def step_targets(at: Counts3, fingers: str, counts: int) -> Counts3:
     """Those fingers further by so many counts (less than 0: opening), the others where they are."""
-    return _changed(at, fingers, lambda place: min(255, max(0, place + counts)))
+    named = zip(FINGER_NAMES, at, strict=True)
+    a, b, c = (min(255, max(0, p + counts)) if name in fingers else p for name, p in named)
+    return a, b, c
 
 
 def targets_of(at: Counts3, fingers: str, to: int) -> Counts3:
     """Those fingers at ``to``, unless they are further closed."""
-    return _changed(at, fingers, lambda place: max(place, to))
-
-
-def _changed(at: Counts3, fingers: str, target: Callable[[int], int]) -> Counts3:
     named = zip(FINGER_NAMES, at, strict=True)
-    a, b, c = (target(place) if name in fingers else place for name, place in named)
+    a, b, c = (max(place, to) if name in fingers else place for name, place in named)
     return a, b, c
+
+
+def lead_counts(m_per_count: float) -> int:
+    """The longest step in whole counts, one at least."""
+    return max(1, int(LEAD_M / m_per_count + 1e-9))
+
+
+def retry(action: Callable[[], object], clock: Clock) -> bool:
+    """Whether it was done within a few tries; raises nothing."""
+    begun_ns = clock.now_ns
+    for _ in range(TRIES):
+        with SuppressAll():
+            action()
+            return True
+        if clock.now_ns - begun_ns > TRY_FOR_NS:
+            break
+        with SuppressAll():
+            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
+    return False
 
 
 def check_thumb(state: GripperState, targets: Counts3, felt: bool) -> bool:
@@ -146,7 +171,7 @@ class Hand:
     ) -> None:
         """``release``: the command that opens it, printed where it is left closed."""
         self._release = release
-        self._gripper, self._touch, self._clock = gripper, touch, clock
+        self._gripper, self._touch, self.clock = gripper, touch, clock
         self._guard = guard_of(config) if touch is not None else None
         known = calibration(config)
         self._speed_mps, self._force_n = known.least_speed_mps, known.least_force_n
@@ -182,16 +207,14 @@ class Hand:
     def go(self, targets: Counts3, lightly: bool = False) -> Moved:
         """As ``move``; whoever calls it makes the fingers stand where it raises."""
         early, touched = "", ""
-        steps = Steps(self.state.positions, targets, self._lead)
+        aim = self.state.positions
 
         def step() -> bool:
-            if (ahead := steps.next(self.state)) is None:
-                return False
-            self._send(ahead)
-            return True
-
-        def look() -> bool:
-            nonlocal early, touched
+            nonlocal aim, early, touched
+            before = aim
+            if not (early or touched) and (ahead := self._ahead(aim, targets)) != aim:
+                self._send(ahead)
+                aim = ahead
             self.idle()
             felt_n = self._felt()
             if not early and self._guard and self._guard.overloaded(felt_n):
@@ -201,10 +224,43 @@ class Hand:
                 named = zip(FINGER_NAMES, felt_n, strict=True)
                 touched = "".join(name for name, n in named if n >= TOUCH_N)
                 self._gripper.hold()
-            return not (early or touched)
+            return aim != before
 
-        until_rest(self._clock, lambda: self.state, look, step)
+        self._until_rest(step, STEP_S)
         return self._moved(early, touched)
+
+    def _ahead(self, sent: Counts3, targets: Counts3) -> Counts3:
+        """How far to send the fingers now. A finger that has met something is sent no further."""
+        if not self.state.fresh:  # it may still describe the step before
+            return sent
+
+        def ahead(finger: FingerState, sent: int, target: int) -> int:
+            here, met = finger.position_counts, finger.detection
+            if target > sent and met is not Detection.CONTACT_CLOSING:
+                return max(sent, min(target, here + self._lead))
+            if target < sent and met is not Detection.CONTACT_OPENING:
+                return min(sent, max(target, here - self._lead))
+            return sent
+
+        a, b, c = map(ahead, self.state.fingers, sent, targets)
+        return a, b, c
+
+    def _until_rest(self, look: Callable[[], object], within_s: float) -> None:
+        """Look until the fingers rest; ``look`` lets a moment pass and returns whether it has sent
+        a step. Raises DeviceFault where a step is not seen to end in time, Interruption, and what
+        ``look`` raises."""
+        end_ns = self.clock.now_ns + round(within_s * 1e9)
+        rested = 0
+        while self.clock.now_ns < end_ns:
+            signals.check()
+            if look():
+                rested, end_ns = 0, self.clock.now_ns + round(within_s * 1e9)
+            rested = rested + 1 if self.state.at_rest else 0
+            if rested >= AT_REST:
+                return
+        raise DeviceFault(
+            f"the fingers did not come to rest within {within_s:g} s", "look at the hand"
+        )
 
     def open(self, say: Say) -> Moved:
         """All fingers, as ``move``; in scissor mode then B and C apart too, for they may hold
@@ -213,7 +269,7 @@ class Hand:
         if self.mode == SCISSOR:
             try:
                 self._gripper.open(self._speed_mps)
-                self._until_rest(SPREAD_S)
+                self._until_rest(self._watch, SPREAD_S)
             except BaseException:
                 self.stand(say)
                 raise
@@ -240,28 +296,27 @@ class Hand:
                 return moved
         return self.move((targets[0], b, c), say)
 
-    def idle(self, watching: bool = True) -> None:
-        """Let a moment pass and read the devices; ``watching``: the fingertips too."""
-        self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
-        self._gripper.pump(self._clock.now_ns)
-        if watching and self._touch is not None:
-            self._touch.pump(self._clock.now_ns)
+    def idle(self) -> None:
+        """Let a moment pass and read the devices."""
+        self._watch()
+        if self._touch is not None:
+            self._touch.pump(self.clock.now_ns)
+
+    def _watch(self) -> None:
+        """Let a moment pass and read the gripper alone."""
+        self.clock.sleep_until_ns(self.clock.now_ns + PERIOD_NS)
+        self._gripper.pump(self.clock.now_ns)
 
     def feel(self, seconds: float, say: Say) -> NDArray[np.int16]:
         """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; a tick without a
         frame repeats the last one. Ctrl-C as in ``move``."""
         felt: list[NDArray[np.int16]] = []
-        tick_ns = self._clock.now_ns
         try:
-            for _ in range(round(seconds * 1e9 / PERIOD_NS)):
-                signals.check()
-                tick_ns += PERIOD_NS
-                self._clock.sleep_until_ns(tick_ns)
-                self._gripper.pump(self._clock.now_ns)
-                if self._touch is not None:
-                    self._touch.pump(self._clock.now_ns)
-                    if (counts := self._touch.counts) is not None:
-                        felt.append(counts)
+            ticks = round(seconds * 1e9 / PERIOD_NS)
+            for _ in () if (touch := self._touch) is None else touch.ticks(self.clock, ticks):
+                self._gripper.pump(self.clock.now_ns)
+                if touch is not None and (counts := touch.counts) is not None:
+                    felt.append(counts)
         except BaseException:
             self.stand(say)
             raise
@@ -274,11 +329,11 @@ class Hand:
 
         def rest() -> None:
             self._gripper.hold()
-            self._until_rest(STAND_S)
+            self._until_rest(self._watch, STAND_S)
 
         where: object = "unknown"
         with signals.deferred(sealed=True):
-            seen = self.retry(rest)
+            seen = retry(rest, self.clock)
             with SuppressBugs():
                 where = self.state.positions
         sent = f", told to go to {self._sent[-1]} counts and no further" if self._sent else ""
@@ -286,10 +341,6 @@ class Hand:
             f"the fingers stand, at {where} counts: the grip is kept; to let go, support what is "
             f"held and run `{self._release}`" if seen else f"NOT SEEN TO STAND{sent}: {NOT_SEEN}"
         )  # fmt: skip
-
-    def retry(self, action: Callable[[], None]) -> bool:
-        """As `finger_steps.retry`."""
-        return retry(action, self._clock)
 
     def _send(self, targets: Counts3) -> None:
         command = MoveFingers(targets, self._speed_mps, self._force_n)
@@ -314,15 +365,6 @@ class Hand:
         if self._touch is None or self._guard is None:
             return none
         return self._guard.measured_n(self._touch.counts_sum or none)
-
-    def _until_rest(self, within_s: float) -> None:
-        """Look until the fingers are seen to stand, without the fingertips."""
-
-        def look() -> bool:
-            self.idle(watching=False)
-            return True
-
-        until_rest(self._clock, lambda: self.state, look, within_s=within_s)
 
     def _moved(self, early: str, touched: str) -> Moved:
         state = self.state
@@ -407,26 +449,16 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
 
 
 def _reset(config: TrialConfig, say: Say) -> None:
-    """Take the activation back; raises nothing."""
+    """Take the activation back, and look until two looks in a row are alike; raises nothing."""
     seen = False
     if not config.devices.gripper:
         with signals.deferred(sealed=True), SuppressBugs():
             link = TCP if config.gripper.link == "tcp" else RTU
-            transport = ModbusTransport(config.modbus, config.gripper.link)
-            try:
+            with closing(ModbusTransport(config.modbus, config.gripper.link)) as transport:
                 transport.write(link.command_register, RESET.to_registers(), time.monotonic_ns())
-            finally:
-                transport.close()
-            seen = _stands_inactive(config)
+            end_s = time.monotonic() + STAND_S
+            while not seen and time.monotonic() < end_s:
+                before, now = read_gripper(config)
+                seen = not now.active and now.fingers == before.fingers
     stands = "the fingers stand; the hand is not active any more"
     say(stands if seen else f"NOT SEEN TO STAND: {NOT_SEEN}")
-
-
-def _stands_inactive(config: TrialConfig) -> bool:
-    """Whether that is seen in time: two looks alike, a moment apart."""
-    end_s = time.monotonic() + STAND_S
-    while time.monotonic() < end_s:
-        before, now = read_gripper(config)
-        if not now.active and now.fingers == before.fingers:
-            return True
-    return False

@@ -22,11 +22,11 @@ from scenarios.campaign.spec import read_spec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import summarize
 from scenarios.library.results import Campaign, Heard, Lift, Replayed, Tap, read_trial, with_folder
-from scenarios.lift import lift as lift_room
+from scenarios.lift.lift import lift as lift_experiment
 from scenarios.report.run_record import RunRecord
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.workers import Workers
-from scenarios.tap import tap as tap_room
+from scenarios.tap.tap import tap as tap_experiment
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
@@ -70,7 +70,7 @@ def lift(
     """
     chosen = _config(object, rig, detector, profile, config, settings).for_lift()
     folder = _folder(runs)
-    result, failure, record = _judged(lift_room.run(chosen, seed, folder))
+    result, failure, record = _judged(lift_experiment.run(chosen, seed, folder))
     made = Lift(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 
@@ -90,7 +90,7 @@ def tap(
     over? One judged trial; arguments and errors as of `lift`."""
     chosen = _config(object, rig, detector, profile, config, settings).for_tap()
     folder = _folder(runs)
-    result, failure, record = _judged(tap_room.run(chosen, seed, folder))
+    result, failure, record = _judged(tap_experiment.run(chosen, seed, folder))
     made = Tap(result=result, failure=failure, record=record, folder=record.path.parent)
     return with_folder(made, None if runs else folder)
 

@@ -17,11 +17,10 @@ from grasp.files import write_whole
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.summary import Summary
 from scenarios.campaign.worker import Row
-from scenarios.lift.result import LiftResult
-from scenarios.report.run_page import run_page
+from scenarios.lift.scoring import LiftResult
+from scenarios.report.run_page import run_page, sentence
 from scenarios.report.run_record import RunRecord, read_run
-from scenarios.report.run_text import sentence
-from scenarios.tap.result import TapResult
+from scenarios.tap.scoring import TapResult
 from scenarios.trial.replay import Replay
 from scenarios.trial.replay_tactile import SentCommand, TactileReplay
 from scenarios.trial.result import Failure

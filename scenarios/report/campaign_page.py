@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.summary import TABLE_IV, TRIALS, Variant, paper_rate, summarize, wilson
 from scenarios.campaign.summary import Cell as Counted
-from scenarios.campaign.summary import Variant, paper_rate, summarize
 from scenarios.campaign.worker import Row
+from scenarios.report.page import Cell, Part, Section, Table, cells, table_page
 from scenarios.report.run_settings import command_of
-from scenarios.report.tables import Cell, Part, Section, Table, cells, table_page
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 
@@ -83,9 +82,9 @@ def _sentence(rows: Sequence[Row]) -> str:
         share = f" ({100 * won / len(counted):.0f} %)" if counted else ""
         known = {row.object for row in counted} & TABLE_IV.keys()
         paper = [rate for name in known if (rate := paper_rate(scenario, name)) is not None]
-        beside = f"; the paper's of these objects {100 * sum(paper) / len(paper):.3g} %" \
-            if paper else ""  # fmt: skip
-        told.append(f"{won} of {len(counted)} {what} succeeded{share}{beside}")
+        told.append(f"{won} of {len(counted)} {what} succeeded{share}")
+        if paper:
+            told[-1] += f"; the paper's of these objects {100 * sum(paper) / len(paper):.3g} %"
     return ". ".join(told) + "." if told else "Nothing has been run yet."
 
 

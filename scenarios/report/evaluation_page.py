@@ -15,18 +15,8 @@ from scenarios.benchmark.evaluation_file import (
     no_evaluation,
     read_evaluation,
 )
+from scenarios.report.page import Axis, Cell, Curve, Plot, Section, Table, cells, table_page
 from scenarios.report.run_view import in_words
-from scenarios.report.tables import (
-    Axis,
-    Cell,
-    Curve,
-    Plot,
-    Section,
-    Table,
-    cells,
-    curves,
-    table_page,
-)
 
 HEADINGS = (
     "detector", "AUC", "accuracy", "calibration error", "slips caught",
@@ -41,9 +31,6 @@ class Spread(msgspec.Struct, frozen=True):
     p50: float | None = None
     p90: float | None = None
     p99: float | None = None
-
-    def in_words(self, form: str = "{:.0f}") -> str:
-        return " / ".join(_number(value, form) for value in (self.p50, self.p90, self.p99))
 
 
 class Sheet(msgspec.Struct, frozen=True):
@@ -90,9 +77,10 @@ def evaluation_page(file: Path) -> str:
         "Shaded above: labelled slip. Pressed: the sum of a fingertip's taxels, over its mean "
         "before slip began.", code=told.command)  # fmt: skip
     versions = ", ".join(f"{name} {text}" for name, text in sorted(told.versions.items()))
+    sections = [Section("Scores", [scores], _speed_plots(every)), *worst, again]
     return table_page(
         f"evaluation on {told.data}", f"label {told.label} · {every[0][1].n_samples} samples",
-        _sentence(every), [Section("Scores", [scores]), *worst, again], origins=[versions],
+        _sentence(every), sections, origins=[versions],
     )  # fmt: skip
 
 
@@ -101,9 +89,6 @@ def _row(each: Evaluated, s: Sheet) -> list[Cell]:
         low, high = s.intervals.get(name, (None, None))
         return f"{_number(low)} to {_number(high)}" if name in s.intervals else ""
 
-    costs = [s.delay_ms.in_words(), "", ""]
-    costs[1] = "" if s.delay_mm is None else s.delay_mm.in_words("{:.1f}")
-    costs[2] = "" if s.compute_us is None else s.compute_us.in_words()
     return [
         Cell(each.detector, in_words(each.rule)),
         Cell(_number(s.auc), between("auc")),
@@ -111,8 +96,13 @@ def _row(each: Evaluated, s: Sheet) -> list[Cell]:
         Cell(_number(s.ece)),
         Cell(f"{s.true_events - s.missed_events} of {s.true_events}"),
         Cell(_number(s.false_events_per_min_hand, "{:.2f}"), f"{s.false_events} in all"),
-        *cells(*costs),
+        *cells(_three(s.delay_ms), _three(s.delay_mm, "{:.1f}"), _three(s.compute_us)),
     ]
+
+
+def _three(spread: Spread | None, form: str = "{:.0f}") -> str:
+    known = () if spread is None else (spread.p50, spread.p90, spread.p99)
+    return " / ".join(_number(value, form) for value in known)
 
 
 def _number(value: float | None, form: str = "{:.3f}") -> str:
@@ -120,25 +110,44 @@ def _number(value: float | None, form: str = "{:.3f}") -> str:
 
 
 def _sentence(every: Sequence[Scored]) -> str:
-    """What was scored, and which of them was best at what."""
+    """What was scored, and which detector was best."""
     slips = max(sheet.true_events for _, sheet in every)
-    told = f"{len(every)} {'detector' if len(every) == 1 else 'detectors'}, {slips} slips: "
+    told = f"{slips} slips: "
     ranked = [(sheet.auc, each.detector) for each, sheet in every if sheet.auc is not None]
     if ranked:
         auc, name = max(ranked)
-        told += f"samples are told apart best by {name} (AUC {auc:.3f}); "
+        told += f"{name} tells samples apart best (AUC {auc:.3f}); "
     each, sheet = min(every, key=lambda pair: pair[1].missed_events)
     caught = sheet.true_events - sheet.missed_events
     return f"{told}{each.detector} caught most slips, {caught} of {sheet.true_events}."
 
 
+def _speed_plots(every: Sequence[Scored]) -> list[Plot]:
+    """Delay against false events over all thresholds, and accuracy against the cost of an update;
+    the dot is the detector's own rule. A detector that misses the half of slips has no delay."""
+    delays, costs = [], []
+    for each, s in every:
+        known = [(c.false_per_min, c.delay_ms) for c in each.choices if c.delay_ms is not None]
+        rate, delay_ms = s.false_events_per_min_hand, s.delay_ms.p50
+        own = None if rate is None or delay_ms is None else (rate, delay_ms)
+        delays.append(Curve(each.detector, [(at, ms) for at, ms in known], dot=own))
+        if s.compute_us is not None and s.compute_us.p50 is not None:
+            costs.append(Curve(each.detector, (), dot=(s.compute_us.p50, 100 * s.accuracy)))
+    slowest_ms = max([100.0, *(ms for curve in delays for _, ms in curve.points)])
+    rates = Axis("false events a minute of three fingers", 0.1, 1000.0, log=True)
+    cost = Axis("one update, µs (median)", 10.0, 1000.0, log=True)
+    return [
+        Plot("Delay", rates, Axis("median delay, ms", 0.0, slowest_ms), delays),
+        Plot("Accuracy", cost, Axis("samples classified correctly, %", 50.0, 100.0), costs),
+    ]
+
+
 def _missed(trace: SlipTrace) -> str:
     slip = trace.slip
     late = "missed" if slip.delay_ms is None else f"registered {slip.delay_ms:.0f} ms late"
-    facts = [f"{slip.recording}, {slip.onset_s:.2f} s: {late}"]
-    facts += [f"slid {slip.slid_mm:.1f} mm"] if slip.slid_mm is not None else []
-    facts += [f"{1e3 * slip.speed_mps:.0f} mm/s"] if slip.speed_mps else []
-    return ", ".join(facts)
+    slid = "" if slip.slid_mm is None else f", slid {slip.slid_mm:.1f} mm"
+    speed = f", {1e3 * slip.speed_mps:.0f} mm/s" if slip.speed_mps else ""
+    return f"{slip.recording}, {slip.onset_s:.2f} s: {late}{slid}{speed}"
 
 
 def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
@@ -157,6 +166,6 @@ def _plots(trace: SlipTrace, rule: RuleSettings) -> list[Plot]:
         drawn.append(Curve(f"threshold {rule.threshold:g}", ends, style="limit"))
     probability = Axis("probability", 0.0, 1.0)
     return [
-        curves("Pressed", time, counts, pressed, trace.slipping),
-        curves("Slip", time, probability, drawn, trace.slipping),
+        Plot("Pressed", time, counts, pressed, trace.slipping),
+        Plot("Slip", time, probability, drawn, trace.slipping),
     ]

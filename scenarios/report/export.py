@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGER_NAMES
 from grasp.files import save_figure
 from scenarios.report.run_record import RunRecord, read_run
-from scenarios.report.run_view import decided
+from scenarios.report.run_view import bound_of, decided
 from scenarios.trial.result import spelt
 
 Floats = NDArray[np.float64]
@@ -52,8 +52,8 @@ def _columns(run: RunRecord) -> dict[str, Floats]:
         **{f"arm_{axis}_m": run.arm_m[:, i] for i, axis in enumerate("xyz")},
     }
     for i, name in enumerate(FINGER_NAMES):
-        taxels = range(run.counts.shape[2])
-        found |= {f"taxel_{name}{k}_counts": run.counts[:, i, k] for k in taxels}
+        for k in range(run.counts.shape[2]):
+            found[f"taxel_{name}{k}_counts"] = run.counts[:, i, k]
     if (motion := run.motion) is not None:
         found |= _by_finger("told_speed_mps", motion.speed_mps)
         found |= _by_finger("told_direction_deg", motion.direction_deg)
@@ -140,15 +140,16 @@ def title(run: RunRecord) -> str:
 
 def _draw_decision(axes: Any, run: RunRecord) -> None:
     """What the rule made of the probabilities, beside what it had to pass."""
-    by_rule = decided(run.config.rule, run.probabilities, run.armed, run.masked)
+    rule = bound_of(run.config.rule)
+    values = decided(run.config.rule, run.probabilities, run.armed, run.masked)
     what = "threshold"
-    if not by_rule.probable:
+    if not rule.probable:
         axes, what = axes.twinx(), "limit"
-        axes.set(ylabel="summed log-odds", ylim=(0, 4 * by_rule.limit))
-    if by_rule.values.shape[1] == 1 or not by_rule.probable:
-        axes.plot(run.t_s, by_rule.values.max(axis=1), color="black", lw=1.2, label=by_rule.label)
-    label = f"{what} {by_rule.limit:g}"
-    axes.axhline(by_rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
+        axes.set(ylabel="summed log-odds", ylim=(0, 4 * rule.limit))
+    if values.shape[1] == 1 or not rule.probable:
+        axes.plot(run.t_s, values.max(axis=1), color="black", lw=1.2, label=rule.label)
+    label = f"{what} {rule.limit:g}"
+    axes.axhline(rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
     axes.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
 
 
@@ -163,7 +164,7 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
     starts = [change.t_ns * 1e-9 for change in run.phases]
     first, last = _shown(run)
     axes.set_xlim(first, last)
-    beside = first - NAMES_APART * (last - first)  # of the name before
+    beside = first - NAMES_APART * (last - first)  # the name before
     for change, start, end in zip(
         run.phases, starts, [*starts[1:], float(run.t_s[-1])], strict=True
     ):
@@ -179,33 +180,3 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
             )  # fmt: skip
     if run.truth is not None and run.truth.onset_s is not None:
         axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")
-
-
-Clip = tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]
-
-
-def simulated(clips: Any) -> list[Clip]:
-    """Each of `Clips` of `scenarios.acquire.strokes` with a title of its own."""
-    draws = enumerate(clips.counts, 1)
-    return [(f"simulated, draw {i}", clips.t_s, counts, clips.slip) for i, counts in draws]
-
-
-def draw_clips(out: Path, clips: list[Clip]) -> None:
-    """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
-    (n,) times, (n, 6) counts and (n,) labels."""
-    plt = _pyplot()
-    figure, rows = plt.subplots(
-        len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
-        layout="constrained",
-    )  # fmt: skip
-    for axes, (title, t_s, counts, slip) in zip(rows[:, 0], clips, strict=True):
-        for i in range(counts.shape[1]):
-            axes.plot(t_s, counts[:, i], lw=1, label=f"taxel {i}")
-        axes.fill_between(
-            t_s, 0, 1, where=slip, transform=axes.get_xaxis_transform(), color="#eeeeee", zorder=0
-        )
-        axes.set(ylabel="counts over rest", title=title)
-    rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
-    rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
-    save_figure(figure, out, dpi=120)
-    plt.close(figure)

@@ -1,11 +1,9 @@
-"""The side of the run: what it sends to a live page, without ever waiting.
-
-`grasp.watch.Onlooker` hands it to a process of its own; what that cannot take in time is lost.
-"""
+"""Sends a run to its live page, which a process of its own serves, without ever waiting: what it
+cannot take in time is lost (`grasp.watch.Onlooker`)."""
 
 import secrets
 import socket
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -13,7 +11,6 @@ import numpy as np
 from detector.decision import fused
 from detector.interface import motion_told_by
 from drivers.interfaces import FINGER_NAMES, FINGERS
-from grasp.clock import stopwatch_ns
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.watch import Onlooker
@@ -34,10 +31,10 @@ OF_TRUTH: Columns = [
 
 
 class LiveTrials:
-    """``watch`` is what each tick is handed to."""
+    """Sends the ticks that ``watch`` is given to one page."""
 
     def __init__(self, config: TrialConfig, title: str, of: int) -> None:
-        """``of``: how many trials there will be. Raises OSError where nobody may listen."""
+        """``of``: number of trials. Raises OSError where no socket can listen."""
         self._config, self._taxels = config, taxels_of(config)
         self._bound = bound = bound_of(config.rule)
         self._truth = config.rig != "hardware"
@@ -50,12 +47,11 @@ class LiveTrials:
         self._number = 1
 
     def trial(self, number: int) -> None:
-        """Which of all of them comes next, from 1."""
+        """Number of the next trial, from 1."""
         self._number = number
 
     def watch(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Show one tick, if it is time or something happened; another controller is another
-        trial."""
+        """Show one tick, if it is due or an event; another controller is another trial."""
         if controller is not self._controller:
             self._controller = controller
             self.feed.begin(self._data(tick), self._number)
@@ -88,7 +84,7 @@ class LiveTrials:
         seen, slip = tick.observation, tick.decision.slip
         status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
         values: Values = [tick.t_ns * 1e-9]
-        if tick.frame is None:  # it is not known yet what fingertips feel
+        if tick.frame is None:  # before rest counts were taken
             values += [None] * (FINGERS * (2 + self._taxels))
         else:
             values += [*seen.probabilities.tolist(), *tick.measured_n]
@@ -131,7 +127,7 @@ class Feed:
     """One page for all trials of a call. ``address`` is where it is."""
 
     def __init__(self, title: str, fingers: tuple[str, ...], view: View, of: int) -> None:
-        """``of``: how many trials there will be. Raises OSError where nobody may listen."""
+        """``of``: number of trials. Raises OSError where no socket can listen."""
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
@@ -140,16 +136,8 @@ class Feed:
             self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
-        self._begun = 0  # trials, also those that were not shown
         self._ticks = 0
-        self._began_ns = stopwatch_ns()
         self._begin: Begin | None = None  # not taken yet
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     @property
     def pid(self) -> int:
@@ -166,16 +154,13 @@ class Feed:
         self._onlooker.tell(Said(text))
 
     def close(self) -> None:
-        """The page stays as it is in whichever browser shows it; safe to call twice."""
+        """The page stays as it is in a browser; safe to call twice."""
         self._onlooker.close()
 
     def begin(self, data: dict[str, Any], number: int = 1) -> None:
-        """Another trial, of which rows follow; ``number``: which of all, from 1."""
+        """Another trial, whose rows follow; ``number`` counts from 1."""
         self._ticks = 0
-        spent_s = (stopwatch_ns() - self._began_ns) * 1e-9
-        left_s = spent_s / self._begun * (self._of - number + 1) if self._begun else None
-        self._begun += 1
-        self._begin = Begin(number, self._of, left_s, data)
+        self._begin = Begin(number, self._of, data)
 
     def due(self, news: bool) -> bool:
         """Whether this tick is shown."""

@@ -1,8 +1,7 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
-Begun by `grasp.watch`; reads `messages.Message` a line from standard input until that ends. Whoever
-looks on is handed what has come since he was handed something last, as much as still is kept: one
-who is slow sees less, and nobody else does. Nothing that a browser says is listened to.
+Started by `grasp.watch`; reads one `Message` a line from standard input until that ends. A viewer
+is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
 """
 
 import asyncio
@@ -16,9 +15,8 @@ from http import HTTPStatus
 from typing import Any, BinaryIO
 
 import msgspec
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
@@ -39,12 +37,10 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """A trial begins: what came before is over. ``data`` is for the scripts of the page,
-    ``left_s`` how long all that is to come will last, None where nobody can tell."""
+    """A trial begins. ``data`` is for the scripts of the page."""
 
     number: int
     of: int
-    left_s: float | None
     data: dict[str, Any]
 
 
@@ -69,61 +65,49 @@ SCRIPTS = (
 )  # fmt: skip
 MOST_LINES = 6_000  # of a trial: four minutes
 MOST_VIEWERS = 8
-MOST_BYTES = 1_024  # that a browser may say at once, of what nobody reads
-END_S = 2.0  # that a viewer has to take what came last
-NICE = 5  # a picture gives way to the run
+MOST_BYTES = 1_024  # that a browser may send at once
+END_S = 2.0  # for a viewer to receive what came last
+NICE = 5  # the run has priority
 
 
 class Story:
-    """What there is to be told of the trial that lasts: its begin, and the lines since."""
+    """The trial that goes on: its begin, its rows so far, and who follows it."""
 
     def __init__(self) -> None:
-        self.trial = 0
-        self.over = False
-        self._begin: bytes | None = None
+        self.viewers: set[ServerConnection] = set()
+        self._begin: list[bytes] = []
         self._lines: deque[bytes] = deque(maxlen=MOST_LINES)
-        self._came = 0  # lines of this trial, kept or not
-        self._news = asyncio.Event()
 
     def add(self, line: bytes, begins: bool) -> None:
         if begins:
-            self.trial += 1
-            self._begin, self._came = line, 0
+            self._begin = [line]
             self._lines.clear()
         else:
             self._lines.append(line)
-            self._came += 1
-        self._tell()
+        broadcast(self.viewers, _message([line]))
 
-    def end(self) -> None:
-        self.over = True
-        self._tell()
+    def so_far(self) -> list[bytes]:
+        return [*self._begin, *self._lines]
 
-    def since(self, trial: int, came: int) -> tuple[list[bytes], int]:
-        """What a viewer lacks who was told of so many lines of that trial, and of how many he
-        will have been then."""
-        fresh = trial != self.trial
-        first = self._came - len(self._lines)
-        begin = [self._begin] if fresh and self._begin is not None else []
-        lacks = list(self._lines)[max(0 if fresh else came - first, 0) :]
-        return [*begin, *lacks], self._came
+    async def show(self, viewer: ServerConnection) -> None:
+        """Send what came and what comes, until the viewer or the server closes."""
+        broadcast([viewer], _message(self.so_far()))
+        self.viewers.add(viewer)
+        try:
+            await viewer.wait_closed()
+        finally:
+            self.viewers.discard(viewer)
 
-    async def news(self) -> None:
-        """Until there is more."""
-        await self._news.wait()
 
-    def _tell(self) -> None:
-        self._news.set()
-        self._news = asyncio.Event()
+def _message(lines: list[bytes]) -> str:
+    return f"[{b','.join(lines).decode()}]"
 
 
 class Server:
     """One page and its viewers."""
 
     def __init__(self, told: Serve, story: Story) -> None:
-        self._told = told
-        self._story = story
-        self._viewers = 0
+        self._told, self._story = told, story
         self._page = render(
             "live.html", SCRIPTS, connect=f"ws://{told.address}", title=told.title,
             fingers=told.fingers, view=told.view, data={"live": True, "phases": [], "marks": []},
@@ -132,48 +116,24 @@ class Server:
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or None where a socket is asked for; nothing else is here."""
         token = f"/{self._told.token}/"
-        # a name that leads here from elsewhere is none of ours
+        # another name that leads here is refused
         ours = request.headers.get_all("Host") == [self._told.address]
         path = request.path.encode()
         if ours and hmac.compare_digest(path, token.encode()):
             return _response(HTTPStatus.OK, self._page, "text/html; charset=utf-8")
         if not ours or not hmac.compare_digest(path, f"{token}live".encode()):
             return _response(HTTPStatus.NOT_FOUND, b"not found\n")
-        if self._viewers >= MOST_VIEWERS:
-            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many look on\n")
+        if len(self._story.viewers) >= MOST_VIEWERS:
+            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many viewers\n")
         return None
-
-    async def tell(self, viewer: ServerConnection) -> None:
-        """One viewer, until all is told or he has gone."""
-        self._viewers += 1
-        trial, came = -1, 0
-        try:
-            while True:
-                lines, came = self._story.since(trial, came)
-                trial = self._story.trial
-                if lines:
-                    await viewer.send(b"[" + b",".join(lines) + b"]", text=True)
-                elif self._story.over:
-                    return
-                else:
-                    await self._story.news()
-        except ConnectionClosed:
-            return
-        finally:
-            self._viewers -= 1
 
 
 def _response(status: HTTPStatus, body: bytes, kind: str = "text/plain") -> Response:
-    headers = Headers(
-        {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            "Cache-Control": "no-store",
-            "Referrer-Policy": "no-referrer",
-            "X-Content-Type-Options": "nosniff",
-            "Connection": "close",
-        }
-    )
+    headers = Headers({
+        "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
+        "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff",
+        "Connection": "close",
+    })  # fmt: skip
     return Response(status.value, status.phrase, headers, body)
 
 
@@ -196,15 +156,11 @@ async def _serve(told: Serve, source: BinaryIO) -> None:
     with socket.socket(fileno=told.descriptor) as listening:
         listening.setblocking(False)
         async with serve(
-            server.tell, sock=listening, process_request=server.answer, max_size=MOST_BYTES,
+            story.show, sock=listening, process_request=server.answer, max_size=MOST_BYTES,
             origins=[Origin(f"http://{told.address}")], compression=None, server_header=None,
             close_timeout=END_S,
-        ) as made:  # fmt: skip
+        ):  # fmt: skip
             await read_lines(story, source)
-            story.end()
-            told_all = [asyncio.create_task(c.wait_closed()) for c in made.connections]
-            if told_all:
-                await asyncio.wait(told_all, timeout=END_S)
 
 
 def main() -> None:

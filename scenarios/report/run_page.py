@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,40 +13,26 @@ from drivers.interfaces import FINGER_NAMES
 from grasp.commands import describe
 from grasp.states import State
 from scenarios.report.page import render
-from scenarios.report.run_record import RunRecord, Sent, read_run
+from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import command_of, object_file, settings_of
-from scenarios.report.run_text import badge, remarks, sentence
-from scenarios.report.run_view import Decided, View, decided, scene
+from scenarios.report.run_view import Bound, View, bound_of, decided, facts, scene
 from scenarios.trial.pictures import taxel_places
+from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RECORDING, find_recording
 
-MISSING = -(2**31)  # no number
+Floats = NDArray[np.float64]
 
 
-class Column(msgspec.Struct, frozen=True):
-    """Values (n,) or (n, width), NaN where there is none, kept to the nearest ``step``."""
-
-    values: NDArray[np.float64]
-    step: float
-
-
-def pack(columns: Mapping[str, Column]) -> dict[str, Any]:
-    """What `unpack()` of `page/data.js` takes; all columns are equally long."""
-    flat = {name: column.values.reshape(len(column.values), -1) for name, column in columns.items()}
-    steps = [_differences(flat[name], columns[name].step) for name in columns]
-    content = b"".join(values.tobytes() for values in steps)
+def pack(columns: Mapping[str, Floats]) -> dict[str, Any]:
+    """What `unpack()` of `page/data.js` takes: (n,) or (n, width) columns, equally long, as 32-bit
+    floats, one after the other, deflated."""
+    flat = {name: values.reshape(len(values), -1).astype("<f4") for name, values in columns.items()}
+    content = b"".join(values.T.tobytes() for values in flat.values())
     return {
         "rows": len(next(iter(flat.values()))),
-        "columns": [[name, flat[name].shape[1], columns[name].step] for name in columns],
+        "columns": [[name, values.shape[1]] for name, values in flat.items()],
         "deflated": base64.b64encode(zlib.compress(content, 9)).decode(),
     }
-
-
-def _differences(values: NDArray[np.float64], step: float) -> NDArray[np.int32]:
-    """(width, n) little-endian; 32 bits wrap around here as they do where they are added up."""
-    whole = np.clip(np.round(values / step), MISSING + 1, -MISSING - 1)
-    counts = np.where(np.isnan(whole), MISSING, whole).astype(np.int64).T
-    return np.diff(counts, axis=1, prepend=0).astype(np.uint32).astype("<u4").view("<i4")
 
 
 PAGE = "report.html"
@@ -55,10 +40,6 @@ SCRIPTS = (
     "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js", "whole.js",
 )  # fmt: skip
 LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers have closed
-
-# steps to which columns are kept: well below what is drawn, felt or told in digits
-TIME_S, FORCE_N, LENGTH_M, SPEED_MPS, ANGLE_RAD = 1e-5, 1e-3, 1e-5, 1e-4, 1e-4
-PROBABILITY, SHARE, LOG_ODDS = 1e-5, 1e-3, 1e-3
 
 
 def page_path(run: Path) -> Path:
@@ -71,34 +52,33 @@ def run_page(path: Path) -> str:
     """The page of a run folder or recording; raises BadFile as ``read_run``."""
     run = read_run(path)
     config = run.config
-    by_rule = decided(config.rule, run.probabilities, run.armed, run.masked)
+    rule = bound_of(config.rule)
     settings = settings_of(run.settings)
-    limit_n = config.guard.force_limit_n
     known = run.truth is not None, run.motion is not None
     return render(
         "run.html", SCRIPTS,
         title=f"{run.scenario} · {config.object.name} · seed {run.metadata.get('seed', '?')}",
         badge=badge(run.verdict), sentence=sentence(run), remarks=remarks(run), run=run,
         fingers=FINGER_NAMES,
-        view=View(*known, limit_n, by_rule, evidence=not by_rule.probable),
+        view=View(*known, config.guard.force_limit_n, rule, evidence=not rule.probable),
         phases=_phase_rows(run), commands=[_command_row(sent) for sent in run.commands],
         own_settings=[setting for setting in settings if setting.own],
         compared=any(setting.usual is not None for setting in settings),
         other_settings=[setting for setting in settings if not setting.own],
         origins=_origins(run), command=command_of(run.settings, run.seed),
-        object_file=object_file(run.settings), data=_data(run, by_rule),
+        object_file=object_file(run.settings), data=_data(run, rule),
     )  # fmt: skip
 
 
-def _data(run: RunRecord, by_rule: Decided) -> dict[str, Any]:
+def _data(run: RunRecord, rule: Bound) -> dict[str, Any]:
     """What the scripts of the page are given."""
     marks = _marks(run)
     return {
-        "series": pack(_columns(run, by_rule)),
+        "series": pack(_columns(run, rule)),
         "fingers": FINGER_NAMES,
         "taxels": taxel_places(run.config.fingertip.taxels_mm, run.counts.shape[2]),
         "limit_n": run.config.guard.force_limit_n,
-        "rule": {"limit": by_rule.limit, "probable": by_rule.probable, "label": by_rule.label},
+        "rule": {"limit": rule.limit, "probable": rule.probable, "label": rule.label},
         "phases": [{"t": c.t_ns * 1e-9, "name": c.phase} for c in run.phases],
         "marks": marks,
         "start": _start_s(run, marks),
@@ -106,36 +86,27 @@ def _data(run: RunRecord, by_rule: Decided) -> dict[str, Any]:
     }
 
 
-def _columns(run: RunRecord, by_rule: Decided) -> dict[str, Column]:
+def _columns(run: RunRecord, rule: Bound) -> dict[str, Floats]:
+    values = decided(run.config.rule, run.probabilities, run.armed, run.masked)
     status = run.armed * 1.0 + run.masked * 2.0 + run.registered * 4.0
     columns = {
-        "t": Column(run.t_s, TIME_S),
-        "probability": Column(run.known(run.probabilities), PROBABILITY),
-        "felt": Column(run.known(run.felt_n), FORCE_N),
-        "counts": Column(run.counts, 1.0),
-        "positions": Column(run.fingers_counts, 1.0),
-        "arm": Column(run.arm_m[:, 2], LENGTH_M),
-        "status": Column(status, 1.0),
-    }
-    if by_rule.values.shape != run.probabilities.shape or not by_rule.probable:
-        step = PROBABILITY if by_rule.probable else LOG_ODDS
-        columns["decided"] = Column(by_rule.values, step)
-    if run.motion is not None:
+        "t": run.t_s, "probability": run.known(run.probabilities), "felt": run.known(run.felt_n),
+        "counts": run.counts, "positions": run.fingers_counts, "arm": run.arm_m[:, 2],
+        "status": status,
+    }  # fmt: skip
+    if values.shape != run.probabilities.shape or not rule.probable:
+        columns["decided"] = values
+    if (motion := run.motion) is not None:
         columns |= {
-            "told_speed": Column(run.motion.speed_mps, SPEED_MPS),
-            "told_way": Column(run.motion.direction_deg, 1.0),
-            "told_turning": Column(run.motion.turning, SHARE),
-        }
-    if run.truth is not None:
+            "told_speed": motion.speed_mps, "told_way": motion.direction_deg,
+            "told_turning": motion.turning,
+        }  # fmt: skip
+    if (truth := run.truth) is not None:
         columns |= {
-            "true": Column(run.truth.normal_n, FORCE_N),
-            "shear": Column(run.truth.shear_n, FORCE_N),
-            "height": Column(run.truth.height_m, LENGTH_M),
-            "slip": Column(run.truth.slip_m, LENGTH_M),
-            "slip_speed": Column(run.truth.slip_mps, SPEED_MPS),
-            "across": Column(run.truth.across_m, LENGTH_M),
-            "turn": Column(run.truth.turn_rad, ANGLE_RAD),
-        }
+            "true": truth.normal_n, "shear": truth.shear_n, "height": truth.height_m,
+            "slip": truth.slip_m, "slip_speed": truth.slip_mps, "across": truth.across_m,
+            "turn": truth.turn_rad,
+        }  # fmt: skip
     return columns
 
 
@@ -172,11 +143,8 @@ def _scene(run: RunRecord) -> dict[str, Any]:
     first = int(np.searchsorted(run.t_s, begun_ns[0] * 1e-9)) if begun_ns else 0
     grip_m = float(height_m[min(first, len(height_m) - 1)])
     known = height_m[np.isfinite(height_m)]
-    return scene(
-        run.config,
-        grip_m if np.isfinite(grip_m) else 0.0,
-        float(known.max()) if len(known) else 0.0,
-    )
+    top_m = float(known.max()) if len(known) else 0.0
+    return scene(run.config, grip_m if np.isfinite(grip_m) else 0.0, top_m)
 
 
 def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
@@ -206,27 +174,21 @@ def _command_row(sent: Sent) -> dict[str, Any]:
         notes += [a.note] if a.note else []
     notes += [f"refused: {sent.refused}"] if sent.refused else []
     return {
-        "t": sent.decided_ns * 1e-9,
-        "sent_ms": (sent.sent_ns - sent.decided_ns) * 1e-6,
-        "confirmed_ms": confirmed_ms,
-        "asked": asked,
-        "notes": notes,
-    }
+        "t": sent.decided_ns * 1e-9, "sent_ms": (sent.sent_ns - sent.decided_ns) * 1e-6,
+        "confirmed_ms": confirmed_ms, "asked": asked, "notes": notes,
+    }  # fmt: skip
 
 
 def _origins(run: RunRecord) -> list[tuple[str, str]]:
     """What ran, where from, and how the machine that ran it kept up."""
     verdict, metadata, config = run.verdict, run.metadata, run.config
     rows = [
-        ("rig", config.rig),
-        ("profile", config.profile),
-        ("detector", config.detector_name),
-        ("object", config.object.name),
-        ("seed", metadata.get("seed", "")),
+        ("rig", config.rig), ("profile", config.profile), ("detector", config.detector_name),
+        ("object", config.object.name), ("seed", metadata.get("seed", "")),
         ("home of the arm, m", metadata.get("home_m", "")),
         ("settings' hash", metadata.get("config_hash", "")),
         ("detector's hash", "" if verdict is None else verdict.detector_hash),
-    ]
+    ]  # fmt: skip
     for key, text in sorted(metadata.items()):
         if key.startswith("version."):
             rows.append((key.removeprefix("version."), text))
@@ -247,3 +209,59 @@ def _origins(run: RunRecord) -> list[tuple[str, str]]:
         ):
             rows.append((name, str(count or "")))
     return [(name, text) for name, text in rows if text]
+
+
+# The verdict in sentences
+
+# of outcomes whose word says too little
+HEADS = {
+    "expelled": "Squeezed out of the hand",
+    "never_slipped": "Nothing slipped, and nothing was registered",
+    "undetected": "Its slip was not registered",
+    "false_start": "Slip was registered although nothing would have slipped",
+    "cap_reached": "Still slipping at the force limit, and so set down",
+    "alarm_stayed": "Slip stayed registered after its end",
+    "over_force": "A force exceeded the limit",
+    "registered": "Slip was registered in time, and no more when it was over",
+    "unmoved_quiet": "The tap moved nothing, and nothing was registered",
+    "unmoved_registered": "The tap moved nothing, but slip was registered",
+    "late": "Slip was registered too late",
+    "never_nominal": "Never struck, because slip stayed registered",
+    "fault": "Ended in a safe state",
+    "interrupted": "Interrupted, and not judged",
+    "internal_error": "Ended by an error of the program, and not judged",
+}
+
+
+def badge(verdict: Verdict | None) -> str:
+    """The verdict in a word or two."""
+    if verdict is None:
+        return "no verdict"
+    return {True: "success", False: "failed", None: "not judged"}[verdict.success]
+
+
+def sentence(run: RunRecord) -> str:
+    """The verdict, with the figures that it was drawn from."""
+    verdict = run.verdict
+    if verdict is None:
+        return "There is no verdict: the run left no result that can be read."
+    head = HEADS.get(verdict.outcome) or spelt(verdict.outcome).capitalize()
+    return f"{head}: {'; '.join(facts(verdict))}."
+
+
+def remarks(run: RunRecord) -> list[str]:
+    """What a reader must know before believing the page."""
+    told, verdict = [], run.verdict
+    if not run.complete:
+        told.append(f"The recording was cut off at {run.t_s[-1]:.2f} s.")
+    if run.verdict_problem:
+        told.append(run.verdict_problem)
+    if verdict is not None and verdict.bug is not None:
+        told.append(f"Error of the program: {verdict.bug.name}: {verdict.bug.text}.")
+    if verdict is not None and verdict.end is not None:
+        told.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
+        if verdict.end.unreached:
+            told.append(f"Of that this was not seen: {', '.join(verdict.end.unreached)}.")
+    if run.truth is None:
+        told.append("True forces, slip and height are not known on this rig.")
+    return told

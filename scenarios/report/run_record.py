@@ -31,9 +31,9 @@ from grasp.recording import RunRecording
 from grasp.settings import Layer, load
 from grasp.states import PhaseChange
 from scenarios.campaign.store import CampaignStore
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 from scenarios.report.run_settings import scenario_of
-from scenarios.tap.result import TapResult
+from scenarios.tap.scoring import TapResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.truth import Truth
@@ -45,8 +45,7 @@ GRIPPER_COMMANDS = ("MoveFingers", "CloseFast", "OpenFingers", "HoldFingers")
 
 
 class Sent(msgspec.Struct, frozen=True):
-    """One command. ``confirmed_ns``: when the first status came that describes it, None if none did
-    or nothing would (the arm's)."""
+    """One command. ``confirmed_ns``: time of the first status that describes it, if any."""
 
     decided_ns: int
     sent_ns: int
@@ -58,7 +57,7 @@ class Sent(msgspec.Struct, frozen=True):
 
 
 class TrueWorld(msgspec.Struct, frozen=True):
-    """What only a simulation knows; (n,) or (n, fingers), NaN where a row of it is missing."""
+    """What only a simulation knows; (n,) or (n, fingers), NaN where a row is missing."""
 
     normal_n: Floats
     shear_n: Floats
@@ -72,8 +71,7 @@ class TrueWorld(msgspec.Struct, frozen=True):
 
 
 class ReportedMotion(msgspec.Struct, frozen=True):
-    """What the detector's auxiliary outputs reported of each fingertip, (n, fingers); NaN where
-    they were not asked."""
+    """The detector's auxiliary outputs, (n, fingers); NaN where it was not asked."""
 
     speed_mps: Floats
     direction_deg: Floats
@@ -82,8 +80,7 @@ class ReportedMotion(msgspec.Struct, frozen=True):
 
 class RunRecord(msgspec.Struct, frozen=True):
     """One trial. Arrays are (n,) or (n, fingers), ``counts`` (n, fingers, taxels) with NaN before
-    rest counts were taken; ``truth`` is None where nobody knows it, ``motion`` where the detector
-    does not report it."""
+    rest counts were taken; ``truth`` and ``motion`` are None where they were not recorded."""
 
     path: Path
     complete: bool
@@ -108,12 +105,10 @@ class RunRecord(msgspec.Struct, frozen=True):
 
     @property
     def scenario(self) -> str:
-        """Of which experiment it is."""
         return scenario_of(self.settings)
 
     def known(self, values: Floats) -> Floats:
-        """Of each finger (n, 3), NaN until its fingertip was read: before rest counts are taken
-        nobody knows what it feels."""
+        """Values of each finger (n, 3), NaN before rest counts were taken."""
         return np.where(np.isnan(self.counts[:, :, 0]), math.nan, values)
 
     @property
@@ -122,8 +117,8 @@ class RunRecord(msgspec.Struct, frozen=True):
 
 
 def read_run(path: Path) -> RunRecord:
-    """A run folder or its recording; raises BadFile where it is none or was cut off before the
-    first step. What is missing at its end, or of its result, is said in the record."""
+    """A run folder or its recording; raises BadFile where it is none or has no step. The record
+    says what is missing at its end, or of its result."""
     recording = open_trial(path)
     config, settings = _settings(recording)
     steps: list[tuple[int, ControlMessage]] = list(recording.of(CONTROL))
@@ -131,8 +126,8 @@ def read_run(path: Path) -> RunRecord:
     states: list[GripperState] = [state for _, state in recording.of(GRIPPER)]
     verdict, problem = _verdict(recording.path, TapResult if "tap" in settings else LiftResult)
 
-    def flags(of: Callable[[ControlMessage], bool]) -> Flags:
-        return np.array([of(message) for _, message in steps])
+    def flags(name: str) -> Flags:
+        return np.array([getattr(message, name) for _, message in steps])
 
     def arm_row(arm: ArmMessage) -> Sequence[float]:
         return [math.nan if value is None else value for value in arm.position_m]
@@ -151,9 +146,9 @@ def read_run(path: Path) -> RunRecord:
         counts=_counts(recording, times),
         fingers_counts=_rows(recording, GRIPPER, times, lambda state: state.positions, FINGERS),
         arm_m=_rows(recording, ARM, times, arm_row, 3),
-        armed=flags(lambda m: m.armed),
-        masked=flags(lambda m: m.masked),
-        registered=flags(lambda m: m.registered),
+        armed=flags("armed"),
+        masked=flags("masked"),
+        registered=flags("registered"),
         truth=_truth(recording, times),
         motion=_motion(recording, times),
         phases=[change for _, change in recording.of(PHASES)],
@@ -184,8 +179,8 @@ def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]
         return msgspec.json.decode(content, type=kind), ""
     except FileNotFoundError:
         return None, (
-            f"There is no {RESULT} beside the recording: the run did not come to its end, or it is "
-            "one of a campaign, whose file has its verdict."
+            f"There is no {RESULT} beside the recording: the run did not end, or belongs to a "
+            "campaign, whose file has its verdict."
         )
     except (OSError, GraspError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         return None, f"The {place.name} beside the recording cannot be read: {error}."
@@ -226,10 +221,8 @@ def _motion(recording: RunRecording, times: Sequence[int]) -> ReportedMotion | N
 
 
 def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:
-    last: Truth | None = None
-    for _, message in recording.of(TRUTH):
-        last = message
-    if last is None:
+    every: list[Truth] = [message for _, message in recording.of(TRUTH)]
+    if not every:
         return None
 
     def row(t: Truth) -> Sequence[float]:
@@ -240,7 +233,7 @@ def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:
     normal, shear, rest = np.split(rows, [FINGERS, 2 * FINGERS], axis=1)
     height, slip, speed, across, turn = rest.T
     return TrueWorld(
-        normal, shear, height, slip, speed, across, turn, last.slip_onset_s, last.struck_s
+        normal, shear, height, slip, speed, across, turn, every[-1].slip_onset_s, every[-1].struck_s
     )
 
 

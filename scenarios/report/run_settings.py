@@ -1,8 +1,5 @@
-"""The settings of a trial beside those that nobody chose, and the command that runs it again.
-
-Settings are the resolved table that a recording or a campaign keeps: of a recording (``begun``)
-with what the experiment itself sets before it begins.
-"""
+"""The settings of a trial beside the defaults, and the command that runs it again. Settings are the
+resolved table of a recording (``begun``: the experiment has set some) or of a campaign."""
 
 import json
 import shlex
@@ -15,10 +12,11 @@ from drivers.errors import ConfigError
 from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
-from scenarios.tap.settings import TapSettings
-from scenarios.tap.tap import tap_config
+from scenarios.tap.config import TapSettings
+from scenarios.tap.tap import tap
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE, detector_layers
+from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.layers import detector_layers
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
@@ -42,7 +40,7 @@ class Setting(msgspec.Struct, frozen=True):
 
 
 def settings_of(told: Told, begun: bool = True) -> list[Setting]:
-    """All of them, in their order, as TOML writes values."""
+    """All settings, in order, with values as TOML."""
     usual = dict(_leaves(_usual(told, begun)))
     known = bool(usual)
     return [
@@ -94,7 +92,7 @@ def _detector_of(profile: str) -> str:
 
 
 def _usual(told: Told, begun: bool) -> dict[str, Any]:
-    """What the same names give with nothing of one's own; empty where this version cannot tell."""
+    """The settings that the same names give; empty where this version does not know them."""
     body = told["object"]["name"]
     own_object = Layer("recording", {"object": told["object"]})
     try:
@@ -115,8 +113,8 @@ def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
     """With what the experiment itself sets before it begins."""
     table: dict[str, Any] = msgspec.to_builtins(config)
     if scenario_of(told) == "tap":
-        tap = load(TapSettings, [Layer("recording", told["tap"])])
-        begun = tap_config(msgspec.structs.replace(config.for_tap(), tap=tap))
+        mallet = load(TapSettings, [Layer("recording", told["tap"])])
+        begun = tap.configure(msgspec.structs.replace(config.for_tap(), tap=mallet))
         return {**msgspec.to_builtins(begun), "tap": table["tap"]}
     if told.get("controller", {}).get("hold_s") == person.HOLD_S:  # until it has been read
         table["controller"]["hold_s"] = person.HOLD_S
@@ -124,7 +122,7 @@ def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and what stands there; a list is one value."""
+    """Dotted keys and their values; a list is one value."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{key}.")

@@ -1,6 +1,7 @@
-"""What `page/view.html` shows of a run, whether it is over or still goes on: the scene, and what
-the decision rule went by beside the bound that it had to pass."""
+"""What pages and terminal show of a run, finished or not: the scene, the evidence of the decision
+rule beside its bound, and the figures of the verdict."""
 
+import math
 from typing import Any
 
 import msgspec
@@ -9,22 +10,21 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, cusum, fused
 from drivers.interfaces import KIT_TAXELS
+from grasp.guard import limit_in_words
 from scenarios.trial.config import TrialConfig
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+LEAST_TURN_DEG = 0.1  # less is not shown
 
 
 class Bound(msgspec.Struct, frozen=True):
-    """What a rule goes by: ``limit`` is what registers slip. ``probable``: of probabilities."""
+    """``limit`` registers slip; ``probable``: of probabilities, not of sums."""
 
     limit: float
     probable: bool
     label: str
     rule: str  # in words
-
-
-class Decided(Bound, frozen=True, kw_only=True):
-    """``values`` (n, k) of k fingers, or of all together; NaN where nothing was decided."""
-
-    values: NDArray[np.float64]
 
 
 class View(msgspec.Struct, frozen=True):
@@ -48,28 +48,23 @@ def bound_of(settings: RuleSettings) -> Bound:
     return Bound(limit, probable, label, in_words(settings))
 
 
-def decided(
-    settings: RuleSettings,
-    probabilities: NDArray[np.float64],
-    armed: NDArray[np.bool_],
-    masked: NDArray[np.bool_],
-) -> Decided:
-    """Of probabilities (n, fingers) and the status (n,) after each, as recorded.
+def decided(settings: RuleSettings, probabilities: Floats, armed: Flags, masked: Flags) -> Floats:
+    """What the rule compared with its bound, (n, k) of k fingers or of all together; NaN where it
+    decided nothing. From probabilities (n, fingers) and the status (n,) after each, as recorded.
 
-    A sum begins anew wherever the slip monitor's did: when it is armed, and after every mask.
+    A sum starts again where the slip monitor's did: when it is armed, and after every mask.
     """
-    bound = bound_of(settings)
     values = fused(probabilities, settings)
     # the sample that armed the monitor was not shown to the rule
     shown = armed & np.roll(armed, 1) & ~masked
     shown[:1] = False
-    if not bound.probable:
-        sums = np.full(values.shape, np.nan)
-        edges = np.flatnonzero(np.diff(shown, prepend=False, append=False))
-        for first, after in edges.reshape(-1, 2):
-            sums[first:after] = cusum(values[first:after], settings)
-        values = sums
-    return Decided(**msgspec.structs.asdict(bound), values=values)
+    if settings.kind == "consecutive":
+        return values
+    sums = np.full(values.shape, np.nan)
+    edges = np.flatnonzero(np.diff(shown, prepend=False, append=False))
+    for first, after in edges.reshape(-1, 2):
+        sums[first:after] = cusum(values[first:after], settings)
+    return sums
 
 
 def in_words(settings: RuleSettings) -> str:
@@ -102,6 +97,33 @@ def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
         "half_aperture_m": config.contact.half_aperture_m,
         "pad_half_m": config.contact.pad_half_length_m,
         "m_per_count": None if known is None else known.m_per_count,
-        "grip_m": grip_m,
-        "top_m": top_m,
-    }
+        "grip_m": grip_m, "top_m": top_m,
+    }  # fmt: skip
+
+
+def turned_text(turned_rad: float | None) -> str:
+    """How far the object has turned in the hand; empty where nobody would see it."""
+    turned_deg = math.degrees(abs(turned_rad or 0.0))
+    return f"turned {turned_deg:.1f} deg" if turned_deg >= LEAST_TURN_DEG else ""
+
+
+def facts(result: Any) -> list[str]:
+    """Figures of a trial's verdict: latencies, slip, pauses, forces and their limit."""
+    told = []
+    if (late_ms := result.detection_latency_ms) is not None:
+        when = f"{late_ms:.0f} ms after" if late_ms >= 0.0 else f"{-late_ms:.0f} ms before"
+        text = f"slip registered {when} its onset"
+        if (reaction_ms := getattr(result, "reaction_latency_ms", None)) is not None:
+            text += f", grip force rising {reaction_ms:.0f} ms after it"
+        told.append(text)
+    if result.slip_distance_m is not None:
+        slipped = f"the object slipped {result.slip_distance_m * 1e3:.1f} mm"
+        told.append(", ".join(filter(None, (slipped, turned_text(result.turned_rad)))))
+    if result.paused_s:
+        told.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")
+    if peaks_n := result.peak_force_n or result.peak_measured_n:
+        peaks = ", ".join(f"{name} {force:.1f}" for name, force in peaks_n.items())
+        known = "true" if result.peak_force_n else "estimated by the fingertips"
+        told.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
+    told.append(limit_in_words(result.force_limit_n, result.cap_mode))
+    return told

@@ -66,8 +66,7 @@ KIND = "calibrations"
 MANUAL = GripperCalibration(
     name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
 )
-FAR = 3.0  # times, up or down, from what the manual says of a byte: believed for a reason alone
-LEAST_REASON = 3  # words
+FAR = 3.0  # times: forces further from the manual's, up or down, are not believed (assumed)
 WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's
 _BYTES = range(FULL_BYTE + 1)
 
@@ -88,8 +87,8 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
 
 
 def weak_claim(known: GripperCalibration) -> str:
-    """What is to be said in every run on real devices of a hand that is said to press with less
-    than its manual states, with whichever byte; empty for one that is not."""
+    """A warning for every run on real devices with a hand that is said to press with less than its
+    manual states, at any byte; empty for any other hand."""
     byte = _weakest(known)
     if known.force_n(byte) >= MANUAL.force_n(byte) - 1e-9:
         return ""
@@ -108,30 +107,23 @@ def in_words(known: GripperCalibration) -> str:
 
 
 def check_claim(known: GripperCalibration) -> None:
-    """Raises ConfigError for a hand that is said to press with less than its manual states, with
-    whichever byte, where byte 0 was not pressed as often as `grasp calibrate hand` asks; and for
-    less than a third of it where that byte or a stronger one was not either, or no reason is
-    given."""
+    """Raises ConfigError for less than a third of the manual's force at any byte, and for less than
+    the manual's where byte 0 was not pressed as often as `grasp calibrate hand` asks."""
     if not weak_claim(known):
         return
-    byte, bytes_ = _weakest(known), known.pressed_bytes
-    far = [b for b in _BYTES if known.force_n(b) < MANUAL.force_n(b) / FAR - 1e-9]
-    pressed = 0 in bytes_ and known.presses >= WEAK_PRESSES
-    if far:
-        pressed = pressed and max(bytes_) >= far[-1] and len(known.reason.split()) >= LEAST_REASON
-    if pressed:
-        return
-    needed, a_third, why = "byte 0 was", "", ""
-    if far:
-        needed, a_third = f"bytes 0 and {far[-1]} were", "a third of "
-        why = ", and why they are so weak"
-    raise ConfigError(
-        "gripper", "calibration",
-        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than "
-        f"{a_third}the manual's {MANUAL.force_n(byte):.3g} N, by {known.source}: it does not say "
-        f"that {needed} pressed {WEAK_PRESSES} times{why}",
-        "what `grasp calibrate hand` writes; until then manual",
-    )  # fmt: skip
+    byte = _weakest(known)
+    manual_n = MANUAL.force_n(byte)
+    claim = (
+        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than"
+    )
+    remedy = "what `grasp calibrate hand` writes; until then manual"
+    if known.force_n(byte) < manual_n / FAR - 1e-9:
+        why = f"{claim} a third of the manual's {manual_n:.3g} N, by {known.source}"
+        raise ConfigError("gripper", "calibration", why, remedy)
+    if 0 not in known.pressed_bytes or known.presses < WEAK_PRESSES:
+        why = (f"{claim} the manual's {manual_n:.3g} N, by {known.source}: it does not say that "
+               f"byte 0 was pressed {WEAK_PRESSES} times")  # fmt: skip
+        raise ConfigError("gripper", "calibration", why, remedy)
 
 
 def _weakest(known: GripperCalibration) -> int:

@@ -1,9 +1,8 @@
-"""What can go wrong in the emulated cell, by name, at once or later."""
+"""Faults that can be ordered in the emulated cell by name, at once or later."""
 
 import heapq
-import threading
-from collections import deque
 from collections.abc import Callable
+from queue import Queue
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -14,13 +13,13 @@ from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.server import UrEmulator
 
 
-class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, order=True):
     """One ``fault`` request: what goes wrong, when, and how much of it."""
 
     name: str
     after_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 0.0  # from now on
-    times: Annotated[int, Meta(ge=1)] = 1  # requests or reads that are hit
-    skip: Annotated[int, Meta(ge=0)] = 0  # requests that are spared first
+    times: Annotated[int, Meta(ge=1)] = 1
+    skip: Annotated[int, Meta(ge=0)] = 0
     seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.1  # of a delay or a freeze
     code: Annotated[int, Meta(ge=0, le=15)] = 0x0E  # gripper fault; its default needs a reset
     pressed: bool = True  # emergency button
@@ -43,10 +42,6 @@ class Known(NamedTuple):
     takes: str
     does: str
     strike: Callable[[Any, FaultOrder], object]
-
-    @property
-    def settings(self) -> list[str]:
-        return self.takes.split()
 
 
 def _on_wire(trouble: Trouble) -> Callable[[GripperEmulator, FaultOrder], object]:
@@ -77,7 +72,7 @@ KNOWN = {
         lambda gripper, order: gripper.model.inject_fault(order.code)),
     "unplug": Known("board", "", "the fingertips' board is off the USB bus, until replug",
         lambda board, order: board.unplug()),
-    "replug": Known("board", "", "the board is plugged in anew, stopped and without faults",
+    "replug": Known("board", "", "the board is plugged in again, stopped and without faults",
         lambda board, order: board.replug()),
     "usb_timeout": Known("board", "times",
         "so many reads of the board bring nothing; replug ends it",
@@ -101,21 +96,21 @@ KNOWN = {
 }  # fmt: skip
 
 
-def in_words(name: str) -> str:
-    """A fault, its settings with their defaults and units, and what it does."""
-    known, defaults = KNOWN[name], FaultOrder(name=name)
-    told = (f"{each}={_shown(getattr(defaults, each))} ({UNITS[each]})" for each in known.settings)
-    return f"{' '.join((name, *told))}: {known.does}"
+def in_words(order: FaultOrder, units: bool = True) -> str:
+    """A fault with its settings, when it happens, and what it does."""
+    words = [order.name]
+    for setting in KNOWN[order.name].takes.split():
+        value = getattr(order, setting)
+        shown = str(value).lower() if isinstance(value, bool) else f"{value:g}"
+        words.append(f"{setting}={shown}" + (f" ({UNITS[setting]})" if units else ""))
+    later = f" in {order.after_s:g} s" if order.after_s else ""
+    return f"{' '.join(words)}{later}: {KNOWN[order.name].does}"
 
 
 def all_in_words() -> str:
-    """Every fault, a line each."""
+    """Every fault, a line each, with defaults and units."""
     later = f"each takes after_s=0 ({UNITS['after_s']}) too; what is given here are the defaults"
-    return "\n".join((*map(in_words, KNOWN), later))
-
-
-def _shown(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}"
+    return "\n".join((*(in_words(FaultOrder(name=name)) for name in KNOWN), later))
 
 
 class CellFaults:
@@ -124,63 +119,50 @@ class CellFaults:
     def __init__(self, board: BoardModel, arm: UrEmulator, gripper: GripperEmulator | None) -> None:
         self._devices = {"board": board, "arm": arm, "gripper": gripper}
         self._arm = arm
-        self._waiting: list[tuple[int, int, FaultOrder]] = []  # a heap: when, and which came first
-        self._ordered = 0
-        self._for_arm: deque[FaultOrder] = deque()
-        self._of_arm = threading.Condition()
-        self._asked = self._done = 0  # of the arm
+        self._waiting: list[tuple[int, FaultOrder]] = []  # a heap, by time
+        self._of_arm: Queue[FaultOrder] = Queue()  # due, for the arm's own thread
 
     def order(self, request: dict[str, Any], now_ns: int) -> str:
         """Take a request; what it will do, in words. Raises ValueError for an unknown name, an
-        argument out of place, and what this arm has not."""
+        argument out of place, and what this arm does not have."""
         name = str(request.get("name", ""))
         names = [each for each in KNOWN if self._devices[KNOWN[each].device] is not None]
         if name not in names:
             raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(names)}")
-        known = KNOWN[name]
-        if strange := request.keys() - {*known.settings, "name", "after_s"}:
-            raise ValueError(f"takes no {', '.join(sorted(strange)):.60}: {in_words(name)}")
+        usage = in_words(FaultOrder(name=name))
+        if strange := request.keys() - {*KNOWN[name].takes.split(), "name", "after_s"}:
+            raise ValueError(f"takes no {', '.join(sorted(strange)):.60}: {usage}")
         try:
             order = msgspec.convert(request, FaultOrder)
         except msgspec.ValidationError as error:
-            raise ValueError(f"{error}: {in_words(name)}") from None
+            raise ValueError(f"{error}: {usage}") from None
         if name == "remote_control":
             self._arm.controller.check_remote_control()
-        if order.after_s:
-            self._ordered += 1
-            when_ns = now_ns + round(order.after_s * 1e9)
-            heapq.heappush(self._waiting, (when_ns, self._ordered, order))
-        else:
-            self._hit(order)
-        when = f" in {order.after_s:g} s" if order.after_s else ""
-        told = (f"{each}={_shown(getattr(order, each))}" for each in known.settings)
-        return f"{' '.join((name, *told))}{when}: {known.does}"
+        heapq.heappush(self._waiting, (now_ns + round(order.after_s * 1e9), order))
+        self.strike(now_ns)
+        return in_words(order, units=False)
 
     def strike(self, now_ns: int) -> None:
         """Let happen what is due; the caller holds the cell's lock."""
         while self._waiting and self._waiting[0][0] <= now_ns:
-            self._hit(heapq.heappop(self._waiting)[2])
-
-    def _hit(self, order: FaultOrder) -> None:
-        known = KNOWN[order.name]
-        if known.device == "arm":
-            self._asked += 1
-            self._for_arm.append(order)
-        else:
-            known.strike(self._devices[known.device], order)
+            order = heapq.heappop(self._waiting)[1]
+            known = KNOWN[order.name]
+            if known.device == "arm":
+                self._of_arm.put(order)
+            else:
+                known.strike(self._devices[known.device], order)
 
     def strike_arm(self) -> None:
         """What is due at the arm, whose controller and connections belong to its own thread."""
-        while self._for_arm:
-            order = self._for_arm.popleft()
+        while not self._of_arm.empty():
+            order = self._of_arm.get()
             KNOWN[order.name].strike(self._arm, order)
-            with self._of_arm:
-                self._done += 1
-                self._of_arm.notify_all()
+            self._of_arm.task_done()
 
     def struck(self, seconds: float) -> bool:
         """Wait until all that was due at the arm by now has happened there; False where that takes
         longer. The caller must not hold the cell's lock, which the arm's thread needs."""
-        asked = self._asked
-        with self._of_arm:
-            return self._of_arm.wait_for(lambda: self._done >= asked, seconds)
+        with self._of_arm.all_tasks_done:
+            return self._of_arm.all_tasks_done.wait_for(
+                lambda: not self._of_arm.unfinished_tasks, seconds
+            )

@@ -1,10 +1,13 @@
-"""What a rig and the world on it can be told; the rooms above add what they do with it."""
+"""Settings of a rig: its devices, their wires and models, and the world that is simulated on it."""
 
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, TypeVar
 
 import msgspec
 from msgspec import Meta
 
+from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
@@ -15,7 +18,6 @@ from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
-from scenarios.rigs.own_devices import OwnDeviceSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
     ContactSettings,
@@ -29,17 +31,59 @@ from scenarios.world.settings import (
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
 CUT = 2.5  # deviations, at which a normal draw of a seed is cut
+# Entry points of devices that other packages offer. Each is a function of the settings for it and
+# of a clock (nanoseconds, monotonic); it gives a context manager of what keeps to a protocol of
+# drivers.interfaces, connected inside.
+GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
+Scalar = bool | int | float | str
+PackageSettings = Annotated[dict[str, Scalar], Meta(description="what its package opens it with")]
+
+
+@cache
+def offered_devices(device: str) -> dict[str, EntryPoint]:
+    """Devices of one kind that installed packages offer, by name."""
+    return {each.name: each for each in entry_points(group=GROUPS[device])}
+
+
+class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Devices of other packages in place of ours, by the names of their entry points. They count as
+    real: they are opened on the rig hardware alone."""
+
+    gripper: Annotated[str, Meta(description="of grasp.grippers; empty: Robotiq 3-Finger")] = ""
+    arm: Annotated[str, Meta(description="of grasp.arms; empty: Universal Robots")] = ""
+    fingertips: Annotated[str, Meta(description="of grasp.fingertips; empty: TakkTile")] = ""
+    gripper_settings: PackageSettings = msgspec.field(default_factory=dict)
+    arm_settings: PackageSettings = msgspec.field(default_factory=dict)
+    fingertips_settings: PackageSettings = msgspec.field(default_factory=dict)
+
+    @property
+    def chosen(self) -> dict[str, str]:
+        """Names of the devices that are not ours, by kind."""
+        named = {device: getattr(self, device) for device in GROUPS}
+        return {device: name for device, name in named.items() if name}
+
+    def settings(self, device: str) -> dict[str, Scalar]:
+        given: dict[str, Scalar] = getattr(self, f"{device}_settings")
+        return given
+
+    def called(self, device: str) -> str:
+        """The name and settings of a device, for locks and messages."""
+        given = ",".join(f"{key}={value}" for key, value in sorted(self.settings(device).items()))
+        return f"{getattr(self, device)}({given})"
+
+    def check_offered(self) -> None:
+        """Raises ConfigError for a name that no installed package offers."""
+        for device, name in self.chosen.items():
+            if name not in (known := offered_devices(device)):
+                offers = ", ".join(known) or f"none is installed (entry points {GROUPS[device]})"
+                raise ConfigError("devices", device, f"unknown: {name!r}", offers)
 
 
 class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Spreads between trials, all assumed; zero switches one off."""
 
-    friction_cv: Annotated[
-        float, Meta(ge=0, le=0.3, description="relative deviation of both frictions")
-    ] = 0.08
-    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative deviation of the mass")] = (
-        0.02
-    )
+    friction_cv: Annotated[float, Meta(ge=0, le=0.3, description="of both frictions")] = 0.08
+    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="of the mass, relative")] = 0.02
     finger_scatter_m: Annotated[
         float, Meta(ge=0, le=0.005, description="deviation of where a finger stops")
     ] = 0.00008

@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
-from drivers.robotiq.modbus import ModbusTransport
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import (
     FAULTS,
     REGISTERS,
@@ -24,8 +25,8 @@ from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
-from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.own_devices import check_offered
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import (
     HARDWARE,
     arm_address,
@@ -35,7 +36,6 @@ from scenarios.rigs.permission import (
     gripper_address,
 )
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
-from scenarios.rigs.wired import open_board
 
 Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
 APART_S = 0.1  # between two looks at the gripper
@@ -57,38 +57,34 @@ class Check(NamedTuple):
     kind: str = ""
 
 
+def failed(name: str, error: Exception) -> Check:
+    """A failure made of whatever error came instead of a finding."""
+    if isinstance(error, GraspError):
+        return Check(name, "fail", error.message, error.remedy, error.kind)
+    return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
+
+
 def checked(name: str, look: Callable[[], Finding]) -> Check:
-    """The finding, or a failure made of whatever error came instead."""
+    """The finding, or the failure."""
     try:
         return Check(name, *look())
-    except GraspError as error:
-        return Check(name, "fail", error.message, error.remedy, error.kind)
     except Exception as error:  # a doctor reports, whatever it meets
-        return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
+        return failed(name, error)
 
 
-def ask_devices(config: GraspRigConfig, would_run: Callable[[Any], object]) -> list[Check]:
+def ask_devices(
+    config: AnyRigConfig, would_run: Callable[[Any], object] = lambda config: None
+) -> list[Check]:
     """Everything that a run of the rig needs; ``would_run`` raises where one would be refused
     before anything is opened."""
-    checks = [checked("calibration", partial(_calibration, config))]
-    if checks[0].status != "fail":
-        checks.append(checked("force guard", partial(_guard, config, would_run)))
-    return [
-        *checks,
-        checked("cell", partial(_cell, config)),
-        checked("gripper", partial(_gripper, config)),
-        *arm_checks(config),
-        checked("fingertips", partial(_board, config)),
-    ]
-
-
-def ask_pressing_devices(config: PressRigConfig) -> list[Check]:
-    """As ``ask_devices``, of a rig without a hand."""
-    return [
-        checked("cell", partial(_cell, config)),
-        *arm_checks(config),
-        checked("fingertips", partial(_board, config)),
-    ]
+    checks = [checked("cell", partial(_cell, config))]
+    if isinstance(config, GraspRigConfig):
+        known = checked("calibration", partial(_calibration, config))
+        guard = [] if known.status == "fail" else [
+            checked("force guard", partial(_guard, config, would_run))
+        ]  # fmt: skip
+        checks = [known, *guard, *checks, checked("gripper", partial(_gripper, config))]
+    return [*checks, *arm_checks(config), checked("fingertips", partial(_board, config))]
 
 
 def _calibration(config: GraspRigConfig) -> Finding:
@@ -118,22 +114,26 @@ def _cell(config: AnyRigConfig) -> Finding:
 
 def read_gripper(config: GraspRigConfig) -> tuple[StatusRegisters, StatusRegisters]:
     """Two looks at its registers, a moment apart; writes nothing. Raises what its link raises."""
-    link = TCP if config.gripper.link == "tcp" else RTU
-    transport = ModbusTransport(config.modbus, config.gripper.link)
+    return read_registers(config.modbus, config.gripper.link)
 
-    def read() -> StatusRegisters:
-        words = transport.read(link.status_register, REGISTERS, time.monotonic_ns())
-        try:
-            return StatusRegisters.from_registers(words)
-        except ValueError as error:
-            raise DeviceFault(f"it answers with {error}", STRANGE) from error
 
-    try:
-        first = read()
+def read_registers(
+    modbus: ModbusSettings, link: Literal["tcp", "rtu"] = "tcp"
+) -> tuple[StatusRegisters, StatusRegisters]:
+    """As ``read_gripper``, of the gripper at an address."""
+    first = (TCP if link == "tcp" else RTU).status_register
+    with closing(ModbusTransport(modbus, link)) as transport:
+
+        def read() -> StatusRegisters:
+            words = transport.read(first, REGISTERS, time.monotonic_ns())
+            try:
+                return StatusRegisters.from_registers(words)
+            except ValueError as error:
+                raise DeviceFault(f"it answers with {error}", STRANGE) from error
+
+        before = read()
         time.sleep(APART_S)
-        return first, read()
-    finally:
-        transport.close()
+        return before, read()
 
 
 def _gripper(config: GraspRigConfig) -> Finding:
@@ -173,7 +173,7 @@ def arm_checks(config: Any) -> list[Check]:
         host = arm_address(config)
         report = preflight(host, timeout_s)
     except GraspError as error:
-        return [Check("arm", "fail", error.message, error.remedy, error.kind)]
+        return [failed("arm", error)]
     checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
     if report.version is None:
         return checks
@@ -230,7 +230,7 @@ def _listened(tips: TakkTileDriver, clock: WallClock) -> Finding:
 
 def _foreign(device: str, config: Any) -> Finding:
     """A device of another package: is it installed? Opening it might move it."""
-    check_offered(config.devices)
+    config.devices.check_offered()
     return "warn", f"{config.devices.called(device)}: of another package, not asked"
 
 

@@ -17,7 +17,7 @@ from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 from grasp.files import against_writing, nearest
 from grasp.realtime import PRIORITY
 from grasp.settings import config_dir
-from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked
+from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
@@ -85,22 +85,17 @@ def _usb() -> Finding:
 
 def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
     """Ask gripper, arm and fingertips of a wired rig; an emulated one gets a cell meanwhile."""
-    found: list[Check] = []
-
-    def ask() -> Finding:
+    try:
         if rig is None or (config := load(rig, None)).rig == "simulated":
-            return "ok", ""
+            return []
         if config.rig != "emulated":
-            found.extend(ask_devices(config, would_run))
-            return "ok", ""
+            return ask_devices(config, would_run)
         from scenarios.rigs.emulated import at_endpoints, cell_process
 
         with cell_process(config, 0) as cell:
-            found.extend(ask_devices(at_endpoints(config, cell.endpoints), would_run))
-        return "ok", ""
-
-    whole = checked("devices", ask)
-    return found if whole.status == "ok" else [*found, whole]
+            return ask_devices(at_endpoints(config, cell.endpoints), would_run)
+    except Exception as error:  # a doctor reports, whatever it meets
+        return [failed("devices", error)]
 
 
 def _jitter() -> Finding:

@@ -6,20 +6,19 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from drivers.errors import LinkLost
-from drivers.interfaces import Gripper
 from grasp.clock import WallClock
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
-from scenarios.rigs.rig import GraspRig, Rig, Stalls, connect
-from scenarios.rigs.wired import acknowledgements, wired_devices
+from scenarios.rigs.opening import acknowledgements, wired_devices
+from scenarios.rigs.rig import Rig, Stalls, connect
 from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 
@@ -29,6 +28,7 @@ POLL_NS = 100_000_000
 END_S = 3.0
 OPEN_MPS = 0.05
 ConfigT = TypeVar("ConfigT", bound=RigConfig)
+replace = msgspec.structs.replace
 
 
 @contextmanager
@@ -40,24 +40,18 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
             connect(arm, tactile, gripper, clock)
             arm.set_payload(config.arm.payload_kg)
             cell.wait_placed(clock)
+
+            def load(trial: GraspRigConfig, seed: int) -> None:
+                cell.load(trial, seed)
+                if gripper is not None and (gripper.state is None or not gripper.state.is_open):
+                    gripper.open(OPEN_MPS)  # a lift that has lost its object leaves it closed
+                cell.wait_placed(clock)
+
             rig: Rig[Any, Any] = Rig(
                 arm, tactile, gripper, clock, True, None, cell.truth, cell.stalls,
                 acknowledgements(gripper),
             )  # fmt: skip
-            yield rig if gripper is None else _with_object(rig, cell, clock, gripper)
-
-
-def _with_object(
-    rig: GraspRig, cell: "CellProcess", clock: WallClock, gripper: Gripper
-) -> GraspRig:
-    def load(trial: GraspRigConfig, seed: int) -> None:
-        cell.load(trial, seed)
-        state = gripper.state
-        if state is None or not state.is_open:  # as a lift leaves it that has lost its object
-            gripper.open(OPEN_MPS)
-        cell.wait_placed(clock)
-
-    return msgspec.structs.replace(rig, tap=cell.tap, load=load)
+            yield rig if gripper is None else replace(rig, tap=cell.tap, load=load)
 
 
 class ControlClient:
@@ -104,9 +98,8 @@ class CellProcess:
             start_new_session=True,  # a terminal's Ctrl-C and hang-up are the run's affair
             env={**os.environ, "PYTHONPATH": home},
         )  # fmt: skip
-        self._open = ExitStack()
-        self._open.callback(self._end)
-        try:
+        with ExitStack() as stack:
+            stack.callback(self._end)
             assert self._child.stdin is not None and self._child.stdout is not None  # noqa: S101
             order = CellOrder.of(config, seed)
             self._child.stdin.write(msgspec.json.encode(order).decode() + "\n")
@@ -116,10 +109,8 @@ class CellProcess:
                 raise LinkLost("the emulated cell did not start", "see its messages above")
             self.endpoints: dict[str, Any] = json.loads(line)
             self.control = ControlClient(**self.endpoints["control"])
-            self._open.callback(self.control.close)
-        except BaseException:
-            self.close()
-            raise
+            stack.callback(self.control.close)
+            self.close = stack.pop_all().close
 
     def truth(self) -> Any:
         """The state of the world now: Truth of a grasp, PressedTruth of a pressed fingertip."""
@@ -139,17 +130,15 @@ class CellProcess:
         end_ns = clock.now_ns + round(READY_S * 1e9)
         while not self.control.ask("truth")["placed"]:
             if clock.now_ns > end_ns:
-                remedy = "is the hand open? start again"
-                raise LinkLost("the cell has not placed its object", remedy)
+                raise LinkLost(
+                    "the cell has not placed its object", "is the hand open? start again"
+                )
             clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
     def stalls(self) -> Stalls:
         """How often, and how long at worst, the cell stood still."""
         reply = self.control.ask("truth")
         return Stalls(reply["stalls"], reply["worst_stall_ms"])
-
-    def close(self) -> None:
-        self._open.close()
 
     def _end(self) -> None:
         for stream in (self._child.stdin, self._child.stdout):
@@ -162,18 +151,12 @@ class CellProcess:
             self._child.wait()
 
 
-@contextmanager
-def cell_process(config: AnyRigConfig, seed: int) -> Iterator[CellProcess]:
-    cell = CellProcess(config, seed)
-    try:
-        yield cell
-    finally:
-        cell.close()
+def cell_process(config: AnyRigConfig, seed: int) -> AbstractContextManager[CellProcess]:
+    return closing(CellProcess(config, seed))
 
 
 def at_endpoints(config: ConfigT, endpoints: dict[str, Any]) -> ConfigT:
     """The configuration with the addresses of a cell in place of the lab's."""
-    replace = msgspec.structs.replace
     config = replace(
         config,
         usb=replace(config.usb, url=endpoints["tactile"]["url"]),

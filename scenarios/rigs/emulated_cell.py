@@ -17,8 +17,8 @@ import socketserver
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Any, Literal, Self, TypeVar
 
@@ -39,20 +39,9 @@ ADDRESS_TRIES = 50
 T = TypeVar("T")
 Request = dict[str, Any]
 Verb = Callable[[Request], Request | None]
-STOPPED_ARM = (
-    "the arm is stopped by its own safety system; a protective stop is cleared, 5 s after it, by "
-    "the line 'unlock protective stop' to its dashboard, {host} port 29999"
-)
 HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
-STANDING_SLIDER = (
-    "the arm's speed slider stands at 0: turn it up first, 'fault speed_slider fraction=1'"
-)
 ARM_TAKES_S = 1.0  # to strike a fault, at most; a frozen arm takes longer
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
-
-
-Obey = Callable[[Request], Request]
-CONTROL_END_S = 5.0
 LONGEST = 65_536  # bytes of a request
 SHOWN = 500  # characters of what was wrong
 
@@ -112,31 +101,20 @@ class EmulatedCell:
         self._home_m = start_m = order.config.arm_model.start_m
         self._homeward = False
         arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
+        lock, advance = self._lock, self.advance
         with ExitStack() as stack:
-            self.arm = stack.enter_context(
-                UrEmulator(arm, self.cell.arm, self._lock, self._arm_cycle)
-            )
+            use = stack.enter_context
+            self.arm = use(UrEmulator(arm, self.cell.arm, lock, self._arm_cycle))
             self.gripper = self.serial = None
             if self._hand is not None:
-                self.gripper = stack.enter_context(
-                    GripperEmulator(
-                        self._hand.gripper, host, there.gripper_port, lock=self._lock,
-                        advance=self.advance,
-                    )
-                )  # fmt: skip
-            if self._hand is not None and there.rtu:
-                self.serial = stack.enter_context(
-                    RtuEmulator(self._hand.gripper, lock=self._lock, advance=self.advance)
-                )
-            self.board = stack.enter_context(
-                BoardServer(self.cell.board, self._lock, host, clock=self._advanced)
-            )
+                hand, port = self._hand.gripper, there.gripper_port
+                self.gripper = use(GripperEmulator(hand, host, port, lock=lock, advance=advance))
+                if there.rtu:
+                    self.serial = use(RtuEmulator(hand, lock=lock, advance=advance))
+            self.board = use(BoardServer(self.cell.board, lock, host, clock=self._advanced))
             self.faults = CellFaults(self.cell.board, self.arm, self.gripper)
-            self.control = stack.enter_context(ControlServer(host, self.obey, token))
-            self._stack = stack.pop_all()
-
-    def close(self) -> None:
-        self._stack.close()
+            self.control = use(ControlServer(host, self.obey, token))
+            self.close = stack.pop_all().close
 
     def advance(self, now_ns: int) -> None:
         """Bring the world to now_ns; a time that has passed already changes nothing."""
@@ -181,10 +159,6 @@ class EmulatedCell:
         self.advance(now_ns)
         return now_ns
 
-    def run(self, ended: Callable[[], bool]) -> None:
-        """Serve until told to end. The arm's cycles are the loop, the rest has threads."""
-        self.arm.run(ended)
-
     def endpoints(self) -> dict[str, Any]:
         """Where clients find everything."""
         gripper: dict[str, Any] = {}
@@ -198,16 +172,11 @@ class EmulatedCell:
             "start_ns": self._start_ns,
             **gripper,
             "tactile": {"url": self.board.url},
-            "arm": {
-                "host": self.host,
-                "rtde": 30004,
-                "dashboard": 29999,
-                "script": 30003,
-                "faults": self.arm.fault_port,
-            },
+            "arm": {"host": self.host, "rtde": 30004, "dashboard": 29999, "script": 30003,
+                    "faults": self.arm.fault_port},
             "control": {"host": self.host, "port": self.control.port},
             **({"token": self._token} if self._token else {}),
-        }
+        }  # fmt: skip
 
     def obey(self, request: Request) -> Request:
         """One request of the control channel; an unknown one is answered with an error."""
@@ -267,9 +236,12 @@ class EmulatedCell:
         now_ns, arm, motion = time.monotonic_ns(), self.cell.arm, self.arm.controller.motion
         away_m = math.dist(arm.position(now_ns), self._home_m)
         if arm.protective_stop:
-            return {"error": STOPPED_ARM.format(host=self.host)}
+            return {"error": "the arm is stopped by its own safety system; a protective stop is "
+                    "cleared, 5 s after it, by the line 'unlock protective stop' to its dashboard, "
+                    f"{self.host} port 29999"}  # fmt: skip
         if arm.pace(now_ns) == 0.0:
-            return {"error": STANDING_SLIDER}
+            return {"error": "the arm's speed slider stands at 0: turn it up first, 'fault "
+                    "speed_slider fraction=1'"}  # fmt: skip
         moving = motion.moving or arm.moving(now_ns)
         self._homeward = (away_m > 0.0 or motion.turned_rad > 0.0) and not moving
         return {"away_m": away_m, "turned_rad": motion.turned_rad}
@@ -280,20 +252,12 @@ class _Handler(socketserver.StreamRequestHandler):
     is not on loopback alone; the reply is an object, with ``error`` where it was refused."""
 
     disable_nagle_algorithm = True
-    server: "_Server"
+    server: "ControlServer"
 
     def handle(self) -> None:
         with suppress(OSError):
             while line := self.rfile.readline(LONGEST):
-                whole = line.endswith(b"\n") or len(line) < LONGEST
-                reply = self._reply(line) if whole else {"error": "line too long"}
-                self.wfile.write(json.dumps(reply).encode() + b"\n")
-                if not whole:
-                    return
-
-    def finish(self) -> None:
-        with suppress(OSError):
-            super().finish()
+                self.wfile.write(json.dumps(self._reply(line)).encode() + b"\n")
 
     def _reply(self, line: bytes) -> Request:
         try:
@@ -306,57 +270,34 @@ class _Handler(socketserver.StreamRequestHandler):
             return {"error": f"{type(error).__name__}: {error}"[:SHOWN]}
 
 
-class _Server(socketserver.ThreadingTCPServer):
+class ControlServer(socketserver.ThreadingTCPServer):
+    """Serves ``obey`` on a free port of the cell's address, a thread for each client."""
+
     daemon_threads = True
-    allow_reuse_address = True
-    obey: Obey
-    token: str
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is no error."""
-
-
-class ControlServer:
-    """Serves ``obey`` on a free port of the cell's address."""
-
-    def __init__(self, host: str, obey: Obey, token: str = "") -> None:
-        self._server = _Server((host, 0), _Handler)
-        self._server.obey, self._server.token = obey, token
-        self.port: int = self._server.server_address[1]
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, name="cell-control", daemon=True
-        )
+    def __init__(self, host: str, obey: Callable[[Request], Request], token: str = "") -> None:
+        super().__init__((host, 0), _Handler)
+        self.obey, self.token = obey, token
+        self.port: int = self.server_address[1]
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        threading.Thread(target=self.serve_forever, name="cell-control", daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join(CONTROL_END_S)
+        self.shutdown()
+        self.server_close()
 
-
-@contextmanager
-def open_cell(order: CellOrder, there: Listening) -> Iterator[EmulatedCell]:
-    """A cell on the address given, or on a free one."""
-    make = partial(EmulatedCell, order, there=there)
-    cell = at_free_address(make) if there.host is None else make(there.host)
-    try:
-        yield cell
-    finally:
-        cell.close()
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is no error."""
 
 
 def at_free_address(make: Callable[[str], T]) -> T:
     """What ``make`` gives at the first loopback address that it can bind."""
     for _ in range(ADDRESS_TRIES):
         parts = (random.randint(1, 254) for _ in range(3))
-        address = "127." + ".".join(map(str, parts))  # never 127.0.0.1: ur_rtde skips a check there
-        try:
-            return make(address)
-        except OSError:
-            continue
+        with suppress(OSError):  # never 127.0.0.1: ur_rtde skips a check there
+            return make("127." + ".".join(map(str, parts)))
     raise OSError(f"no free loopback address in {ADDRESS_TRIES} tries")
 
 
@@ -368,10 +309,11 @@ def serve(
     before it serves, and must not wait."""
     sys.setswitchinterval(SWITCH_S)
     any_cell(order.config, order.seed).compile()
-    with open_cell(order, there) as cell:
+    make = partial(EmulatedCell, order, there=there)
+    with closing(at_free_address(make) if there.host is None else make(there.host)) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         opened(cell)
-        cell.run(ended.is_set)
+        cell.arm.run(ended.is_set)  # the arm's cycles are the loop, the rest has threads
 
 
 def end_on_signals() -> threading.Event:

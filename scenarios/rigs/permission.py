@@ -19,7 +19,6 @@ from drivers.errors import ConfigError, Refused, UsageError
 from grasp.lock import Holder, locked
 from scenarios.rigs.calibration import Files, own_files_of
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
-from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.rig import calibration
 
 HARDWARE = "hardware"
@@ -77,7 +76,7 @@ def check_devices(config: AnyRigConfig) -> None:
     """Raises ConfigError where an address or the calibration of real devices was left out."""
     if config.rig != HARDWARE:
         return
-    check_offered(config.devices)
+    config.devices.check_offered()
     if isinstance(config, GraspRigConfig):
         calibration(config)
         gripper_address(config)

@@ -29,10 +29,6 @@ CLOSED_AND_INACTIVE = (
     "support what it holds, then `grasp release --activate`; if it is empty, `grasp gripper "
     "activate`"
 )
-STAYS = (
-    "remove its cause and look again with `grasp status gripper`; if it stays, support what the "
-    "hand holds, `grasp release`, then `grasp gripper activate`"
-)
 
 CellT = TypeVar("CellT", "SimulatedCell", "PressedCell")
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
@@ -98,8 +94,8 @@ def calibration(config: GraspRigConfig) -> GripperCalibration:
 
 
 def to_open(config: ConfigT) -> ConfigT:
-    """For what only opens, at the least force: figures that nobody should believe keep no hand from
-    it, the manual's stand in. Raises ConfigError where nobody has chosen."""
+    """For what only opens, at the least force: where a calibration is not to be believed, the
+    manual's figures take its place. Raises ConfigError where none was chosen."""
     try:
         calibration(config)
     except ConfigError:
@@ -130,7 +126,9 @@ def check_fault(state: GripperState) -> None:
     if state.fault:
         raise DeviceFault(
             f"the gripper reports a fault, {state.fault_text}; it is active and was left as it is, "
-            f"at {state.positions} counts", STAYS,
+            f"at {state.positions} counts",
+            "remove its cause and look again with `grasp status gripper`; if it stays, support "
+            "what the hand holds, `grasp release`, then `grasp gripper activate`",
         )  # fmt: skip
 
 
@@ -147,27 +145,30 @@ def known_state(gripper: Gripper) -> GripperState:
 
 
 def not_active(state: GripperState, again: str = "") -> Refused:
-    """The error of a hand that obeys nothing; ``again``: what to run to let it go."""
+    """The error of a hand that obeys nothing; ``again``: what to run to let it go. A hand that
+    stands closed may hold something by itself, as after a power cut."""
     why = f" ({state.fault_text})" if state.fault else ""
-    return Refused(
-        f"the hand is not active{why}: nothing was moved",
-        "activation opens and closes it fully: empty the hand or support what it holds, then run "
-        f"{again}" if again else "empty it, then `grasp gripper activate`",
-    )  # fmt: skip
+    still = f"the hand is not active{why}: nothing was moved"
+    if again:
+        supported = "activation opens and closes it fully: empty the hand or support what it holds"
+        return Refused(still, f"{supported}, then run {again}")
+    if max(state.positions) > OPEN_COUNTS:
+        closed = f"the hand is not active{why} and stands closed, at {state.positions} counts"
+        return Refused(f"{closed}: activation would drop what it holds", CLOSED_AND_INACTIVE)
+    return Refused(still, "empty it, then `grasp gripper activate`")
 
 
 def take_over(gripper: Gripper, clock: Clock) -> None:
-    """Of a real hand, which must be active: activation opens and closes it fully, at a force that
-    nobody sets, and a run does that to none by itself. Raises Refused for one that is not, or that
-    is in scissor mode, DeviceFault for one that reports a fault, and what its driver raises."""
+    """Check a real hand, which must be active: activation opens and closes it fully, at a force
+    that nobody sets, and a run does that to none by itself. Raises Refused for one that is not
+    active or in scissor mode, DeviceFault for one that reports a fault, and what its driver
+    raises."""
     end_ns = clock.now_ns + round(TAKE_OVER_S * 1e9)
     while clock.now_ns < end_ns:
         gripper.pump(clock.now_ns)
-        state = gripper.state
-        if state is not None and not state.active:
-            closed = max(state.positions) > OPEN_COUNTS
-            raise closed_and_inactive(state) if closed else not_active(state)
-        if state is not None:
+        if (state := gripper.state) is not None:
+            if not state.active:
+                raise not_active(state)
             check_fault(state)
             if state.fresh:
                 check_closing(mode_of(gripper))
@@ -176,24 +177,15 @@ def take_over(gripper: Gripper, clock: Clock) -> None:
     raise LinkLost("the gripper does not answer", "check its power, cable and address")
 
 
-def closed_and_inactive(state: GripperState) -> Refused:
-    """As after a power cut: it may hold something by itself."""
-    return Refused(
-        f"the hand is not active and stands closed, at {state.positions} counts: activation "
-        "would drop what it holds", CLOSED_AND_INACTIVE,
-    )  # fmt: skip
-
-
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is. Raises DeviceFault when that does not end and for an
-    active hand that reports a fault, Refused where it would drop something and may not: a hand
-    that is not active and stands closed may hold something by itself, as after a power cut."""
+    active hand that reports a fault, Refused where it would drop something and may not."""
     gripper.pump(clock.now_ns)
-    found = gripper.state
-    if found is not None and not (dropping or found.active or max(found.positions) <= OPEN_COUNTS):
-        raise closed_and_inactive(found)
-    if found is not None and found.active:
-        check_fault(found)
+    if (found := gripper.state) is not None:
+        if found.active:
+            check_fault(found)
+        elif not dropping and max(found.positions) > OPEN_COUNTS:
+            raise not_active(found)
     gripper.activate(dropping)
     until_active(gripper, clock)
 

@@ -1,4 +1,4 @@
-"""How hard the mallet strikes: searched as the paper's operator did, until the object moves.
+"""The mallet's blow: which way, where it lands, and how hard, searched as the paper's operator did.
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
 search bisects the impulse on the contact law alone, for the object as configured and held as firmly
@@ -7,13 +7,32 @@ good. A trial's own friction, mass and grip differ from that, and so does the ha
 blow to blow: what a trial's tap really moves is measured, not assumed.
 """
 
+import copy
+import math
+from functools import cache
+from typing import TYPE_CHECKING
+
 import msgspec
 import numpy as np
 
+from drivers.errors import ConfigError
+from drivers.interfaces import Vector3
 from scenarios.rigs.config import CUT
-from scenarios.tap.blows import blow_of, direction_of, nominal_impulse_n_s
-from scenarios.tap.config import TapConfig
-from scenarios.world.settings import Blow
+from scenarios.tap.config import TapConfig, TapSettings
+from scenarios.world.objects import GraspObject
+from scenarios.world.settings import Blow, ContactSettings, Level
+
+if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
+    from scenarios.world.contact import Contact, Floats
+
+MOST_N_S = 2.0
+HALVINGS = 16  # to 0.03 mN s
+SETTLE_S, AFTER_S = 0.6, 0.6
+MARK_HEIGHT_M = 0.05  # of the tape mark above the grip; assumed
+OFFSET_SPREAD_M = 0.005  # deviation of where a blow lands; assumed, 2-10 mm
+WAIT_S = 0.3  # the hand waits 0 to this long, drawn
+MALLET_KG = 0.454  # 16 oz (paper)
+RESTITUTION = 0.3  # rubber on the object; assumed, 0.2-0.5
 
 
 class Swing(msgspec.Struct, frozen=True):
@@ -30,28 +49,111 @@ class Swing(msgspec.Struct, frozen=True):
 def swing(config: TapConfig, seed: int) -> Swing:
     """The tap of a seed. A real rig uses only its wait, because a person strikes.
     Raises ConfigError when no tap moves the object enough."""
-    tap = config.tap
-    direction = direction_of(tap, seed)
-    nominal_n_s = 0.0 if config.real else search(config, direction)
+    tap, direction = config.tap, config.direction(seed)
+    nominal_n_s = 0.0 if config.real else nominal_impulse_n_s(config, direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -CUT, CUT))
     delay, wait = rng.uniform(size=2).tolist()
-    beside_m = tap.offset_spread_m * float(np.clip(rng.standard_normal(), -CUT, CUT))
-    impulse_n_s = tap.strength * nominal_n_s * max(hand, 0.0)
+    beside_m = OFFSET_SPREAD_M * float(np.clip(rng.standard_normal(), -CUT, CUT))
+    impulse_n_s = nominal_n_s * max(hand, 0.0)
     blow = blow_of(tap, direction, impulse_n_s, config.loop.period_s * delay, beside_m)
-    return Swing(blow, tap.wait_s * wait)
+    return Swing(blow, WAIT_S * wait)
 
 
 def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
     """Speed at which the mallet met the object: J = (1 + e) m M / (m + M) v, object free."""
-    tap, body = config.tap, config.object
-    mass_kg = body.mass_kg + body.added_mass_kg
-    reduced_kg = tap.mallet_kg * mass_kg / (tap.mallet_kg + mass_kg)
-    return impulse_n_s / ((1 + tap.restitution) * reduced_kg)
+    mass_kg = config.object.mass_kg + config.object.added_mass_kg
+    reduced_kg = MALLET_KG * mass_kg / (MALLET_KG + mass_kg)
+    return impulse_n_s / ((1 + RESTITUTION) * reduced_kg)
 
 
-def search(config: TapConfig, direction: str) -> float:
-    """Impulse, N s, of the nominal blow in that direction; raises ConfigError when there is none
-    below 2 N s: the object is knocked out before."""
+def nominal_impulse_n_s(config: TapConfig, direction: str) -> float:
+    """Impulse of the nominal blow in that direction, N s, as set or searched. Raises ConfigError
+    when there is none below 2 N s: the object is knocked out before."""
+    tap = config.tap
+    if tap.impulse_n_s:
+        return tap.impulse_n_s
+    alike = msgspec.structs.replace(tap, direction="alternate", spread=0.0)  # searched once
     grip_n = config.guard.full_grip_n
-    return nominal_impulse_n_s(config.object, config.contact, grip_n, config.tap, direction)
+    way = "top" if direction == "closing" else direction
+    return _searched(config.object, config.contact, grip_n, alike, way)
+
+
+@cache
+def _searched(
+    body: GraspObject, hand: ContactSettings, grip_n: Vector3, tap: TapSettings, direction: str
+) -> float:
+    # whatever the trials do: only a blow through the middle turns nothing
+    held = held_at(body, hand, grip_n, Level.SLIDER if direction == "top" else Level.SPIN)
+    low, high = 0.0, MOST_N_S
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        moved_m = moved_by(held, blow_of(tap, direction, middle, 0.0))
+        low, high = (middle, high) if moved_m < tap.aim_m else (low, middle)
+    if not moved_by(held, blow_of(tap, direction, high, 0.0)) < 2 * tap.aim_m:
+        raise ConfigError(
+            "tap", "aim_m",
+            f"no blow on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
+            "in the hand", "a smaller tap.aim_m, or tap.impulse_n_s",
+        )  # fmt: skip
+    return high
+
+
+def blow_of(
+    tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float, beside_m: float = 0.0
+) -> Blow:
+    """``beside_m``: how far from where it was meant to land."""
+    follow_n_s = tap.follow_fraction * impulse_n_s
+    meant_m = {"top": 0.0, "side": tap.side_offset_m}
+    offset_m = meant_m[direction] + beside_m if direction in meant_m else 0.0
+    return msgspec.convert(
+        {
+            "direction": direction, "impulse_n_s": impulse_n_s - follow_n_s,
+            "duration_s": tap.duration_s, "follow_n_s": follow_n_s, "follow_s": tap.follow_s,
+            "delay_s": delay_s, "offset_m": offset_m,
+        },
+        Blow,
+    )  # fmt: skip
+
+
+class Held(msgspec.Struct, frozen=True):
+    """The object in the air, settled in a firm grip."""
+
+    contact: "Contact"
+    travel_m: "Floats"
+
+    def waits(self, since_s: float, for_s: float) -> None:
+        """Let time pass."""
+        self.contact.advance(since_s, for_s, 0.0, 0.0, 0.0, self.travel_m, self.travel_m)
+
+
+def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Level) -> Held:
+    """At that grip force, which is what the motors leave once the pads have relaxed."""
+    from scenarios.world import laws
+    from scenarios.world.contact import Contact, finger_stiffness, parameters
+
+    contact = Contact(hand, body, level)
+    contact.place()
+    contact.state[laws.HEIGHT] = 1.0
+    kept = 1 - hand.relaxation_fraction
+    pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
+    width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
+    touch_m = hand.half_aperture_m - width_m
+    held = Held(contact, touch_m + pressed_m)
+    held.waits(0.0, SETTLE_S)
+    return held
+
+
+def moved_by(held: Held, blow: Blow) -> float:
+    """Displacement of the tape mark for good, m; infinite if the object was lost."""
+    from scenarios.world import laws
+
+    trial = copy.deepcopy(held)
+    before, after = held.contact.state, trial.contact.state
+    trial.contact.strike(blow, SETTLE_S)
+    trial.waits(SETTLE_S, AFTER_S)
+    if after[laws.NORMAL] <= 0.0:
+        return math.inf
+    turned_rad = after[laws.TURN] - before[laws.TURN]
+    down_m = after[laws.SLIP] - before[laws.SLIP] + MARK_HEIGHT_M * (1 - math.cos(turned_rad))
+    return math.hypot(down_m, after[laws.ACROSS] - MARK_HEIGHT_M * math.sin(turned_rad))

@@ -1,8 +1,7 @@
-"""The verdict of a tap, from what moved and what the status said: the same on every rig.
+"""The result of a tap and its verdict, from what moved and what the status said.
 
 Success as in the paper (section V-B): slip was registered after the object moved upon being
-tapped, and the status returned to nominal after the object had stopped. The paper gives no times;
-the windows here are settings, and ``verdict`` can be asked again with others.
+tapped, and the status returned to nominal after the object had stopped. The paper gives no times.
 """
 
 from collections.abc import Sequence
@@ -10,8 +9,54 @@ from enum import StrEnum
 
 import msgspec
 
-from scenarios.tap.result import Alarm
-from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.result import TrialResult
+
+MOVED_M = 0.001  # a permanent displacement of this counts as moved
+# or a rotation in the hand: by the lever of the paper's label, 3 mm/s over 0.2 rad/s
+MOVED_RAD = MOVED_M / 0.015
+REGISTER_S = 0.5  # slip is registered within, from first motion; assumed
+CLEAR_S = 1.0  # status nominal within, from the end of motion; assumed
+STAY_S = 0.5  # and stays nominal for; assumed
+
+
+class Alarm(msgspec.Struct, frozen=True):
+    """A stretch of status REGISTERED; None: it was still so at the end."""
+
+    on_s: float
+    off_s: float | None
+
+
+class TapResult(TrialResult, frozen=True, kw_only=True):
+    """Verdict of one tap. Lengths in metres, relative to the fingertips, down and across the
+    closing axis; ``turned_rad`` about it. ``moved`` is False for a tap that moved nothing, which is
+    reported apart: it is no success, and a failure only if slip was registered. It is None for a
+    tap that never was struck, or not to its end."""
+
+    direction: str
+    moved: bool | None
+    displacement_m: float | None
+    down_m: float | None
+    across_m: float | None
+    turned_rad: float | None
+    impulse_n_s: float | None
+    mallet_mps: float | None
+    struck_s: float | None
+    slip_end_s: float | None
+    slip_duration_ms: float | None
+    nominal_again_s: float | None
+    nominal_again_ms: float | None
+    alarms: list[Alarm]
+    watched_until_s: float | None
+    grip_force_n: dict[str, float] | None
+
+    @property
+    def failed(self) -> bool:
+        """One that moved nothing is no failure."""
+        return not (self.success or self.moved is False)
+
+    @property
+    def slip_distance_m(self) -> float | None:
+        return self.displacement_m
 
 
 class TapOutcome(StrEnum):
@@ -39,7 +84,7 @@ UNSTRUCK = frozenset(
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
-    """What a blow did: seen by the world, or felt by the fingertips and read off the tape mark.
+    """What a blow did: by the world's truth, or by the fingertips and the tape mark.
 
     Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
     """
@@ -51,12 +96,12 @@ class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
     held: bool = True
     down_m: float | None = None
     across_m: float | None = None
-    turned_rad: float | None = None  # None where nobody can tell
+    turned_rad: float | None = None  # None where it is not measured
 
-    def moved(self, settings: TapScoringSettings) -> bool:
+    def moved(self) -> bool:
         """Whether that is motion: a displacement, or a rotation that is worth one."""
-        turned = self.turned_rad is not None and abs(self.turned_rad) >= settings.turned_rad
-        return turned or self.displacement_m >= settings.moved_m
+        turned = self.turned_rad is not None and abs(self.turned_rad) >= MOVED_RAD
+        return turned or self.displacement_m >= MOVED_M
 
 
 class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,7 +115,7 @@ class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
     fault: str = ""
 
 
-def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
+def verdict(facts: TapFacts) -> TapOutcome:
     """The first rule that applies, worst first."""
     if facts.own_peak_n is not None and facts.own_peak_n > facts.force_bound_n:
         return TapOutcome.OVER_FORCE
@@ -82,22 +127,20 @@ def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
     if not motion.held:
         return TapOutcome.KNOCKED_OUT
     registered_s = registered_after(facts.alarms, motion.struck_s)
-    if not motion.moved(settings):
+    if not motion.moved():
         quiet = registered_s is None
         return TapOutcome.UNMOVED_QUIET if quiet else TapOutcome.UNMOVED_REGISTERED
     if registered_s is None:
         return TapOutcome.UNDETECTED
-    return _timely(facts, motion, registered_s, settings)
+    return _timely(facts, motion, registered_s)
 
 
-def _timely(
-    facts: TapFacts, motion: ObjectMotion, registered_s: float, settings: TapScoringSettings
-) -> TapOutcome:
-    if registered_s > first_motion_s(motion) + settings.register_s:
+def _timely(facts: TapFacts, motion: ObjectMotion, registered_s: float) -> TapOutcome:
+    if registered_s > first_motion_s(motion) + REGISTER_S:
         return TapOutcome.LATE
     end_s = last_motion_s(motion)
-    again_s = nominal_again_s(facts, end_s, settings.stay_s)
-    if again_s is None or again_s > end_s + settings.clear_s:
+    again_s = nominal_again_s(facts, end_s)
+    if again_s is None or again_s > end_s + CLEAR_S:
         return TapOutcome.ALARM_STAYED
     return TapOutcome.REGISTERED
 
@@ -116,16 +159,16 @@ def registered_after(alarms: Sequence[Alarm], t_s: float) -> float | None:
     return next((alarm.on_s for alarm in alarms if alarm.on_s >= t_s), None)
 
 
-def nominal_again_s(facts: TapFacts, since_s: float, stay_s: float) -> float | None:
-    """First time from ``since_s`` on at which the status is nominal and stays so for ``stay_s``;
-    None if it was not watched long enough to tell, or never did."""
+def nominal_again_s(facts: TapFacts, since_s: float) -> float | None:
+    """First time from ``since_s`` on at which the status is nominal and stays so for STAY_S;
+    None if it never did, or was not watched for long enough."""
     t_s = since_s
     for alarm in facts.alarms:
         if alarm.off_s is not None and alarm.off_s <= t_s:
             continue
-        if alarm.on_s >= t_s + stay_s:
+        if alarm.on_s >= t_s + STAY_S:
             break
         if alarm.off_s is None:
             return None
         t_s = alarm.off_s
-    return t_s if t_s + stay_s <= facts.watched_until_s else None
+    return t_s if t_s + STAY_S <= facts.watched_until_s else None

@@ -1,136 +1,324 @@
 """The mallet tap (paper, section V-B): hold at the force cap, be struck, feel the slip, calm down.
 
 Each tap is a trial of its own, a grasp from the table to being set down again, so that taps do not
-walk the object through the hand. Only detection is scored: the controller is told not to answer
+walk the object through the hand. Only detection is scored: the controller is set not to answer
 slip, and it could not, because a thumb that stands at the cap is latched at that force.
 """
 
-from collections.abc import Sequence
-from pathlib import Path
+import math
+from collections.abc import Callable, Sequence
 
 import msgspec
+import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
+from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
-from scenarios.tap.blows import direction_of
 from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import mallet_speed_mps, swing
-from scenarios.tap.result import TapResult
+from scenarios.tap.mallet import Swing, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     UNMOVED,
     UNSTRUCK,
+    Alarm,
     ObjectMotion,
     TapFacts,
     TapOutcome,
+    TapResult,
     first_motion_s,
     last_motion_s,
     nominal_again_s,
     registered_after,
     verdict,
 )
-from scenarios.tap.striking import PersonStrikes, TapSequence, WorldStrikes
-from scenarios.trial import execution, person, series
-from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
-from scenarios.trial.person import Operator
-from scenarios.trial.result import FinishedRun, Wanted, later_ms, named
-from scenarios.trial.run_folder import Record, check_runs
-from scenarios.trial.series import Bench, Series
+from scenarios.trial import execution, person
+from scenarios.trial.execution import FinishedTrial, Watch
+from scenarios.trial.experiment import Experiment
+from scenarios.trial.person import NEVER_MIND, Operator, read_mark
+from scenarios.trial.result import later_ms, named
+from scenarios.world.settings import Blow
 from scenarios.world.truth import Truth
 
-SCENARIO = "tap"
+HEIGHT_M = 0.08  # held this far above the table, further than a blow moves it; assumed
+NOMINAL_S = 0.5  # the status is nominal for so long before a blow; assumed
+PATIENCE_S = 10.0  # to wait for that before the trial is given up; assumed
+WATCH_S = 3.0  # the status is watched so long after a blow; longer than any window of the verdict
+FELT_FACTOR = 3.0  # a felt blow: the first change of counts so many times the largest before
+MOTION_BOUND_S = 0.15  # it has ended so long after a felt blow: slip lasts 13-140 ms in a model
+SIDES = {
+    "top": "on the TOP, downwards",
+    "side": "on the SIDE, across the closing axis",
+    "closing": "ALONG the closing axis, onto the thumb",
+}
 
 
-class TapTrial(FinishedTrial, frozen=True):
+class WorldStrikes:
+    """The world delivers the blow and measures what it did."""
+
+    def __init__(self, tap: Callable[[Blow], None], swing: Swing) -> None:
+        self.motion: ObjectMotion | None = None
+        self.impulse_n_s: float | None = swing.impulse_n_s
+        self._tap, self._swing = tap, swing
+        self._at_s = 0.0
+        self._rest: Truth | None = None
+
+    def before(self, tick: Tick) -> None:
+        """Nothing to remember: the world knows."""
+
+    def strike(self, tick: Tick, truth: Truth | None) -> None:
+        if truth is None:  # the world is gone; the next step fails with its error
+            return
+        self._rest = truth
+        self._at_s = tick.t_ns * 1e-9
+        self._tap(self._swing.blow)
+
+    def after(self, tick: Tick, truth: Truth | None) -> bool:
+        """A tick since the blow; True when all is known."""
+        rest = self._rest
+        if truth is None or rest is None:
+            return False
+        if tick.t_ns * 1e-9 < self._at_s + WATCH_S and truth.touched:
+            return False
+        down_m = truth.slip_distance_m - rest.slip_distance_m
+        across_m = truth.across_m - rest.across_m
+        struck_s = self._at_s if truth.struck_s is None else truth.struck_s
+        self.motion = ObjectMotion(
+            struck_s=struck_s, from_s=truth.moved_from_s, until_s=truth.moved_until_s,
+            displacement_m=math.hypot(down_m, across_m), held=truth.touched,
+            turned_rad=truth.turn_rad - rest.turn_rad,
+            down_m=down_m, across_m=across_m,
+        )  # fmt: skip
+        return True
+
+
+class PersonStrikes:
+    """A person strikes when asked, and types how far the tape mark has moved.
+
+    When the blow fell is felt: the first change of counts that stands out from those before it.
+    When motion ended is not known; an upper bound is assumed.
+    """
+
+    def __init__(self, operator: Operator, direction: str, period_s: float) -> None:
+        self.motion: ObjectMotion | None = None
+        self.impulse_n_s: float | None = None  # nobody knows
+        self._operator, self._direction, self._period_s = operator, direction, period_s
+        self._last: np.ndarray[tuple[int, ...], np.dtype[np.int16]] | None = None
+        self._largest = 0.0  # change of a taxel before the blow, counts
+        self._asked_s = 0.0
+        self._felt_s: float | None = None
+        self._struck = self._measuring = self._given_up = False
+
+    @property
+    def _struck_s(self) -> float:
+        return self._asked_s if self._felt_s is None else self._felt_s
+
+    def before(self, tick: Tick) -> None:
+        self._largest = max(self._largest, self._change(tick))
+
+    def strike(self, tick: Tick, truth: Truth | None) -> None:
+        self._asked_s = tick.t_ns * 1e-9
+        self._operator.say(
+            f"Tap the object once {SIDES[self._direction]}. When it is still again: Enter"
+        )
+
+    def after(self, tick: Tick, truth: Truth | None) -> bool:
+        t_s = tick.t_ns * 1e-9
+        if tick.decision.state in SAFE_STATES:
+            self._give_up()
+            return False
+        if self._felt_s is None and not self._struck and self._stands_out(tick):
+            self._felt_s = t_s - self._period_s
+        line = self._operator.poll()
+        if not self._struck:
+            self._struck = line is not None
+        elif not self._measuring and t_s >= self._struck_s + WATCH_S:
+            self._measuring = True
+            self._operator.say("How far has the tape mark moved, in mm? (0: not at all; l: lost)")
+        elif self._measuring and line is not None:
+            return self._measured(line)
+        return False
+
+    def _give_up(self) -> None:
+        """Take the open question back; what happened is printed after it."""
+        if not self._given_up:
+            self._operator.say(NEVER_MIND)
+        self._given_up = True
+
+    def _change(self, tick: Tick) -> float:
+        """Largest change of a taxel since the last sample, counts."""
+        if tick.frame is None:
+            return 0.0
+        last, self._last = self._last, tick.frame.counts
+        return 0.0 if last is None else float(np.abs(self._last - last).max())
+
+    def _stands_out(self, tick: Tick) -> bool:
+        return self._change(tick) > FELT_FACTOR * max(self._largest, 1.0)
+
+    def _measured(self, line: str) -> bool:
+        mark = read_mark(self._operator, line)
+        if mark is not None:
+            self.motion = ObjectMotion(
+                struck_s=self._struck_s, from_s=self._struck_s,
+                until_s=self._struck_s + MOTION_BOUND_S,
+                displacement_m=mark.moved_m, held=mark.held,
+            )  # fmt: skip
+        return mark is not None
+
+
+class TapSequence:
+    """Follows a trial: waits for nominal status, has the object struck, watches, says when to set
+    it down. Collects the alarms on the way."""
+
+    def __init__(self, wait_s: float, striker: WorldStrikes | PersonStrikes) -> None:
+        self.alarms: list[Alarm] = []
+        self.before: Truth | None = None  # just before the blow
+        self.watched_until_s = 0.0
+        self.over = False
+        self._wait_s, self._striker = wait_s, striker
+        self._since_s: float | None = None  # held at the top
+        self._nominal_since_s: float | None = None
+        self._struck = False
+
+    @property
+    def motion(self) -> ObjectMotion | None:
+        return self._striker.motion
+
+    @property
+    def impulse_n_s(self) -> float | None:
+        """Of the blow, N s; None when nobody knows it or none was struck."""
+        return self._striker.impulse_n_s if self._struck else None
+
+    def take(self, tick: Tick, truth: Truth | None) -> bool:
+        """Take one tick; truth is None on hardware. True when the object may be set down."""
+        t_s = tick.t_ns * 1e-9
+        if not self.over:
+            self._monitor(tick, t_s)
+            if self._struck:
+                self.watched_until_s = t_s
+                self.over = self._striker.after(tick, truth)
+            elif tick.decision.state is State.HOLD and not tick.arm.moving:
+                self._hold(tick, truth, t_s)
+        return self.over
+
+    def _monitor(self, tick: Tick, t_s: float) -> None:
+        """Keep the stretches of status REGISTERED, and since when it is nominal."""
+        slip = tick.decision.slip
+        on = bool(self.alarms) and self.alarms[-1].off_s is None
+        if slip.registered and not on:
+            self.alarms.append(Alarm(t_s, None))
+        elif on and not slip.registered:
+            self.alarms[-1] = Alarm(self.alarms[-1].on_s, t_s)
+        if slip.registered or not slip.armed:
+            self._nominal_since_s = None
+        elif self._nominal_since_s is None:
+            self._nominal_since_s = t_s
+
+    def _hold(self, tick: Tick, truth: Truth | None, t_s: float) -> None:
+        self._striker.before(tick)
+        self._since_s = t_s if self._since_s is None else self._since_s
+        nominal_since_s = t_s if self._nominal_since_s is None else self._nominal_since_s
+        if t_s - max(self._since_s, nominal_since_s) >= NOMINAL_S + self._wait_s:
+            self.before = truth
+            self._struck = True
+            self._striker.strike(tick, truth)
+        elif t_s - self._since_s > PATIENCE_S + self._wait_s:
+            self.over = True
+
+
+class TapTrial(FinishedTrial, frozen=True, kw_only=True):
     """A trial in which the object was struck once, if all went well."""
 
     sequence: TapSequence
 
 
-def tap_config(config: TapConfig) -> TapConfig:
-    """The settings as a tap uses them: firm grip, no answer to slip, no added weights (the paper
-    added those for the lift), set down where it stood. Raises ConfigError when the status is not
-    watched for long enough to be judged."""
-    replace, scoring = msgspec.structs.replace, config.tap_scoring
-    least_s = max(scoring.register_s, scoring.clear_s + scoring.stay_s)
-    if config.tap.watch_s < least_s:
-        raise ConfigError(
-            "tap", "watch_s", f"{config.tap.watch_s:g} s is too short to judge a tap",
-            f">= {least_s:g} s, tap_scoring.clear_s + stay_s or register_s",
+class Tap(Experiment[TapConfig, TapTrial, TapResult]):
+    """Taps; the result of each says whether the object moved, and slip was registered."""
+
+    name = "tap"
+    settings = TapConfig
+
+    def configure(
+        self, config: TapConfig, seeds: Sequence[int] = (), operator: Operator | None = None
+    ) -> TapConfig:
+        """Firm grip, no answer to slip, no added weights (the paper added those for the lift), set
+        down where it stood."""
+        replace = msgspec.structs.replace
+        used = replace(
+            config,
+            object=replace(config.object, added_mass_kg=0.0),
+            controller=replace(
+                config.controller, firm=True, reactions=False, hold_s=person.HOLD_S,
+                retreat_m=0.0, lift_height_m=HEIGHT_M,
+            ),
         )  # fmt: skip
-    return replace(
-        config,
-        object=replace(config.object, added_mass_kg=0.0),
-        controller=replace(
-            config.controller, firm=True, reactions=False, hold_s=person.HOLD_S,
-            retreat_m=0.0, lift_height_m=config.tap.height_m,
-        ),
-    )  # fmt: skip
+        for seed in {used.direction(seed): seed for seed in reversed(seeds)}.values():
+            swing(used, seed)  # refused before anything moves
+        return used
+
+    def act(
+        self, config: TapConfig, seed: int, rig: GraspRig, guard: ForceGuard, watch: Watch,
+        operator: Operator | None = None, home: Vector3 | None = None,
+    ) -> TapTrial:  # fmt: skip
+        blow = swing(config, seed)
+        if rig.tap is not None:
+            striker: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, blow)
+        elif operator is not None:
+            striker = PersonStrikes(operator, config.direction(seed), config.loop.period_s)
+        else:
+            raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
+        sequence = TapSequence(blow.wait_s, striker)
+        deadline_s = None if operator is None else person.DEADLINE_S
+        trial = execution.run_trial(config, rig, guard, watch, sequence.take, deadline_s, home)
+        return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
+
+    def judge(
+        self, config: TapConfig, seed: int, trial: TapTrial, recording: str | None
+    ) -> TapResult:
+        facts = _facts(config, trial)
+        outcome = TapOutcome(trial.outcome_of(verdict(facts)))
+        judged = trial.bug is None and not trial.interrupted
+        motion, before, impulse_n_s = (
+            facts.motion,
+            trial.sequence.before,
+            trial.sequence.impulse_n_s,
+        )
+        registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
+        again_s = None
+        if motion is not None and registered_s is not None:
+            again_s = nominal_again_s(facts, last_motion_s(motion))
+        return TapResult(
+            **trial.figures(config, self.name, seed),
+            direction=config.direction(seed),
+            success=outcome is TapOutcome.REGISTERED if judged else None,
+            outcome=outcome.value,
+            moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
+            displacement_m=motion.displacement_m if motion else None,
+            down_m=motion.down_m if motion else None,
+            across_m=motion.across_m if motion else None,
+            turned_rad=motion.turned_rad if motion else None,
+            impulse_n_s=impulse_n_s,
+            mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
+            struck_s=motion.struck_s if motion else None,
+            slip_onset_s=motion.from_s if motion else None,
+            slip_end_s=motion.until_s if motion else None,
+            slip_duration_ms=later_ms(motion.from_s, motion.until_s) if motion else None,
+            slip_registered_s=registered_s,
+            detection_latency_ms=later_ms(first_motion_s(motion), registered_s) if motion else None,
+            nominal_again_s=again_s,
+            nominal_again_ms=later_ms(last_motion_s(motion), again_s) if motion else None,
+            alarms=list(facts.alarms),
+            watched_until_s=facts.watched_until_s if motion else None,
+            grip_force_n=named(before.normal_n) if before is not None else None,
+            recording=recording,
+        )
 
 
-def run_trial(
-    config: TapConfig,
-    seed: int,
-    rig: GraspRig,
-    guard: ForceGuard,
-    watch: Watch,
-    operator: Operator | None = None,
-    home: Vector3 | None = None,
-) -> TapTrial:
-    """One tap on an open rig, ``config`` from ``tap_config``. Where there is no world to deliver
-    it, an operator does; Ctrl-C stops the arm and keeps the grip."""
-    blow = swing(config, seed)
-    if rig.tap is not None:
-        hand: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, blow, config.tap)
-    elif operator is not None:
-        hand = PersonStrikes(operator, direction_of(config.tap, seed), config)
-    else:
-        raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
-    sequence = TapSequence(config.tap, blow.wait_s, hand)
-
-    def follow(tick: Tick, truth: Truth | None) -> bool:
-        sequence.take(tick, truth)
-        return sequence.over
-
-    deadline_s = None if operator is None else person.DEADLINE_S
-    trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s, home)
-    return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
+tap = Tap()
 
 
-def run(
-    config: TapConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None,
-    wanted: Wanted | None = None,
-) -> FinishedRun[TapResult]:  # fmt: skip
-    """One judged tap on a rig of its own, as ``lift.run`` is one judged lift."""
-    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick, wanted=wanted)))
-
-
-def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[TapResult]:
-    """One judged tap a seed, as ``scenarios.trial.series`` runs them, each recorded in a folder of
-    its own."""
-    config = tap_config(config)
-    guard = make_guard(config)
-    check_runs(bench.runs)
-    first = {direction_of(config.tap, seed): seed for seed in reversed(seeds)}
-    for seed in first.values():  # what cannot be had is told before anything moves
-        swing(config, seed)
-
-    def attempt(
-        seed: int, rig: GraspRig, home: Vector3 | None
-    ) -> tuple[FinishedRun[TapResult], Vector3]:
-        with Record(
-            config, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted, rig.clock
-        ) as record:
-            trial = run_trial(config, seed, rig, guard, record.tick, bench.operator, home)
-            finished = record.finish(trial, lambda: judge(config, seed, trial, record.path))
-            return finished, trial.controller.home
-
-    return series.run_series(config, seeds, bench, attempt)
-
-
-def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
+def _facts(config: TapConfig, trial: TapTrial) -> TapFacts:
     """What the verdict is drawn from."""
     before = trial.sequence.before or trial.final  # where nothing struck it, all is the hand's own
     return TapFacts(
@@ -141,49 +329,3 @@ def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
         force_bound_n=config.guard.force_limit_n + config.guard.overshoot_n,
         fault=trial.fault,
     )
-
-
-def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) -> TapResult:
-    """Verdict and figures of a finished tap."""
-    facts = facts_of(config, trial)
-    outcome = TapOutcome(trial.outcome_of(verdict(facts, config.tap_scoring)))
-    judged = trial.bug is None and not trial.interrupted
-    motion, before = facts.motion, trial.sequence.before
-    registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
-    again_s = (
-        nominal_again_s(facts, last_motion_s(motion), config.tap_scoring.stay_s) if motion else None
-    )
-    impulse_n_s = trial.sequence.impulse_n_s
-    return TapResult(
-        **trial.figures(config, SCENARIO, seed),
-        direction=direction_of(config.tap, seed),
-        success=outcome is TapOutcome.REGISTERED if judged else None,
-        outcome=outcome.value,
-        moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
-        displacement_m=motion.displacement_m if motion else None,
-        down_m=motion.down_m if motion else None,
-        across_m=motion.across_m if motion else None,
-        turned_rad=motion.turned_rad if motion else None,
-        impulse_n_s=impulse_n_s,
-        mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
-        struck_s=motion.struck_s if motion else None,
-        slip_onset_s=motion.from_s if motion else None,
-        slip_end_s=motion.until_s if motion else None,
-        slip_duration_ms=later_ms(motion.from_s, motion.until_s) if motion else None,
-        slip_registered_s=registered_s,
-        detection_latency_ms=later_ms(first_motion_s(motion), registered_s) if motion else None,
-        nominal_again_s=again_s if registered_s is not None else None,
-        nominal_again_ms=_calm_ms(motion, registered_s, again_s),
-        alarms=list(facts.alarms),
-        watched_until_s=facts.watched_until_s if motion else None,
-        grip_force_n=named(before.normal_n) if before is not None else None,
-        recording=recording,
-    )
-
-
-def _calm_ms(
-    motion: ObjectMotion | None, registered_s: float | None, again_s: float | None
-) -> float | None:
-    if motion is None or registered_s is None:
-        return None
-    return later_ms(last_motion_s(motion), again_s)

@@ -28,6 +28,7 @@ from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_message, end_of
 from scenarios.trial.feasible import check_arm, check_grip, check_override, check_waits
+from scenarios.trial.person import TapeMark
 from scenarios.trial.result import (
     REPORT,
     Bug,
@@ -139,6 +140,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     real_time: bool | None  # was a real-time priority granted; None in virtual time
     bug: Bug | None  # an exception of our own code ended it
     way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
+    mark: TapeMark | None = None  # what a person read at the top of a lift
 
     @property
     def faults(self) -> tuple[Fault, ...]:

@@ -51,7 +51,6 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
 }  # fmt: skip
 
 EVERY = 10  # ticks
-KEPT = 300  # messages that are written together: alike beside alike, they take a third of the room
 SIDES = ((-1.0, 0.0), (1.0, -0.03), (1.0, 0.03))  # of the thumb, B and C: of x, and y in metres
 FORCE_M = 0.005  # of an arrow, a newton
 PAD_M, PAD_WIDTH_M, CELL_M = 0.008, 0.02, 0.006  # as drawn
@@ -90,12 +89,10 @@ class Pictures:
         self._arrows_before: tuple[Arrow, ...] | None = None
         self._failed: tuple[Fault, ...] = ()
         self._ended = False
-        self._kept: list[tuple[str, int, msgspec.Struct]] = []
 
     def end(self, write: Write, t_ns: int, error: BaseException) -> None:
         """A bug of ours: nothing more is drawn, and the log says why."""
         self._ended = True
-        self._kept.clear()
         text = f"no more pictures: {in_words(error)}"
         write(LOG, t_ns, Log(self._time(t_ns), ERROR, text, "pictures"))
 
@@ -115,37 +112,23 @@ class Pictures:
             self._home = tick.arm.position_m
             write(SCENE, tick.t_ns, self._scene(tick, truth))
         now, taxels_mm = self._time(tick.t_ns), self._config.fingertip.taxels_mm
-        self._kept.append((TRANSFORMS, tick.t_ns, self._transforms(tick, truth)))
+        write(TRANSFORMS, tick.t_ns, self._transforms(tick, truth))
         arrows = self._arrows(tick, truth)
         if arrows != self._arrows_before:
             self._arrows_before = arrows
             forces = SceneEntity(now, "hand", "forces", True, arrows)
-            self._kept.append((FORCES, tick.t_ns, SceneUpdate([forces])))
+            write(FORCES, tick.t_ns, SceneUpdate([forces]))
         if tick.frame is not None:
-            self._kept.append((TAXELS, tick.t_ns, grid(now, tick.frame.counts, taxels_mm)))
-        if len(self._kept) >= KEPT:
-            self.flush(write)
-
-    def flush(self, write: Write) -> None:
-        """Write what is kept, topic by topic."""
-        kept, self._kept = sorted(self._kept, key=lambda each: each[:2]), []
-        for topic, t_ns, message in kept:
-            write(topic, t_ns, message)
+            write(TAXELS, tick.t_ns, grid(now, tick.frame.counts, taxels_mm))
 
     def _time(self, t_ns: int) -> Time:
         return Time.of(self._unix_ns + t_ns)
 
     def _lines(self, tick: Tick, changes: Sequence[PhaseChange]) -> list[Log]:
-        lines = [
-            Log(
-                self._time(c.t_ns),
-                WRONG.get(State(c.phase), INFO),
-                f"{c.phase}: {c.cause}",
-                "phase",
-            )
-            for c in changes
-        ]
-        now = self._time(tick.t_ns)
+        now, lines = self._time(tick.t_ns), []
+        for c in changes:
+            level, text = WRONG.get(State(c.phase), INFO), f"{c.phase}: {c.cause}"
+            lines.append(Log(self._time(c.t_ns), level, text, "phase"))
         if tick.decision.slip.event:
             lines.append(Log(now, INFO, "slip registered", "slip"))
         failed = (*tick.observation.faults, *tick.observation.reported)
@@ -200,16 +183,14 @@ class Pictures:
     def _body(self, now: Time) -> tuple[SceneEntity, float]:
         """The object, and how far it reaches below the grip."""
         told = self._config.object
-        wide = 2.0 * told.half_width_m
+        wide, above_m = 2.0 * told.half_width_m, told.body_above_grip_m
         if told.shape == "ellipsoid":
-            sphere = Sphere(
-                _at(z=-told.grip_height_m), Vector(wide, wide, 2.0 * told.half_height_m), WOOD
-            )
+            size = Vector(wide, wide, 2.0 * told.half_height_m)
+            sphere = Sphere(_at(z=-told.grip_height_m), size, WOOD)
             below_m = told.half_height_m + told.grip_height_m
             return SceneEntity(now, "object", "object", True, spheres=(sphere,)), below_m
-        below_m = min(DOWN_M, told.body_above_grip_m)
-        tall = told.body_above_grip_m + below_m
-        cube = Cube(_at(z=(told.body_above_grip_m - below_m) / 2.0), Vector(wide, wide, tall), WOOD)
+        below_m = min(DOWN_M, above_m)
+        cube = Cube(_at(z=(above_m - below_m) / 2.0), Vector(wide, wide, above_m + below_m), WOOD)
         return SceneEntity(now, "object", "object", True, cubes=(cube,)), below_m
 
     def _arrows(self, tick: Tick, truth: Truth | None) -> tuple[Arrow, ...]:

@@ -1,6 +1,7 @@
 """Feeds what was recorded to the same grasp step, and compares all that it concludes."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -60,9 +61,7 @@ class WriteCheck:
         self.compared = 0
         self._calibration = calibration
         self._before: GripperState | None = None
-        self._sent: list[
-            GripperCommand
-        ] = []  # the last one confirmed as written, and all later ones
+        self._sent: list[GripperCommand] = []  # the last confirmed as written, and all later ones
         self._unconfirmed = False  # the latest command is not confirmed as written yet
         self._troubled = False  # the driver may have stopped the hand itself
 
@@ -114,9 +113,7 @@ class WriteCheck:
             low, high = self._image(command, least, 0), self._image(command, most, 0)
             return [(bytes((low[0] & ~8, *low[1:])), high)]  # it may stop by clearing rGTO instead
         speeds = [self._calibration.speed_byte_at_most(command.speed_mps)]
-        if isinstance(
-            command, CloseFast
-        ):  # with an implausible status the driver keeps the speed or lowers it
+        if isinstance(command, CloseFast):  # implausible status: the driver keeps it or lowers it
             speeds.append(min(*speeds, written[_SPEED]))
         return [
             (self._image(command, least, speed), self._image(command, most, speed))
@@ -193,8 +190,8 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
     ``detector``: where the code, or the weights, of one's own are that it was recorded with.
     """
     recording = open_trial(path)
-    config, settings = _config(recording, detector)
-    stepper = _Stepper(config, _home(recording))
+    config, settings, home = _settings(recording, detector)
+    stepper = _Stepper(config, home)
     stepper.compare(0, "hash of the settings", recording.metadata.get("config_hash"), settings)
     for topic, t_ns, message in recording:
         stepper.take(topic, t_ns, message)
@@ -207,14 +204,18 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
     )  # fmt: skip
 
 
-def _config(recording: RunRecording, detector: str | None) -> tuple[TrialConfig, str]:
-    """The settings of rig and control, and the hash of all settings. A replay does not use those of
-    the scenario."""
+def _settings(
+    recording: RunRecording, detector: str | None
+) -> tuple[TrialConfig, str, Vector3 | None]:
+    """The settings of rig and control, the hash of all settings, and the arm's home where an
+    earlier trial had taken it. A replay does not use the settings of the scenario."""
+    said = recording.metadata.get("home_m")
     try:
+        home = None if said is None else msgspec.json.decode(said, type=Vector3)
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         table["detector_name"] = _trusted(str(table["detector_name"]), detector)
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__}
-        return load(TrialConfig, [Layer("metadata", known)]), digest_of(table)
+        return load(TrialConfig, [Layer("metadata", known)]), digest_of(table), home
     except (KeyError, RecursionError, msgspec.MsgspecError, ConfigError) as error:
         raise BadFile(
             recording.path,
@@ -236,15 +237,6 @@ def _trusted(recorded: str, given: str | None) -> str:
             f"it was recorded with {recorded}, and is replayed with that", "leave --detector out"
         )
     return given or recorded
-
-
-def _home(recording: RunRecording) -> Vector3 | None:
-    """Of the arm, where an earlier trial had taken it."""
-    said = recording.metadata.get("home_m")
-    try:
-        return None if said is None else msgspec.json.decode(said, type=Vector3)
-    except msgspec.MsgspecError as error:
-        raise BadFile(recording.path, f"home_m: {error}", "record the run again") from error
 
 
 class _Waiting(msgspec.Struct, frozen=True):
@@ -312,7 +304,10 @@ class _Stepper:
         for topic in (GRIPPER, ARM):
             self.compare(t_ns, f"{topic} of this step", self._heard_ns[topic], t_ns)
         self._check_queue(t_ns, recorded)
-        self._check_writes(t_ns, recorded)
+        troubled = recorded.gripper_lost or bool(recorded.errors)
+        wrong = None if self._own_gripper else self.writes.take(self._gripper, troubled)
+        if wrong is not None:
+            self.compare(t_ns, "bytes written to the gripper", *wrong)
         told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
         known = len(self._step.controller.machine.log)
         result = self._step.decide(told)
@@ -322,32 +317,24 @@ class _Stepper:
             self.compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
         decided = zip(result.decision.commands, result.admitted, strict=True)
         self._waiting += [_Waiting(t_ns, asked, admitted) for asked, admitted in decided]
-        self._check_sent(self._sent)
-        self._sent = []
-        self._note(t_ns, recorded)
+        self._check_sent(math.inf)
+        self._note(t_ns * 1e-9, recorded)
         self._frame = None  # a step without a frame has no message: rest is being taken anew
         self.steps += 1
 
     def _check_queue(self, t_ns: int, recorded: ControlMessage) -> None:
         """Has all been sent that no longer waits? A run that is stopped forgets the rest."""
-        self._check_sent([(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns <= t_ns])
-        self._sent = [(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns > t_ns]
+        self._check_sent(t_ns)
         if recorded.stop or recorded.errors:
             self._waiting = self._waiting if recorded.pending else []
         self.compare(t_ns, "a command waits", recorded.pending, bool(self._waiting))
         self._waiting = self._waiting if recorded.pending else []
 
-    def _check_writes(self, t_ns: int, recorded: ControlMessage) -> None:
-        """Compare the bytes that the gripper acknowledged with the replayed commands."""
-        if self._gripper is None or self._own_gripper:
-            return
-        troubled = recorded.gripper_lost or bool(recorded.errors)
-        if (wrong := self.writes.take(self._gripper, troubled)) is not None:
-            self.compare(t_ns, "bytes written to the gripper", *wrong)
-
-    def _check_sent(self, sent: Sequence[tuple[int, CommandMessage]]) -> None:
-        for sent_ns, message in sent:
-            self._check_command(sent_ns, message)
+    def _check_sent(self, until_ns: float) -> None:
+        for sent_ns, message in self._sent:
+            if sent_ns <= until_ns:
+                self._check_command(sent_ns, message)
+        self._sent = [each for each in self._sent if each[0] > until_ns]
 
     def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
         """Did a step decide this, and was it admitted as that step says, in its turn and not before
@@ -372,8 +359,7 @@ class _Stepper:
         if recorded != replayed:
             self.differences.append(Difference(t_ns * 1e-9, what, str(recorded), str(replayed)))
 
-    def _note(self, t_ns: int, recorded: ControlMessage) -> None:
-        t_s = t_ns * 1e-9
+    def _note(self, t_s: float, recorded: ControlMessage) -> None:
         if recorded.event:
             self.events.append((t_s, "slip registered"))
         self.events += [(t_s, f"phase {c.phase}: {c.cause}") for c in self._changes]

@@ -1,8 +1,8 @@
 """Feeds a recorded fingertip to the grasp step, as if it were lifting.
 
 A recording cannot react: whatever is commanded, the signal goes on. Devices that simply obey stand
-in for gripper and arm. One step is told not to react: it never closes, so nothing masks what it
-hears, and it says what slip is registered. Another answers; once it has ended its lift a fresh one
+in for gripper and arm. One step does not react: it never closes, so nothing masks what it detects,
+and it gives the slip that is registered. Another answers; once it has ended its lift a fresh one
 follows, so that every stroke of the recording gets its answer.
 """
 
@@ -42,6 +42,7 @@ from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
+ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 PRESSED_COUNTS = -100  # a taxel that is surely touched
 # How long a stand-in finger closes before it meets its object. It stands for no hand, so it is no
 # setting: what slip is registered comes from the step that never closes.
@@ -66,75 +67,29 @@ class TactileReplay(msgspec.Struct, frozen=True):
     probabilities: list[list[float]]
 
 
-class ObedientDevices:
-    """A gripper that obeys at once (closing takes 80 ms and ends in contact, a first stage half of
-    that and ends at its target), and an arm that does so too, or is for ever on its way: then the
-    lift lasts as long as the recording."""
-
-    def __init__(self, arm_arrives: bool) -> None:
-        self.rest_taken = False
-        self._arm_arrives = arm_arrives
-        self._arm_m: Vector3 = (0.0, 0.0, 0.0)
-        self._targets: Counts3 = (0, 0, 0)
-        self._closes_until_ns = -1
-        self._latched = False
-        self.lifting = False
-
-    def obey(self, command: Command, now_ns: int) -> None:
-        if isinstance(command, MoveFingers):
-            self._targets, self._latched = command.targets_counts, False
-        elif isinstance(command, CloseFast) and not self._latched:
-            self._close(command, now_ns)
-        elif isinstance(command, OpenFingers):
-            self._targets, self._latched = (0, 0, 0), False
-        elif isinstance(command, BeginRest):
-            self.rest_taken = True
-        elif isinstance(command, MoveArm):
-            self.lifting = True
-            self._arm_m = command.position_m if self._arm_arrives else self._arm_m
-
-    def _close(self, command: CloseFast, now_ns: int) -> None:
-        self._latched = not command.more
-        self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
-        if command.more:
-            self._targets = (command.limits_counts[0], *self._targets[1:])
-
-    def gripper(self, now_ns: int) -> GripperState:
-        """A thumb that closed stands on its object, short of where it was told to go."""
-        detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
-        if now_ns < self._closes_until_ns:
-            detection = Detection.MOVING
-        a, b, c = self._targets
-        thumb = FingerState(CLOSED_COUNTS[0] if self._latched else a, a, 0, detection)
-        second, third = (FingerState(t, t, 0, Detection.AT_TARGET) for t in (b, c))
-        return GripperState(now_ns, 0, True, 0, "", True, (thumb, second, third))
-
-    def arm(self, now_ns: int) -> ArmState:
-        moving = self.lifting and not self._arm_arrives
-        return ArmState(now_ns, 0, self._arm_m, (0.0, 0.0, 0.0), moving)
-
-
 class _Lift:
-    """A grasp step in the middle of a lift, on stand-in devices.
+    """A grasp step in the middle of a lift, on stand-in devices that obey at once: closing takes
+    80 ms and ends in contact, a first stage half of that and ends at its target. The arm arrives at
+    once too, or is for ever on its way: then the lift lasts as long as the recording.
 
     It begins some time before ``t_ns``, on the frames that came before, so that at ``t_ns`` the
-    arm has just been told to lift.
+    arm has just been commanded to lift.
     """
 
     def __init__(
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
+        self.begun = False  # the arm has been commanded to lift
         self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
-        self._devices = ObedientDevices(arm_arrives)
         self._seq = 0
+        self._rest_taken = False
+        self._arm_arrives, self._arm_m = arm_arrives, ORIGIN
+        self._targets: Counts3 = (0, 0, 0)
+        self._closes_until_ns = -1
+        self._latched = False  # the thumb stands on its object
         times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)
         for counts in earlier:
             self.step(next(times), counts)
-
-    @property
-    def begun(self) -> bool:
-        """The arm has been told to lift."""
-        return self._devices.lifting
 
     @property
     def over(self) -> bool:
@@ -146,18 +101,43 @@ class _Lift:
         self._seq += 1
         none = np.zeros_like(counts)
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
+        moving = self.begun and not self._arm_arrives
+        arm = ArmState(t_ns, 0, self._arm_m, ORIGIN, moving)
         result = self._step.decide(
             StepInput(
-                t_ns=t_ns,
-                frame=frame,
-                rest_taken=self._devices.rest_taken,
-                gripper=self._devices.gripper(t_ns),
-                arm=self._devices.arm(t_ns),
+                t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
+                arm=arm,
             )
-        )
+        )  # fmt: skip
         for command in result.admitted:
-            self._devices.obey(command, t_ns)
+            self._obey(command, t_ns)
         return result
+
+    def _obey(self, command: Command, now_ns: int) -> None:
+        if isinstance(command, MoveFingers):
+            self._targets, self._latched = command.targets_counts, False
+        elif isinstance(command, OpenFingers):
+            self._targets, self._latched = (0, 0, 0), False
+        elif isinstance(command, BeginRest):
+            self._rest_taken = True
+        elif isinstance(command, MoveArm):
+            self.begun = True
+            self._arm_m = command.position_m if self._arm_arrives else self._arm_m
+        elif isinstance(command, CloseFast) and not self._latched:
+            self._latched = not command.more
+            self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
+            if command.more:
+                self._targets = (command.limits_counts[0], *self._targets[1:])
+
+    def _gripper(self, now_ns: int) -> GripperState:
+        """A thumb that closed stands on its object, short of its target."""
+        detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
+        if now_ns < self._closes_until_ns:
+            detection = Detection.MOVING
+        a, b, c = self._targets
+        thumb = FingerState(CLOSED_COUNTS[0] if self._latched else a, a, 0, detection)
+        second, third = (FingerState(t, t, 0, Detection.AT_TARGET) for t in (b, c))
+        return GripperState(now_ns, 0, True, 0, "", True, (thumb, second, third))
 
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
@@ -166,37 +146,29 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     frames[:, : recording.counts.shape[1]] = recording.counts
     replay = TactileReplay([], [], [])
     lead = _steps_until_lift(config)
-    listener = _listener(config, lead, frames[0], round(recording.t_s[0] * 1e9))
+    # answers nothing and holds at the top for ever; one whose thumb touches nothing ends before, in
+    # its safe state, and detects slip there all the same
+    settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
+    quiet = msgspec.structs.replace(config, controller=settings)
+    monitor = _Lift(quiet, [frames[0]] * lead, round(recording.t_s[0] * 1e9), arm_arrives=True)
     lift: _Lift | None = None
     for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
-        heard = listener.step(t_ns, frames[k])
-        replay.probabilities.append(heard.observation.probabilities.tolist())
-        slip = heard.decision.slip
+        result = monitor.step(t_ns, frames[k])
+        replay.probabilities.append(result.observation.probabilities.tolist())
+        slip = result.decision.slip
         if slip.event:
             replay.registered.append((t_ns * 1e-9, FINGER_NAMES[slip.finger]))
         if (lift is None or lift.over) and not slip.registered:
             # the first frame stands in for what came before the recording
-            earlier = [frames[max(0, i)] for i in range(k - lead, k)]
-            lift = _Lift(config, earlier, t_ns)
+            lift = _Lift(config, [frames[max(0, i)] for i in range(k - lead, k)], t_ns)
         if lift is not None:
-            replay.commands.extend(_sent(t_ns, lift.step(t_ns, frames[k])))
+            result = lift.step(t_ns, frames[k])
+            phase = result.decision.state.value
+            replay.commands.extend(
+                SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted
+            )
     return replay
-
-
-def _listener(config: TrialConfig, lead: int, first: Counts, t_ns: int) -> _Lift:
-    """A lift that answers nothing and holds for ever at the top, ears open.
-
-    One whose thumb touches nothing ends before, in its safe state; there it hears on all the same.
-    """
-    settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
-    alone = msgspec.structs.replace(config, controller=settings)
-    return _Lift(alone, [first] * lead, t_ns, arm_arrives=True)
-
-
-def _sent(t_ns: int, result: StepResult) -> list[SentCommand]:
-    phase = result.decision.state.value
-    return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 
 def _steps_until_lift(config: TrialConfig) -> int:

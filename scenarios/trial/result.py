@@ -3,7 +3,7 @@
 import platform
 import subprocess
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -118,6 +118,11 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     physics: ContactLevels | None = None  # None on hardware
     taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
 
+    @property
+    def failed(self) -> bool:
+        """Whether a campaign that keeps failures keeps its recording."""
+        return not self.success
+
 
 class Failure(msgspec.Struct, frozen=True):
     """Why a run ended otherwise than by a verdict alone."""
@@ -130,7 +135,6 @@ class Failure(msgspec.Struct, frozen=True):
 
 
 ResultT = TypeVar("ResultT", bound=TrialResult)
-Wanted = Callable[[TrialResult], bool]  # whether a trial with such a result is to be recorded
 
 
 class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, Self
@@ -25,7 +24,7 @@ from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.pictures import Pictures
-from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, Wanted, versions
+from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
 from scenarios.world.truth import Truth
 
 RECORDING = "recording.mcap"
@@ -87,7 +86,10 @@ class RunFolder:
 
     def finish(self, result: msgspec.Struct) -> None:
         """Close the recording, write the result; raises CouldNotRecord, and leaves neither."""
-        self._recorder.attach(RESULT, "application/json", _pretty(_attached(result, self._virtual)))
+        told: dict[str, Any] = msgspec.to_builtins(result)
+        if self._virtual:  # without what is this machine's, so that equal runs give equal files
+            told = {key: value for key, value in told.items() if key not in OF_THE_MACHINE}
+        self._recorder.attach(RESULT, "application/json", _pretty(told))
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
@@ -129,10 +131,9 @@ def check_runs(runs: Path | None) -> None:
 
 
 class Record:
-    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None. With
-    ``wanted`` the run is kept in memory, and has a folder only if its result is wanted.
+    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None.
 
-        with Record(config, "lift", seed, runs, watch) as record:
+        with Record(config, "lift", seed, runs, rig.clock, watch) as record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, lambda: judge(config, seed, trial, record.path))
 
@@ -140,21 +141,16 @@ class Record:
     """
 
     def __init__(
-        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, watch: Watch,
-        home: Vector3 | None = None, wanted: Wanted | None = None, clock: Clock | None = None,
+        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, clock: Clock,
+        watch: Watch, home: Vector3 | None = None,
     ) -> None:  # fmt: skip
-        """``home``: of the arm, from an earlier trial on this rig; ``clock``: of the rig, virtual
-        where nobody says."""
+        """``home``: of the arm, from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
+        self._config, self._seed, self._home = config, seed, home
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
-        virtual, unix_ns = clock is None or clock.virtual, VIRTUAL_EPOCH_NS
-        unix_ns = unix_ns if clock is None else clock.unix_ns
-        self._known = partial(_known, config, seed, home, (virtual, unix_ns))
-        self._pictures = Pictures(config, unix_ns)
-        self._wanted = None if runs is None else wanted
-        self._kept: list[tuple[Tick, Truth | None, Sequence[PhaseChange]]] = []
+        self._clock = clock
+        self._pictures = Pictures(config, clock.unix_ns)
         self._phases_written = 0
-        self._config = config
         self._watch = watch
         self._uncut = ExitStack()
 
@@ -162,7 +158,8 @@ class Record:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
             uncut.enter_context(signals.deferred())
-            self._folder = self._begun() if self._wanted is None else None
+            if self._runs is not None:
+                self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
             self._uncut = uncut.pop_all()
         return self
 
@@ -171,15 +168,18 @@ class Record:
             if kind is not None:
                 self._abandon()
 
+    def _metadata(self) -> dict[str, str]:
+        config, seed, home = self._config, self._seed, self._home
+        known = {**metadata(config, seed, self._clock), "config_hash": config.digest()}
+        if home is not None:  # another trial's
+            known["home_m"] = _json(home)
+        if (physics := config.physics(seed)) is not None:
+            known["physics"] = _json(physics)
+        return known
+
     def _abandon(self) -> None:
         if self._folder is not None:
-            self._draw_the_last(self._folder)
             self._folder.abandon()
-
-    def _begun(self) -> RunFolder | None:
-        if self._runs is None:
-            return None
-        return RunFolder(self._runs, self._name, WRITTEN, self._known())
 
     @property
     def path(self) -> str | None:
@@ -187,14 +187,11 @@ class Record:
         return None if self._folder is None else str(self._folder.recording)
 
     def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Write one tick, or keep it, then let anyone watch."""
-        if self._folder is not None or self._wanted is not None:
+        """Write one tick, then let anyone watch."""
+        if self._folder is not None:
             changes = controller.machine.log[self._phases_written :]
             self._phases_written += len(changes)
-            if self._folder is not None:
-                self._write(self._folder.write, tick, truth, changes)
-            else:
-                self._kept.append((tick, truth, changes))
+            self._write(self._folder.write, tick, truth, changes)
         self._watch(tick, truth, controller)
 
     def _write(
@@ -213,20 +210,6 @@ class Record:
         except BaseException as error:  # no run shall end for a picture
             self._pictures.end(write, tick.t_ns, error)
 
-    def _draw_the_last(self, folder: RunFolder) -> None:
-        with SuppressBugs():  # whatever a picture lacks, the result is written
-            self._pictures.flush(folder.write)
-
-    def _write_kept(self, result: ResultT) -> ResultT:
-        """The folder of a run that turned out to be wanted, and its result with the path."""
-        if self._wanted is None or not self._wanted(result):
-            return result
-        self._folder = folder = self._begun()
-        assert folder is not None  # noqa: S101  (nobody wants what has no place)
-        for tick, truth, changes in self._kept:
-            self._write(folder.write, tick, truth, changes)
-        return msgspec.structs.replace(result, recording=str(folder.recording))
-
     def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
         """Judge, close the recording and write the result. Whatever raises on the way, of arm and
         hand is told how they were left; a trial that could not be judged has no result."""
@@ -234,29 +217,19 @@ class Record:
         try:
             result = judge()
             failure = trial.failure(self._config)
-            result = self._written(result)
+            if self._folder is not None:
+                self._folder.finish(result)
+            return FinishedRun(result, failure)
         except CouldNotRecord as error:
-            if result is not None:
-                result = msgspec.structs.replace(result, recording=None)
             failure = failure or Failure(error.kind, error.message, error.remedy)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             failure = _with_bug(failure, Bug.of(error), trial, self._config)
-            if self._folder is not None:
-                self._folder.abandon()
-            if result is not None:
-                result = msgspec.structs.replace(result, recording=None)
+            self._abandon()
+        if result is not None:
+            result = msgspec.structs.replace(result, recording=None)
         return FinishedRun(result, failure)
-
-    def _written(self, result: ResultT) -> ResultT:
-        if self._folder is None and self._wanted is None:
-            return result
-        result = self._write_kept(result)
-        if self._folder is not None:
-            self._draw_the_last(self._folder)
-            self._folder.finish(result)
-        return result
 
 
 def _with_bug(
@@ -271,41 +244,20 @@ def _with_bug(
     return Failure(INTERNAL, bug.fault.line, REPORT, end, (bug.fault,))
 
 
-def _known(
-    config: TrialConfig, seed: int, home: Vector3 | None, epoch: tuple[bool, int]
-) -> dict[str, str]:
-    return {**metadata(config, seed, home), **stated(config, seed), **dated(*epoch)}
-
-
-def dated(virtual: bool, unix_ns: int) -> dict[str, str]:
-    """From when on the times of a recording count."""
-    return {UNIX_NS: str(unix_ns), "epoch": EPOCHS[virtual]}
-
-
-def _attached(result: msgspec.Struct, virtual: bool) -> dict[str, Any]:
-    """The result as a recording holds it: in virtual time without what is this machine's and no
-    part of the run, so that equal runs give equal files."""
-    told: dict[str, Any] = msgspec.to_builtins(result)
-    left_out = OF_THE_MACHINE if virtual else ()
-    return {key: value for key, value in told.items() if key not in left_out}
-
-
-def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> dict[str, str]:
-    """What is needed to run the same again: settings, seed, versions, and the arm's home if it was
-    another trial's."""
+def metadata(config: msgspec.Struct, seed: int, clock: Clock) -> dict[str, str]:
+    """What is needed to run the same again, settings, seed and versions; and from when on the times
+    of a recording count."""
     return {
-        **({} if home is None else {"home_m": msgspec.json.encode(home).decode()}),
-        "config": msgspec.json.encode(config).decode(),
+        "config": _json(config),
         "seed": str(seed),
         **{f"version.{name}": text for name, text in versions().items()},
+        UNIX_NS: str(clock.unix_ns),
+        "epoch": EPOCHS[clock.virtual],
     }
 
 
-def stated(config: TrialConfig, seed: int) -> dict[str, str]:
-    """What a recording says of itself beside its settings."""
-    physics = config.physics(seed)
-    world = {} if physics is None else {"physics": msgspec.json.encode(physics).decode()}
-    return {"config_hash": config.digest(), **world}
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
@@ -322,15 +274,12 @@ def _pretty(result: msgspec.Struct | dict[str, Any]) -> bytes:
 
 def _new_folder(runs: Path, name: str) -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
-    for attempt in range(1, 1000):
-        path = runs / (f"{stamp}-{name}" if attempt == 1 else f"{stamp}-{name}-{attempt}")
-        try:
-            make_private_folder(path, exist_ok=False)
-        except FileExistsError:
-            if path.is_dir():
-                continue
-            raise could_not_record(path, NotADirectoryError(0, f"{runs} is not a folder")) from None
-        except OSError as error:
-            raise could_not_record(path, error) from None
-        return path
-    raise could_not_record(runs / stamp, FileExistsError("too many runs within a second"))
+    attempt, path = 1, runs / f"{stamp}-{name}"
+    try:
+        while path.is_dir():
+            attempt += 1
+            path = runs / f"{stamp}-{name}-{attempt}"
+        make_private_folder(path, exist_ok=False)
+    except OSError as error:
+        raise could_not_record(path, error) from None
+    return path

@@ -19,7 +19,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
 from scenarios.trial.execution import OnTick, Watch
 from scenarios.trial.person import Operator, place_object
-from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted
+from scenarios.trial.result import Failure, FinishedRun, ResultT
 from scenarios.world.truth import Truth
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
@@ -47,7 +47,6 @@ class Bench(msgspec.Struct, frozen=True):
     operator: Operator | None = None
     permit: MotionPermit | None = None
     begun: Begun | None = None
-    wanted: Wanted | None = None  # only those are recorded, once they are over; None: each
     watch: Watch | None = None  # as on_tick, but shown the truth and the controller too
     on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: which, of all
     placed: bool = False  # the object of the first trial is in place: nobody is asked for it

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from detector.scores.quantiles import quantiles
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 
 THREE = "p50 / p90 / p99"
 

@@ -12,8 +12,8 @@ from itertools import product
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.lift.result import LiftResult
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import LiftResult
 from tests.bench.spread import THREE, slid_mm, slipped, three
 
 SEEDS = range(int(os.environ.get("LIFTS", "40")))

@@ -8,8 +8,8 @@ from detector.scores.quantiles import quantiles
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.lift.result import LiftResult
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import LiftResult
 from scenarios.world.objects import GraspObject
 
 CASES = [

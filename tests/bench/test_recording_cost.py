@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.tap import tap
+from scenarios.lift.lift import lift
+from scenarios.tap.tap import tap
 from scenarios.trial.pictures import Pictures
 
 ROUNDS = 7

@@ -5,7 +5,7 @@ import pytest
 
 from detector.scores.quantiles import quantile
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 
 SEEDS = range(25)
 OBJECTS = ("box", "can")

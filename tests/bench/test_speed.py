@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from tests.unit.scenarios.conftest import by_default
 
 LIFTS = 10

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.report.run_page import run_page
-from scenarios.tap import tap
+from scenarios.tap.tap import tap
 from tests.browser.chromium import Chromium
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.series import Bench
 from tests.browser.chromium import BROWSER, Chromium

@@ -18,8 +18,7 @@ from drivers.errors import UsageError  # noqa: E402
 from grasp.cli import exits  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
 from scenarios.acquire.datasets.named_settings import layout_file  # noqa: E402
-from scenarios.lift.result import LiftResult  # noqa: E402
-from scenarios.lift.scoring import LiftOutcome  # noqa: E402
+from scenarios.lift.scoring import LiftOutcome, LiftResult  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
 pytestmark = pytest.mark.train

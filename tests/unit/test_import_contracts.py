@@ -154,12 +154,9 @@ LATE = (
     # what a device is driven with imports the compiled world only where there is one
     "scenarios/acquire/force_calibration.py",
     "scenarios/acquire/session.py",
-    "scenarios/campaign/axes.py",
-    "scenarios/lift/config.py",
     "scenarios/rigs/opening.py",
     "scenarios/rigs/rig.py",
-    "scenarios/tap/blows.py",
-    "scenarios/tap/config.py",
+    "scenarios/tap/mallet.py",
 )
 
 

@@ -142,7 +142,7 @@ def test_a_file_is_told_by_what_is_in_it(
         ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
         ('[rule]\nkind = "cusum"\nconsecutive = 2\n', "rule.consecutive: is not read"),
         ("[rule]\nlimit = 9.0\n", "is not read by a rule of kind consecutive and fusion mean"),
-        ("[controller]\nstep_n = 1.0\n", "controller.step_n"),
+        ("[controller]\nmargin_steps = 2\n", "controller.margin_steps"),
     ],
 )
 def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(

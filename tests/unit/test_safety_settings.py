@@ -1,7 +1,7 @@
 """Every setting of safety and verdict takes effect where its name says, at its value.
 
-A setting is moved, and the place where behaviour changes must move with it. One that is wired to
-the wrong limit, or to none, leaves that place where it was.
+A setting is moved (a constant of a verdict is not), and the place where behaviour changes must move
+with it. One that is wired to the wrong limit, or to none, leaves that place where it was.
 """
 
 import math
@@ -10,9 +10,11 @@ from typing import Any
 
 import pytest
 
+from scenarios.lift import scoring as lift
 from scenarios.lift.scoring import LiftOutcome
-from scenarios.tap.result import Alarm
-from scenarios.tap.scoring import TapOutcome
+from scenarios.tap import scoring as tap
+from scenarios.tap.scoring import Alarm, TapOutcome
+from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from tests.unit.detector import safety_probes as on_rule
 from tests.unit.drivers import safety_probes as on_driver
 from tests.unit.grasp import safety_probes as on_grasp
@@ -23,7 +25,7 @@ REGISTERED = Alarm(10.03, 10.1)
 QUIET = (TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED)
 
 # setting, two values of it, what is let pass with such a value, and how far beyond it is not
-MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
+MOST: list[tuple[str, tuple[Any, ...], Callable[[Any, Any], bool], float]] = [
     ("ArmSettings.max_speed_mps", (0.1, 0.3),
      lambda v, x: on_driver.moves((0, 0, 0.1), speed=x, max_speed_mps=v), 1e-6),
     ("ArmSettings.max_acceleration_mps2", (0.3, 2.0),
@@ -42,45 +44,45 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_grasp.admitted(10.0 + x, measured_margin_n=v) is not None, 0.01),
     ("ControllerSettings.stale_after_s", (0.1, 0.3), on_grasp.both_trusted, 1e-3),
     ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not on_grasp.touches(v, x), 1e-6),
-    ("ScoringSettings.near_m", (0.03, 0.09),
-     lambda v, x: on_run.lift_verdict({"near_m": v}, {"slip_distance_m": x})
+    ("NEAR_M", (lift.NEAR_M,),
+     lambda v, x: on_run.lift_verdict({"slip_distance_m": x})
      is LiftOutcome.HELD_WITHIN_6CM, 1e-6),
-    ("ScoringSettings.far_m", (0.1, 0.2),
-     lambda v, x: on_run.lift_verdict({"far_m": v}, {"slip_distance_m": x})
+    ("FAR_M", (lift.FAR_M,),
+     lambda v, x: on_run.lift_verdict({"slip_distance_m": x})
      is LiftOutcome.HELD_WITHIN_12CM, 1e-6),
-    ("ScoringSettings.early_s", (0.02, 0.2),
-     lambda v, x: on_run.lift_verdict({"early_s": v}, {}, registered_s=1.0 - x) in SUCCESSES, 1e-6),
-    ("ScoringSettings.still_mps", (0.001, 0.01),
-     lambda v, x: on_run.lift_verdict({"still_mps": v}, {"slip_speed_mps": x}) in SUCCESSES, 1e-6),
-    ("ScoringSettings.still_radps", (0.1, 0.5),
-     lambda v, x: on_run.lift_verdict({"still_radps": v}, {"turn_speed_radps": x}) in SUCCESSES,
+    ("EARLY_S", (lift.EARLY_S,),
+     lambda v, x: on_run.lift_verdict({}, registered_s=1.0 - x) in SUCCESSES, 1e-6),
+    ("GROSS_SLIP_MPS", (GROSS_SLIP_MPS,),
+     lambda v, x: on_run.lift_verdict({"slip_speed_mps": x}) in SUCCESSES, 1e-6),
+    ("GROSS_TURN_RADPS", (GROSS_TURN_RADPS,),
+     lambda v, x: on_run.lift_verdict({"turn_speed_radps": x}) in SUCCESSES,
      1e-6),
-    ("TapScoringSettings.register_s", (0.2, 0.8),
-     lambda v, x: on_run.tap_verdict({"register_s": v}, [Alarm(10.0 + x, 10.0 + x + 0.01)])
+    ("REGISTER_S", (tap.REGISTER_S,),
+     lambda v, x: on_run.tap_verdict([Alarm(10.0 + x, 10.0 + x + 0.01)])
      is TapOutcome.REGISTERED, 1e-6),
-    ("TapScoringSettings.clear_s", (0.5, 2.0),
-     lambda v, x: on_run.tap_verdict({"clear_s": v}, [Alarm(10.03, 10.02 + x)])
+    ("CLEAR_S", (tap.CLEAR_S,),
+     lambda v, x: on_run.tap_verdict([Alarm(10.03, 10.02 + x)])
      is TapOutcome.REGISTERED, 1e-6),
     ("PressControlSettings.force_n", (3.0, 6.0),
      lambda v, x: on_run.pressing_mps(x, force_n=v) > 0.0, 0.01),
     ("PressControlSettings.depth_m", (0.002, 0.005),
      lambda v, x: on_run.pressing_mps(1.0, x, depth_m=v) > 0.0, 1e-6),
 ]  # fmt: skip
-LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
+LEAST: list[tuple[str, tuple[Any, ...], Callable[[Any, Any], bool], float]] = [
     ("ArmSettings.workspace_low_m", (-0.3, -0.1),
      lambda v, x: on_driver.moves_along_any(x, workspace_low_m=(v, v, v)), 1e-3),
     ("TakkTileSettings.rest_min_counts", (410, 430),
      lambda v, x: on_driver.rest_taken(x, rest_min_counts=v), 1),
-    ("ScoringSettings.felt_n", (0.5, 2.0),
-     lambda v, x: on_run.lift_verdict({"felt_n": v}, None, felt_n=x) in SUCCESSES, 1e-6),
-    ("ScoringSettings.lifted_m", (0.005, 0.05),
-     lambda v, x: on_run.lift_verdict({"lifted_m": v}, {"height_m": x}) in SUCCESSES, 1e-6),
-    ("TapScoringSettings.moved_m", (0.001, 0.01),
-     lambda v, x: on_run.tap_verdict({"moved_m": v}, [REGISTERED], x) not in QUIET, 1e-6),
-    ("TapScoringSettings.turned_rad", (0.02, 0.2),
-     lambda v, x: on_run.tap_verdict({"turned_rad": v}, [REGISTERED], 0.0, -x) not in QUIET, 1e-6),
-    ("TapScoringSettings.stay_s", (0.3, 0.7),
-     lambda v, x: on_run.tap_verdict({"stay_s": v}, [REGISTERED, Alarm(10.1 + x, 20.0)])
+    ("FELT_N", (lift.FELT_N,),
+     lambda v, x: on_run.lift_verdict(None, felt_n=x) in SUCCESSES, 1e-6),
+    ("LIFTED_M", (lift.LIFTED_M,),
+     lambda v, x: on_run.lift_verdict({"height_m": x}) in SUCCESSES, 1e-6),
+    ("MOVED_M", (tap.MOVED_M,),
+     lambda v, x: on_run.tap_verdict([REGISTERED], x) not in QUIET, 1e-6),
+    ("MOVED_RAD", (tap.MOVED_RAD,),
+     lambda v, x: on_run.tap_verdict([REGISTERED], 0.0, -x) not in QUIET, 1e-6),
+    ("STAY_S", (tap.STAY_S,),
+     lambda v, x: on_run.tap_verdict([REGISTERED, Alarm(10.1 + x, 20.0)])
      is TapOutcome.REGISTERED, 1e-6),
     ("RuleSettings.threshold", (0.3, 0.8),
      lambda v, x: on_rule.registers([(math.log(x / (1 - x)),)], consecutive=1, threshold=v)[0],
@@ -91,7 +93,7 @@ LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
 ]  # fmt: skip
 
 # setting, two values of it, and what of the behaviour must equal it, within a tolerance
-SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
+SEEN: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
     ("DriverSettings.write_interval_s", (0.02, 0.05), on_driver.between_writes_s, 0.0015),
     ("DriverSettings.refresh_hz", (100, 200),
      lambda v: 200 if on_driver.reads_before_a_write(v, 0.007) else 100, 0),

@@ -29,10 +29,10 @@ from scenarios.acquire.datasets.named_settings import layout_file, with_values
 from scenarios.acquire.labels import TURN_LEVER_M, Floats, moved, recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.session import Script, Session, open_acquire_rig
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig
 from scenarios.rigs.opening import open_rig
-from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
+from scenarios.trial.layers import trial_layers
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import PadFrames
 from scenarios.world.pressed_cell import PressedCell

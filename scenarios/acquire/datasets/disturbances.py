@@ -1,7 +1,7 @@
 """What a person or the arm does to a held object: blows of the mallet, touches, pulls, drags.
 
 How hard is found on the contact law alone, for the object as drawn and held as firmly as it is
-(`GripTrials`), as the mallet's own blow is (``scenarios.tap.blows``); what it moves is measured.
+(`GripTrials`), as the mallet's own blow is (``scenarios.tap.mallet``); what it moves is measured.
 """
 
 import copy
@@ -16,8 +16,8 @@ from msgspec import Meta
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.acquire.labels import TURN_LEVER_M
-from scenarios.tap.blows import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held_at
-from scenarios.tap.settings import TapSettings
+from scenarios.tap.config import TapSettings
+from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held_at
 from scenarios.world import laws
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import GRAVITY_MPS2

@@ -16,8 +16,7 @@ function followRun() {
     Object.assign(data, told.data, {phases: [], marks: []});
     series = {};
     for (const [name, width] of data.columns) series[name] = Array.from({length: width}, () => []);
-    const left = told.left_s === null ? "" : `, about ${spelt(told.left_s)} left`;
-    at("progress").textContent = told.of > 1 ? `· ${told.number} of ${told.of}${left}` : "";
+    at("progress").textContent = told.of > 1 ? `· ${told.number} of ${told.of}` : "";
     following = true;
     started = false;
     state("live", "success");
@@ -75,7 +74,6 @@ function followRun() {
     }), DRAW_MS);
   }
 
-  const spelt = (s) => (s >= 90 ? `${Math.round(s / 60)} min` : `${Math.round(s)} s`);
   function state(word, kind) {
     at("state").textContent = word;
     at("state").className = `badge ${kind}`;

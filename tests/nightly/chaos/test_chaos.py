@@ -19,7 +19,7 @@ import pytest
 from drivers.errors import GraspError
 from grasp.loop_settings import STOP_S
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES
 from scenarios.rigs import emulated
 from scenarios.rigs.emulated import READY_S, CellProcess, at_endpoints, cell_process

@@ -13,7 +13,7 @@ from drivers.interfaces import FINGERS, Vector3
 from grasp.loop import Tick
 from grasp.states import END_STATES, SAFE_STATES, State
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import Wires, simulated
 from scenarios.trial.ending import End

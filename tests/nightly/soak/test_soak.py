@@ -17,7 +17,7 @@ import pytest
 
 from grasp.states import State
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs import emulated
 from scenarios.rigs.emulated import CellProcess, cell_process
 from scenarios.trial.series import Bench

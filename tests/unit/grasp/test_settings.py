@@ -32,7 +32,7 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
         ("gard.force_limit_n=9", "gard", "guard"),
         ("object.grip_counts=[1,2]", "object.grip_counts", "int"),
         ("controller.lift_height_m=-1", "controller.lift_height_m", ">= 0.01"),
-        ("loop.period_s=nan", "loop.period_s", ">= 0.002"),
+        ("loop.period_s=nan", "loop.period_s", "finite numbers"),
         ("arm.workspace_low_m=[0.0, nan, 0.0]", "arm.workspace_low_m", "finite numbers"),
         ("ur.cog_m=[nan, nan, nan]", "ur.cog_m", "finite numbers"),
     ],

@@ -6,10 +6,8 @@ import msgspec
 import numpy as np
 
 from scenarios.acquire.press import PressController, PressControlSettings, PressPhase
-from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
-from scenarios.tap.result import Alarm
-from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
-from scenarios.tap.settings import TapScoringSettings
+from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
+from scenarios.tap.scoring import Alarm, ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.world.truth import Truth
 from tests.unit.grasp.builders import arm
 from tests.unit.scenarios.conftest import config
@@ -34,21 +32,18 @@ FACTS = LiftFacts(
 )  # fmt: skip
 
 
-def lift_verdict(
-    settings: dict[str, float], end: dict[str, float] | None, **facts: Any
-) -> LiftOutcome:
+def lift_verdict(end: dict[str, float] | None, **facts: Any) -> LiftOutcome:
     """Of a long object that was held, but for what is named; ``end`` None: no simulation."""
     truth = None if end is None else msgspec.structs.replace(HELD, **end)
     changed = msgspec.structs.replace(FACTS, end=truth, **facts)
     body = msgspec.structs.replace(config().object, long_body=True)
-    return outcome(changed, body, ScoringSettings(**settings))
+    return outcome(changed, body)
 
 
 MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
 
 
 def tap_verdict(
-    settings: dict[str, float],
     alarms: list[Alarm],
     moved_m: float = 0.006,
     turned_rad: float | None = None,
@@ -57,7 +52,7 @@ def tap_verdict(
     facts = TapFacts(
         motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
     )
-    return verdict(facts, TapScoringSettings(**settings))
+    return verdict(facts)
 
 
 # One fingertip that presses

@@ -18,8 +18,8 @@ from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from drivers.ur.link.preflight import Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
+from scenarios.rigs.opening import open_arm
 from scenarios.rigs.permission import driving, gripper_of
-from scenarios.rigs.wired import open_arm
 from tests.wire.lab import CONFIRMED, HARDWARE, PATIENCE_S, Done, Lab, grasp, sets, until
 
 NOWHERE = ("--set", "usb.url=tcp://127.0.0.99:9")
@@ -29,6 +29,16 @@ CALIBRATIONS = (("hand", "--up-to", "16"), ("noise",))
 
 def checks(done: Done) -> dict[str, dict[str, str]]:
     return {check["name"]: check for check in json.loads(done.out)["checks"]}
+
+
+def test_devices_that_answer_are_found_with_what_to_write_down(lab: Lab) -> None:
+    gripper, url = lab.endpoints["gripper"], lab.endpoints["tactile"]["url"]
+    done = grasp("doctor", lab.config.ur.host, f"{gripper['host']}:{gripper['port']}", url)
+    assert done.code == 0, done.err
+    assert "not activated, no fault" in done.out and "robot mode 7: running" in done.out
+    for line in (f"port = {gripper['port']}", f'url = "{url}"', f'host = "{lab.config.ur.host}"'):
+        assert line in done.out
+    assert grasp("doctor", "127.0.0.1/24").code == 2
 
 
 def test_doctor_hears_every_device_and_fails_where_a_run_would(lab: Lab) -> None:

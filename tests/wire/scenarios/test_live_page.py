@@ -6,6 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,7 +26,7 @@ LONG_S = 20.0
 def feed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Feed]:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with Feed("a run", ("fingertip",), VIEW, of=2) as made:
+    with closing(Feed("a run", ("fingertip",), VIEW, of=2)) as made:
         yield made
 
 

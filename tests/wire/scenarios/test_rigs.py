@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs.emulated import cell_process
 from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import by_default

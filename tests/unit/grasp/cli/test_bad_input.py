@@ -41,7 +41,7 @@ replay --tactile FILE | runs --runs FILE --json=1 | export FILE --to svg
 dataset build FILE.toml --out DIR | detector evaluate energy --data DIR
 detector evaluate zzz --recording FILE | detector card /dev/zero.onnx | detector train zzz
 tactile identify --url nonsense --seconds 1 | tactile identify --seconds nan
-calibrate fingertip --recording FILE | config zzz | emulate --gripper-port 70000
+config zzz | emulate --gripper-port 70000
 release --rig zzz
 """
 

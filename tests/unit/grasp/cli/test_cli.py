@@ -159,7 +159,6 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
         ("tap --set controller.keep=true", "holds one object and ends"),
-        ("tap --set tap.watch_s=1", "too short to judge"),
         ("tap --set object.mass_kg=2.9", "leaves it in the hand"),
         ("lift --object cann", "did you mean 'can'"),
         ("lift --detector oracle", "energy"),

@@ -1,7 +1,6 @@
 """`grasp detector` on data sets: scores, tuning, cards."""
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -73,8 +72,6 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "12"]) == 0
     path = tmp_path / "tuned.toml"
     path.write_text(capsys.readouterr().out)
-    told = rf"# {re.escape(str(data))}: \d+ of \d+ slips apart from taps, \d false in 5\.4 s of a"
-    assert re.search(told, path.read_text())
     assert "that is little" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
     (sheet,) = answers(capsys, *words, "--config", str(path), "--json")

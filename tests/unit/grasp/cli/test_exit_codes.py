@@ -9,7 +9,7 @@ import pytest
 
 from grasp.cli import recordings
 from grasp.cli.main import main
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.execution import FinishedTrial
 from scenarios.trial.result import Failure
 from tests.unit.scenarios.conftest import config

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from grasp.cli.main import main
-from scenarios.campaign import experiment as experiments
+from scenarios.campaign import trial_series
 from scenarios.trial.ending import End
 from scenarios.trial.result import Failure
 
@@ -35,7 +35,7 @@ def test_series_that_was_complete_says_so_and_why_it_failed(
 
 def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     """Has the first trial of a series be its last, as the hardware rig tells it."""
-    run = experiments.run
+    run = trial_series.run
 
     def told(experiment: Any, *rest: Any) -> Iterator[Any]:
         finished, row = next(iter(run(experiment, *rest)))
@@ -45,7 +45,7 @@ def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
         if changes.get("signalled"):
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(experiments, "run", told)
+    monkeypatch.setattr(trial_series, "run", told)
 
 
 def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_on(

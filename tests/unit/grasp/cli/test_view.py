@@ -7,6 +7,7 @@ from rich.console import Console
 
 from grasp.cli import live, view
 from grasp.fault import Fault
+from scenarios.report.run_view import facts
 from scenarios.trial.ending import End
 
 SLIPPING = view.Glimpse(
@@ -53,7 +54,7 @@ def test_bars_are_whole_whatever_the_width(width: int) -> None:
 def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
     forces: dict[str, object], mode: str, lines: list[str]
 ) -> None:
-    assert live.facts(verdict(cap_mode=mode, **forces))[-2:] == lines
+    assert facts(verdict(cap_mode=mode, **forces))[-2:] == lines
 
 
 def verdict(**changes: object) -> SimpleNamespace:

@@ -170,11 +170,12 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "a.sqlite"
+    CampaignStore.create(out, SPEC, combinations(SPEC)).__exit__()
     failing: Callable[..., object] = after_half if method == "write_bytes" else full
     with monkeypatch.context() as patch:
         patch.setattr(Path, method, failing)
         with pytest.raises(CouldNotRecord, match="No space left"):
-            run(SPEC, out, Workers(0), work=judged)
+            run(SPEC, out, Workers(0), resume=True, work=judged)
     assert files(tmp_path) == ["a.sqlite"]
     with CampaignStore.open(out) as opened:
         assert opened.rows() == []
@@ -186,7 +187,7 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
 
 def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(tmp_path: Path) -> None:
     for says, named in [
-        ('objects = ["can", "ball", "can"]', "'can' twice"),
+        ('objects = ["can", "ball", "can"]', '"can" twice'),
         ('objects = ["can"]\nseeds = [1, 2, 1]', "1 twice"),
         ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = [0.1, 0.10]', "0.1 twice"),
         ('objects = ["can"]\n[sweep]\n"rig" = ["hardware"]', "--rig"),

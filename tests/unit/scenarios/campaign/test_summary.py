@@ -6,8 +6,7 @@ import msgspec
 import pytest
 
 from grasp.cli.campaign import _shown
-from scenarios.campaign.paper import wilson
-from scenarios.campaign.summary import summarize
+from scenarios.campaign.summary import summarize, wilson
 from scenarios.campaign.worker import Row
 
 

@@ -1,6 +1,5 @@
 """Calibrations with a person who mistypes, or a scale that says nothing; no devices."""
 
-import tomllib
 from typing import Any, cast
 
 import pytest
@@ -10,10 +9,8 @@ from scenarios.lab import calibrate
 from scenarios.lab.calibrate import (
     Presser,
     check_force,
-    hand_file,
     newtons,
 )
-from scenarios.lab.fit import of_presses
 
 COUNTS_PER_NEWTON = 200.0
 
@@ -73,15 +70,14 @@ class Finger:
         return True
 
 
-def presses(*lines: str, count: int = 4) -> tuple[list[float], str, list[str]]:
-    """Readings, the reason for their being far from the manual's, and what was asked."""
+def presses(*lines: str, count: int = 4) -> tuple[list[float], list[str]]:
+    """Readings, and what was asked."""
     person = Person(*lines)
-    forces, reason = calibrate.pressed(cast(Presser, Finger()), count, 60.0, person)
-    return forces, reason, person.said
+    return calibrate.pressed(cast(Presser, Finger()), count, 60.0, person), person.said
 
 
 def test_press_that_was_mistyped_is_made_again() -> None:
-    forces, _, _ = presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N")
+    forces, _ = presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N")
     assert forces == [10.5, 11.5, 12.0, 11.0]
 
 
@@ -93,20 +89,9 @@ def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
     wrong: str, right: str
 ) -> None:
     """Ten of them contradict one another nowhere: the manual's force is what tells."""
-    forces, reason, said = presses(*([wrong, right] * 4))
+    forces, said = presses(*([wrong, right] * 4))
     assert forces == [pytest.approx(newtons(right))] * 4
     assert sum("is far from the 15 N that the manual says of byte 0" in line for line in said) == 4
-    assert not reason
-
-
-def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kept() -> None:
-    lines = ["2 N", "yes", "", "2 N", "0 N", "99 N", "fingertips of soft foam", "2.1 N", "2 N",
-             "2 N"]  # fmt: skip
-    forces, reason, _ = presses(*lines)
-    assert forces == [2.0, 2.1, 2.0, 2.0]
-    assert reason == "fingertips of soft foam"
-    source = tomllib.loads(hand_file("A", of_presses([2.0] * 10), reason))["calibration"]["source"]
-    assert source.endswith("far from the manual's: fingertips of soft foam")
 
 
 def test_hand_that_may_press_too_hard_is_refused_with_what_to_type() -> None:

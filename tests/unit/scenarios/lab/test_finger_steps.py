@@ -13,8 +13,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
 from scenarios.lab.calibrate import BACK_COUNTS, Presser
-from scenarios.lab.finger_steps import LEAD_M, TRIES, lead_counts, retry
-from scenarios.lab.hand import Hand
+from scenarios.lab.hand import LEAD_M, TRIES, Hand, lead_counts, retry
 from tests.calibrations import MANUAL, PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig, Springs
 from tests.unit.scenarios.conftest import config

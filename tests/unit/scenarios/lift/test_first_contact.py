@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Tick
 from grasp.states import State
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 from scenarios.trial.execution import make_guard
 from tests.unit.scenarios.conftest import HAND_ALONE, InPhase, Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault

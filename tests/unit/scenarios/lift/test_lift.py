@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from grasp.states import State
-from scenarios.lift import lift
-from scenarios.lift.result import LiftResult
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import (
     HAND_ALONE,
     Staged,

@@ -6,8 +6,8 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.states import State
-from scenarios.lift import lift
-from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
 from scenarios.trial.person import TapeMark, read_mark
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import changed, config
@@ -43,7 +43,7 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
 def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped() -> None:
     for let_go_m, dropped in ((0.0, False), (0.0049, False), (0.005, True), (0.18, True)):
         verdict = LiftOutcome.DROPPED if dropped else LiftOutcome.HELD_WITHIN_6CM
-        assert lift_verdict({}, {}, let_go_m=let_go_m) is verdict
+        assert lift_verdict({}, let_go_m=let_go_m) is verdict
 
 
 def test_what_was_read_decides_where_no_world_knows() -> None:
@@ -60,7 +60,7 @@ def test_what_was_read_decides_where_no_world_knows() -> None:
         (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),
         (facts(TapeMark(0.0, True), registered_s=None), LiftOutcome.NEVER_SLIPPED),
     ):
-        assert outcome(known, config().object, ScoringSettings()) is verdict, verdict
+        assert outcome(known, config().object) is verdict, verdict
 
 
 def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None:

@@ -6,7 +6,7 @@ from drivers.interfaces import Detection
 from grasp.commands import CloseFast
 from grasp.loop import Tick
 from grasp.states import State
-from scenarios.lift.result import LiftResult
+from scenarios.lift.scoring import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault
 

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from grasp.recording import RunRecorder, RunRecording
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RESULT, RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 
@@ -60,12 +60,11 @@ def data_of(page: str) -> dict[str, Any]:
 
 def unpacked(packed: dict[str, Any]) -> dict[str, NDArray[np.float64]]:
     """Columns (n, width), as `unpack()` of the page's `data.js` reads them."""
-    steps = np.frombuffer(zlib.decompress(base64.b64decode(packed["deflated"])), "<i4")
+    values = np.frombuffer(zlib.decompress(base64.b64decode(packed["deflated"])), "<f4")
     columns, place = {}, 0
-    for name, width, step in packed["columns"]:
-        part = steps[place : place + width * packed["rows"]].reshape(width, -1)
+    for name, width in packed["columns"]:
+        part = values[place : place + width * packed["rows"]].reshape(width, -1)
         place += part.size
-        counts = np.cumsum(part, axis=1, dtype=np.int32).astype(np.float64)
-        columns[name] = np.where(counts == -(2**31), np.nan, counts * step).T
-    assert place == len(steps)
+        columns[name] = part.T.astype(np.float64)
+    assert place == len(values)
     return columns

@@ -11,9 +11,9 @@ import pytest
 
 from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
-from scenarios.campaign.paper import wilson
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
 from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.summary import wilson
 from scenarios.campaign.worker import Finished, Row
 from scenarios.report.campaign_page import campaign_page
 

@@ -8,7 +8,7 @@ import pytest
 from scenarios.benchmark.evaluation_file import EvaluationFile, evaluated
 from scenarios.benchmark.scoring import contender
 from scenarios.report.evaluation_page import evaluation_page
-from scenarios.report.tables import BOTTOM, LEFT, RIGHT, TOP
+from scenarios.report.page import BOTTOM, LEFT, RIGHT, TOP
 from tests.unit.detector.toys import toys
 
 
@@ -41,3 +41,13 @@ def test_the_threshold_of_a_trace_is_the_rules_own(tmp_path: Path) -> None:
     told["detectors"][0]["rule"]["kind"] = "cusum"
     (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
     assert "threshold 0.765" not in evaluation_page(tmp_path / "one.json")
+
+
+def test_accuracy_is_charted_against_the_cost_of_an_update(file: Path) -> None:
+    told = msgspec.json.decode(file.read_bytes())
+    for each, cost_us in zip(told["detectors"], (10.0, 100.0), strict=True):
+        each["sheet"] |= {"accuracy": 0.75, "compute_us": {"p50": cost_us}}
+    file.write_bytes(msgspec.json.encode(told))
+    page = evaluation_page(file)
+    for x in (LEFT, (LEFT + RIGHT) / 2):  # a decade of two: the middle
+        assert f'cx="{x}" cy="{(TOP + BOTTOM) / 2}"' in page

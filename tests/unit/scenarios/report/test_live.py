@@ -9,7 +9,7 @@ import pytest
 
 from grasp.recording import RunRecording
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
 from scenarios.report.live_server import Begin, Message, Row
 from scenarios.trial.run_folder import RUN_CHANNELS

@@ -10,7 +10,7 @@ import pytest
 
 from scenarios.report.live_server import Begin, Row, Story, read_lines
 
-BEGIN = msgspec.json.encode(Begin(1, 2, None, {}))
+BEGIN = msgspec.json.encode(Begin(1, 2, {}))
 ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]
 
 
@@ -32,7 +32,7 @@ def read(pipe: tuple[int, int], tell: Callable[[int], None]) -> list[bytes]:
         with os.fdopen(pipe[0], "rb", closefd=False) as source:
             await asyncio.wait_for(read_lines(story, source), 60.0)
         await telling
-        return story.since(-1, 0)[0]
+        return story.so_far()
 
     return asyncio.run(reading())
 

@@ -7,7 +7,7 @@ from grasp.cli.commands import build_parser
 from scenarios.campaign.config import load_config
 from scenarios.report.run_record import RunRecord, read_run
 from scenarios.report.run_settings import command_of
-from scenarios.tap import tap
+from scenarios.tap.tap import tap
 from scenarios.trial.config import TrialConfig
 
 
@@ -15,7 +15,7 @@ def meant(words: list[str]) -> TrialConfig:
     """The settings with which that command would run."""
     args = build_parser().parse_args(words[1:])
     own = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return tap.tap_config(own.for_tap()) if args.scenario == "tap" else own.for_lift()
+    return tap.configure(own.for_tap()) if args.scenario == "tap" else own.for_lift()
 
 
 def told(run: RunRecord) -> str:

@@ -12,9 +12,10 @@ from drivers.errors import ConfigError, LinkLost, UsageError
 from grasp.cli.main import main
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs import opening, own_devices
+from scenarios.rigs import config as rig_config
+from scenarios.rigs import opening
+from scenarios.rigs.opening import acknowledgements, wired_devices
 from scenarios.rigs.permission import MotionPermit, check_devices
-from scenarios.rigs.wired import acknowledgements, wired_devices
 
 OFFER = """
 from contextlib import contextmanager
@@ -54,10 +55,10 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any
         f"[grasp.arms]\nacme = {name}:hand\n[grasp.fingertips]\nacme = {name}:hand\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    own_devices._offered.cache_clear()
+    rig_config.offered_devices.cache_clear()
     found: list[Any] = __import__(name).opened
     yield found
-    own_devices._offered.cache_clear()
+    rig_config.offered_devices.cache_clear()
 
 
 def lab(*words: str) -> RunConfig:

@@ -13,11 +13,11 @@ from drivers.errors import ConfigError, UsageError
 from grasp.cli.commands import build_parser
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs import opening
 from scenarios.rigs import opening as hardware_room
 from scenarios.rigs.permission import MotionPermit, check_devices, permit
-from scenarios.tap import tap
+from scenarios.tap.tap import tap
 from scenarios.trial.series import Bench
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv

@@ -1,8 +1,7 @@
 """Profiles set detector, decision and reaction together."""
 
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import LiftConfig, lift
 from tests.unit.scenarios.conftest import phases_but_landing
 
 
@@ -21,7 +20,7 @@ def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess() -> No
 
 def test_the_paper_s_profile_never_gives_up_at_the_cap() -> None:
     """Its loop closes once and holds: an alarm that stays is reported, the object decides."""
-    result = lift.run(paper("energy.threshold_counts=0.3", "scoring.early_s=1"), 0, None).result
+    result = lift.run(paper("energy.threshold_counts=0.3"), 0, None).result
     assert result is not None
     assert result.outcome not in ("cap_reached", "alarm_stayed")
     assert phases_but_landing(result)[-4:] == [

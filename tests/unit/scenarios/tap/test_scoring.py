@@ -3,11 +3,17 @@
 import msgspec
 import pytest
 
-from scenarios.tap.result import Alarm
-from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
-from scenarios.tap.settings import TapScoringSettings
+from scenarios.tap.scoring import (
+    MOVED_M,
+    MOVED_RAD,
+    Alarm,
+    ObjectMotion,
+    TapFacts,
+    TapOutcome,
+    nominal_again_s,
+    verdict,
+)
 
-WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)
 MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
 STUCK = ObjectMotion(struck_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
 
@@ -23,65 +29,64 @@ def facts(
 
 
 def test_registered_in_time_and_nominal_again_is_the_success() -> None:
-    assert verdict(facts((10.03, 10.16)), WINDOWS) is TapOutcome.REGISTERED
+    assert verdict(facts((10.03, 10.16))) is TapOutcome.REGISTERED
 
 
 def test_slip_must_be_registered_and_nominal_again_within_its_windows() -> None:
     for at_s, expected in ((10.499, "registered"), (10.501, "late")):
-        assert verdict(facts((at_s, at_s + 0.1)), WINDOWS) == expected
+        assert verdict(facts((at_s, at_s + 0.1))) == expected
     for off_s, expected in ((11.01, "registered"), (11.03, "alarm_stayed")):
-        assert verdict(facts((10.03, off_s)), WINDOWS) == expected
+        assert verdict(facts((10.03, off_s))) == expected
 
 
 @pytest.mark.parametrize(("again_s", "expected"), [(10.59, "alarm_stayed"), (10.61, "registered")])
 def test_status_must_stay_nominal_for_the_stated_time(again_s: float, expected: str) -> None:
     # nominal at 10.1; the next alarm, which outlasts the window, comes 0.49 or 0.51 s later
-    assert verdict(facts((10.03, 10.1), (again_s, 11.5)), WINDOWS) == expected
+    assert verdict(facts((10.03, 10.1), (again_s, 11.5))) == expected
 
 
 def test_status_that_flaps_counts_from_its_last_return() -> None:
     flapping = facts((10.03, 10.1), (10.2, 10.3))
-    assert nominal_again_s(flapping, 10.02, 0.5) == 10.3
-    assert verdict(flapping, WINDOWS) is TapOutcome.REGISTERED
+    assert nominal_again_s(flapping, 10.02) == 10.3
+    assert verdict(flapping) is TapOutcome.REGISTERED
 
 
 def test_registration_between_blow_and_gross_slip_counts() -> None:
-    assert verdict(facts((9.995, 10.1)), WINDOWS) is TapOutcome.REGISTERED
+    assert verdict(facts((9.995, 10.1))) is TapOutcome.REGISTERED
 
 
 def test_tap_that_moves_less_than_a_millimetre_is_judged_apart() -> None:
-    assert verdict(facts(motion=STUCK), WINDOWS) is TapOutcome.UNMOVED_QUIET
-    assert verdict(facts((10.0, 10.2), motion=STUCK), WINDOWS) is TapOutcome.UNMOVED_REGISTERED
+    assert verdict(facts(motion=STUCK)) is TapOutcome.UNMOVED_QUIET
+    assert verdict(facts((10.0, 10.2), motion=STUCK)) is TapOutcome.UNMOVED_REGISTERED
     just = msgspec.structs.replace(STUCK, displacement_m=0.001)
-    assert verdict(facts(motion=just), WINDOWS) is TapOutcome.UNDETECTED
+    assert verdict(facts(motion=just)) is TapOutcome.UNDETECTED
 
 
 def test_rotation_in_the_hand_is_motion_by_the_lever_of_the_paper_s_label() -> None:
-    settings = TapScoringSettings()
-    assert settings.moved_m / settings.turned_rad == pytest.approx(0.003 / 0.2)
+    assert pytest.approx(0.003 / 0.2) == MOVED_M / MOVED_RAD
     replace = msgspec.structs.replace
     for turned, moved in ((0.066, False), (0.067, True), (-0.067, True)):
-        assert replace(STUCK, turned_rad=turned).moved(settings) is moved
+        assert replace(STUCK, turned_rad=turned).moved() is moved
     turned = replace(STUCK, turned_rad=-0.1)
-    assert verdict(facts(motion=turned), settings) is TapOutcome.UNDETECTED
-    assert verdict(facts((10.0, 10.2), motion=turned), settings) is TapOutcome.REGISTERED
+    assert verdict(facts(motion=turned)) is TapOutcome.UNDETECTED
+    assert verdict(facts((10.0, 10.2), motion=turned)) is TapOutcome.REGISTERED
 
 
 def test_object_that_is_lost_was_knocked_out_whatever_was_registered() -> None:
     lost = msgspec.structs.replace(MOVED, held=False)
-    assert verdict(facts((10.03, 10.1), motion=lost), WINDOWS) is TapOutcome.KNOCKED_OUT
+    assert verdict(facts((10.03, 10.1), motion=lost)) is TapOutcome.KNOCKED_OUT
 
 
 def test_status_that_never_was_nominal_left_nothing_to_strike() -> None:
-    assert verdict(facts((3.0, None), motion=None), WINDOWS) is TapOutcome.NEVER_NOMINAL
+    assert verdict(facts((3.0, None), motion=None)) is TapOutcome.NEVER_NOMINAL
 
 
 def test_fault_and_own_excess_force_come_first() -> None:
-    assert verdict(facts((10.03, 10.1), fault="x"), WINDOWS) is TapOutcome.FAULT
-    assert verdict(facts((10.03, 10.1), own_peak_n=11.1), WINDOWS) is TapOutcome.OVER_FORCE
+    assert verdict(facts((10.03, 10.1), fault="x")) is TapOutcome.FAULT
+    assert verdict(facts((10.03, 10.1), own_peak_n=11.1)) is TapOutcome.OVER_FORCE
     both = facts((10.03, 10.1), fault="x", own_peak_n=11.1)
-    assert verdict(both, WINDOWS) is TapOutcome.OVER_FORCE
+    assert verdict(both) is TapOutcome.OVER_FORCE
 
 
 def test_watch_that_ends_too_early_cannot_tell_that_it_stays_nominal() -> None:
-    assert nominal_again_s(facts((10.03, 10.1), watched_until_s=10.5), 10.02, 0.5) is None
+    assert nominal_again_s(facts((10.03, 10.1), watched_until_s=10.5), 10.02) is None

@@ -12,11 +12,10 @@ from grasp.states import State
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import swing
-from scenarios.tap.result import TapResult
-from scenarios.tap.tap import TapTrial, tap_config
+from scenarios.tap.scoring import TapResult
+from scenarios.tap.tap import TapTrial, tap
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
 from scenarios.trial.series import Bench
@@ -42,7 +41,7 @@ class Staged:
     """One tap trial with a watcher, on a rig that stays open to look at."""
 
     def __init__(self, *assignments: str, seed: int = 0) -> None:
-        self.config = tap_config(config(*assignments))
+        self.config = tap.configure(config(*assignments))
         self.seed = seed
         self.ticks: list[Tick] = []
 
@@ -53,7 +52,7 @@ class Staged:
                 self.ticks.append(tick)
                 act(rig, tick)
 
-            return tap.run_trial(self.config, self.seed, rig, make_guard(self.config), watch)
+            return tap.act(self.config, self.seed, rig, make_guard(self.config), watch)
 
 
 def sent_while_watched(staged: Staged, trial: TapTrial) -> list[Issued]:
@@ -146,11 +145,11 @@ class Person:
 
 def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
     """A tap on a rig that seems to have no world: a person does the rest."""
-    c = tap_config(config(*assignments))
+    c = tap.configure(config(*assignments))
     with open_rig(c, 0, paced=False) as rig:
         person = Person(rig, swing(c, 0).blow, answers)
         blind = msgspec.structs.replace(rig, tap=None, world=None)
-        trial = tap.run_trial(c, 0, blind, make_guard(c), lambda *_: None, person)
+        trial = tap.act(c, 0, blind, make_guard(c), lambda *_: None, person)
     return tap.judge(c, 0, trial, None), person
 
 

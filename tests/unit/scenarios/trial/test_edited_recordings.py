@@ -10,7 +10,7 @@ import pytest
 from grasp.commands import CloseFast, OpenFingers
 from grasp.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES
 from grasp.recording import RunRecorder, RunRecording
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.replay import replay_run
 from scenarios.trial.run_folder import RUN_CHANNELS
 from tests.unit.scenarios.conftest import config

@@ -134,7 +134,7 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
 def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state(
     tmp_path: Path,
 ) -> None:
-    from scenarios.lift import lift
+    from scenarios.lift.lift import lift
 
     def on_tick(tick: Tick) -> None:
         if tick.decision.state is State.LIFT:

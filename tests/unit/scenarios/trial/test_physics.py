@@ -4,8 +4,8 @@ import pytest
 
 from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.tap.tap import tap_config
-from scenarios.trial.physics import contact_table
+from scenarios.tap.tap import tap
+from scenarios.trial.config import contact_table
 from scenarios.world.settings import ContactLevels
 
 
@@ -19,7 +19,7 @@ def lifted(*assignments: str, name: str = "can") -> ContactLevels | None:
 
 def tapped(direction: str, *assignments: str, name: str = "can") -> ContactLevels | None:
     told = config(f"tap.direction={direction}", *assignments, name=name)
-    return tap_config(told.for_tap()).physics(0)
+    return tap.configure(told.for_tap()).physics(0)
 
 
 @pytest.mark.parametrize("name", names("objects"))

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from grasp.clock import VIRTUAL_EPOCH_NS
 from grasp.messages import ARM, GRIPPER, TRUTH
 from grasp.recording import RunRecording
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 

@@ -4,7 +4,7 @@ import os
 import stat
 from pathlib import Path
 
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from tests.unit.scenarios.conftest import config
 
 

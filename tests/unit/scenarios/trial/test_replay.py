@@ -11,7 +11,7 @@ from detector.recordings import Recording
 from grasp.commands import CloseFast
 from grasp.messages import CONTROL
 from grasp.recording import RunRecorder, RunRecording
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.run_folder import RUN_CHANNELS

@@ -6,7 +6,7 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.states import State
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs import simulated
 from scenarios.rigs.rig import Rig
 from scenarios.trial.replay import replay_run

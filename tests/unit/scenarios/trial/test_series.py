@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from drivers.errors import Refused
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series

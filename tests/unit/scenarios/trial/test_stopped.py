@@ -12,8 +12,8 @@ from grasp import signals
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
 from grasp.states import END_STATES, SAFE_STATES, State
-from scenarios.lift import lift
-from scenarios.lift.result import LiftResult
+from scenarios.lift.lift import lift
+from scenarios.lift.scoring import LiftResult
 from scenarios.trial.replay import replay_run
 from scenarios.trial.result import FinishedRun
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, Staged, config, in_phase

@@ -8,9 +8,9 @@ import pytest
 
 from drivers.errors import CouldNotRecord, UsageError
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs import opening
-from scenarios.tap import tap
+from scenarios.tap.tap import tap
 from scenarios.trial import run_folder
 from tests.unit.scenarios.conftest import config
 

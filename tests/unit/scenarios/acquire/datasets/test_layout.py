@@ -13,7 +13,7 @@ from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.named_settings import layout_file
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
-from scenarios.lift import lift
+from scenarios.lift.lift import lift
 from scenarios.rigs.workers import Workers
 from tests.unit.scenarios.conftest import EAGER, QUIET
 

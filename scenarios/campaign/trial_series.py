@@ -6,26 +6,23 @@ real devices; this runs in one process, and is how they get their rows.
 
 import os
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
 from drivers.interfaces import Vector3
+from scenarios.campaign.config import EXPERIMENTS
 from scenarios.campaign.spec import CampaignSpec, Combination, Task
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import AnyRun, Finished, Row, error_row, judged, spent
-from scenarios.lift import lift
-from scenarios.lift.config import LiftConfig
-from scenarios.tap import tap
-from scenarios.tap.config import TapConfig
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.series import Begun, Bench
 
 INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
 JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so; no device was to blame
-
-AnySeries = Generator[AnyRun, None, None]
 
 
 class Home(msgspec.Struct, frozen=True):
@@ -34,24 +31,21 @@ class Home(msgspec.Struct, frozen=True):
     home_m: Vector3 | None = None
 
 
-class Experiment(msgspec.Struct, frozen=True):
-    """One scenario with one set of settings, so many times, with seeds one after the other."""
+class TrialSeries(msgspec.Struct, frozen=True):
+    """One experiment with one set of settings, so many times, with seeds one after the other."""
 
-    config: LiftConfig | TapConfig
+    scenario: Literal["lift", "tap"]
+    config: TrialConfig
     seed: int  # of the first
     trials: int
 
-    @property
-    def scenario(self) -> str:
-        return tap.SCENARIO if isinstance(self.config, TapConfig) else lift.SCENARIO
-
     def spec(self) -> CampaignSpec:
-        """What its file says it is. Settings are told by their hash alone, so that an address may
-        change before it is gone on with."""
+        """As its file states it. Settings are compared by their hash alone, so that an address may
+        change before the series is resumed."""
         config = self.config
         return CampaignSpec(
             name=f"{config.rig}-{self.scenario}-{config.object.name}-{self.seed}",
-            scenarios=("tap" if isinstance(config, TapConfig) else "lift",),
+            scenarios=(self.scenario,),
             objects=(config.object.name,),
             profiles=(config.profile,),
             detectors=(config.detector_name,),
@@ -75,69 +69,51 @@ class Experiment(msgspec.Struct, frozen=True):
 
 
 def run(
-    experiment: Experiment, bench: Bench, store: CampaignStore | None
+    trials: TrialSeries, bench: Bench, store: CampaignStore | None
 ) -> Iterator[tuple[AnyRun, Row | None]]:
     """The trials that the store lacks, each with its row, which is written before the next begins.
 
     Ends after one that failed as a run. One that was interrupted or never began has no row, one
-    that a device ended has a row that says so: they are run again by whoever goes on, or at once,
+    that a device ended has a row that says so: they are run again on resumption, or at once,
     as ``scenarios.trial.series`` says. Raises what ``scenarios.trial.series`` raises, and
     CouldNotRecord.
     """
     rows = [] if store is None else store.rows()
     had = {row.trial for row in rows if row.status == "done"}
-    todo = {task.seed: task for task in experiment.tasks() if task.number not in had}
+    todo = {task.seed: task for task in trials.tasks() if task.number not in had}
     if not todo:
         return
-    begun = Begun(
-        tuple(task.number + 1 for task in todo.values()), experiment.trials, home_of(rows)
-    )
+    begun = Begun(tuple(task.number + 1 for task in todo.values()), trials.trials, home_of(rows))
     wall, cpu = time.perf_counter(), time.process_time()
-    with closing(
-        _series(experiment.config, list(todo), msgspec.structs.replace(bench, begun=begun))
-    ) as series:
+    bench = msgspec.structs.replace(bench, begun=begun)
+    experiment = EXPERIMENTS[trials.scenario]
+    with closing(experiment.run_series(trials.config, list(todo), bench)) as series:
         for finished in series:
             result = finished.result  # none: it never began
             row = None if result is None else row_of(todo[result.seed], finished)
             if row is not None:
                 row = msgspec.structs.replace(row, **spent(wall, cpu))
-            if row is not None and store is not None:
-                row = store.add(Finished(_kept_at(row, finished, store.path)))
+                if store is not None:
+                    left = None if result is None else result.recording  # where the run left it
+                    if left is not None:
+                        left = os.path.relpath(left, store.path.parent)
+                    row = store.add(Finished(msgspec.structs.replace(row, recording=left)))
             yield finished, row
             wall, cpu = time.perf_counter(), time.process_time()
 
 
-def _series(config: LiftConfig | TapConfig, seeds: list[int], bench: Bench) -> AnySeries:
-    if isinstance(config, TapConfig):
-        return tap.run_series(config, seeds, bench)
-    return lift.run_series(config, seeds, bench)
-
-
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
-    """Of the arm, that the trials up to now began from; None where none of them tells."""
-    for row in rows:
-        if row.result is not None:
-            told = msgspec.json.decode(row.result, type=Home).home_m
-            if told is not None:
-                return told
-    return None
+    """Of the arm, that the trials up to now began from; None where none of them has one."""
+    homes = (msgspec.json.decode(row.result, type=Home).home_m for row in rows if row.result)
+    return next((home for home in homes if home is not None), None)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:
     """Its row; None for a trial that was interrupted. One that ended before it had taken a home
     tried nothing: it does not count."""
     failure, result = finished.failure, finished.result
-    if failure is not None and failure.kind == INTERRUPTED:
+    if result is None or (failure is not None and failure.kind == INTERRUPTED):
         return None
-    never_began = result is not None and result.home_m is None
-    if failure is not None and (failure.kind != JUDGED or never_began):
-        return error_row(task, failure.message, finished)
-    return judged(task, finished)
-
-
-def _kept_at(row: Row, finished: AnyRun, path: Path) -> Row:
-    """With the recording where the run has left it, from the file's folder."""
-    recording = None if finished.result is None else finished.result.recording
-    if recording is None:
-        return row
-    return msgspec.structs.replace(row, recording=os.path.relpath(recording, path.parent))
+    if failure is not None and (failure.kind != JUDGED or result.home_m is None):
+        return error_row(task, failure.message, result)
+    return judged(task, result, failure)

@@ -9,12 +9,12 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.cli.main import main
-from scenarios.campaign import experiment as experiments
+from scenarios.campaign import trial_series
 from scenarios.campaign.config import load_config
-from scenarios.campaign.experiment import Experiment, row_of
 from scenarios.campaign.run import run as run_campaign
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.trial_series import TrialSeries, row_of
 from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
@@ -33,15 +33,15 @@ def of_trial(row: Row) -> dict[str, Any]:
     return {key: value for key, value in msgspec.structs.asdict(row).items() if key not in MACHINE}
 
 
-def run_all(made: Experiment, out: Path, *, resume: bool = False) -> list[Row | None]:
+def run_all(made: TrialSeries, out: Path, *, resume: bool = False) -> list[Row | None]:
     bench = Bench(out.parent / "runs")
     with made.store(out, resume) as store:
-        return [row for _, row in experiments.run(made, bench, store)]
+        return [row for _, row in trial_series.run(made, bench, store)]
 
 
 @pytest.mark.parametrize("scenario", ["lift", "tap"])
 def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
-    run_all(Experiment(config(scenario), 0, 1), tmp_path / "e.sqlite")
+    run_all(TrialSeries(scenario, config(scenario), 0, 1), tmp_path / "e.sqlite")
     spec = CampaignSpec(
         name="c", scenarios=(scenario,), objects=("can",), detectors=("energy",), settings=QUICK,
         repetitions=1, recordings="none",
@@ -59,10 +59,10 @@ def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
 
 
 def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
-    made, out = Experiment(config("lift"), 0, 3), tmp_path / "e.sqlite"
+    made, out = TrialSeries("lift", config("lift"), 0, 3), tmp_path / "e.sqlite"
     bench = Bench()
     with made.store(out, resume=False) as store:
-        begun = experiments.run(made, bench, store)
+        begun = trial_series.run(made, bench, store)
         next(begun)
         begun.close()  # type: ignore[attr-defined]
     assert [row.seed for row in run_all(made, out, resume=True) if row] == [1, 2]
@@ -73,12 +73,12 @@ def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
 
 def test_a_file_is_gone_on_with_by_the_same_experiment_alone(tmp_path: Path) -> None:
     out = tmp_path / "e.sqlite"
-    Experiment(config("lift"), 0, 2).store(out, resume=False).__exit__()
+    TrialSeries("lift", config("lift"), 0, 2).store(out, resume=False).__exit__()
     for other in [
-        Experiment(config("lift"), 1, 2),
-        Experiment(config("lift"), 0, 3),
-        Experiment(config("tap"), 0, 2),
-        Experiment(config("lift", "controller.lift_speed_mps=0.2"), 0, 2),
+        TrialSeries("lift", config("lift"), 1, 2),
+        TrialSeries("lift", config("lift"), 0, 3),
+        TrialSeries("tap", config("tap"), 0, 2),
+        TrialSeries("lift", config("lift", "controller.lift_speed_mps=0.2"), 0, 2),
     ]:
         with pytest.raises(ConfigError, match="begun with another"):
             other.store(out, resume=True)
@@ -88,13 +88,13 @@ def test_a_file_is_gone_on_with_by_the_same_experiment_alone(tmp_path: Path) -> 
 
 @cache
 def judged_lift() -> FinishedRun[Any]:
-    made = Experiment(config("lift"), 0, 1)
+    made = TrialSeries("lift", config("lift"), 0, 1)
     bench = Bench()
-    return next(iter(experiments.run(made, bench, None)))[0]
+    return next(iter(trial_series.run(made, bench, None)))[0]
 
 
 def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_row() -> None:
-    task = Experiment(config("lift"), 0, 1).tasks()[0]
+    task = TrialSeries("lift", config("lift"), 0, 1).tasks()[0]
     finished = judged_lift()
 
     def ended_by(kind: str) -> Row | None:
@@ -121,12 +121,12 @@ def test_options_of_a_series_that_do_not_fit_are_told(capsys: pytest.CaptureFixt
 
 
 def test_what_a_device_ended_keeps_what_it_left_and_the_home_that_it_began_from() -> None:
-    task = Experiment(config("lift"), 0, 1).tasks()[0]
+    task = TrialSeries("lift", config("lift"), 0, 1).tasks()[0]
     finished = judged_lift()
     assert finished.result is not None and finished.result.home_m is not None
     row = row_of(task, msgspec.structs.replace(finished, failure=Failure("stale", "late", "")))
     assert row is not None and row.status == "error" and row.outcome is None
-    assert experiments.home_of([row]) == finished.result.home_m
+    assert trial_series.home_of([row]) == finished.result.home_m
     nothing = msgspec.structs.replace(row, result=None)
-    assert experiments.home_of([nothing]) is None
-    assert experiments.home_of([nothing, row]) == finished.result.home_m
+    assert trial_series.home_of([nothing]) is None
+    assert trial_series.home_of([nothing, row]) == finished.result.home_m
