@@ -6,10 +6,10 @@ the replay of a recording are the same code.
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 
-from drivers.errors import SuppressBugs
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
 from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
@@ -145,7 +145,7 @@ class GraspController:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
         was entered before."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # where even that fails
-        with SuppressBugs():
+        with suppress(Exception):
             hand = self._aborted.of_hand(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 

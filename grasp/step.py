@@ -6,6 +6,7 @@ concludes follows from its inputs and those before.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 import msgspec
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
-from drivers.errors import GraspError, SuppressBugs, in_words, one_line
+from drivers.errors import GraspError, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -159,7 +160,7 @@ class GraspStep:
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         """Nothing is decided by it, and no bug of it may end a run."""
         if probabilities.max() > HEARD:
-            with SuppressBugs():
+            with suppress(Exception):
                 return self._motion()
         return None
 

@@ -3,14 +3,14 @@
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import msgspec
 
 from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_told_by
-from drivers.errors import ConfigError, GraspError, SuppressBugs
+from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
 from grasp.contact_estimator import Stiffness
@@ -177,7 +177,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
         if self.bug is not None and trace.last is not None and not ended:
             unreached = ("what arm and hand shall do cannot be told",)
-            with SuppressBugs():
+            with suppress(Exception):
                 missing = controller.missing(trace.last.observation)
                 unreached = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
@@ -282,7 +282,7 @@ def run_trial(
     def take(tick: Tick) -> None:
         if bugs:  # any of these may be what raised: the safe state does without them
             trace.add(tick, None)
-            with SuppressBugs():
+            with suppress(Exception):
                 watch(tick, None, controller)
             return
         truth = look()
@@ -299,7 +299,7 @@ def run_trial(
             trace,
         )  # fmt: skip
     final, stalls = None, Stalls()
-    with SuppressBugs() if bugs else nullcontext():
+    with suppress(Exception) if bugs else nullcontext():
         final = look()
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
@@ -336,7 +336,7 @@ def _aborted(loop: ControlLoop, trace: Trace) -> None:
     left = loop.abort()
     if left is not None:
         trace.last = left
-        with SuppressBugs():
+        with suppress(Exception):
             trace.add(left, None)
 
 

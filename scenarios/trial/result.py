@@ -4,6 +4,7 @@ import platform
 import subprocess
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Generic, Self, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from drivers.errors import SuppressBugs, text_of
+from drivers.errors import text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
@@ -67,7 +68,7 @@ class Bug(msgspec.Struct, frozen=True):
     def of(cls, error: BaseException) -> Self:
         """Raises nothing: it is asked for before the safe state is pursued."""
         raised = ""
-        with SuppressBugs():  # of its own text, or for want of memory
+        with suppress(Exception):  # of its own text, or for want of memory
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import msgspec
 
-from drivers.errors import BadFile, CouldNotRecord, SuppressBugs, UsageError
+from drivers.errors import BadFile, CouldNotRecord, UsageError
 from drivers.interfaces import Vector3
 from grasp import signals
 from grasp.clock import VIRTUAL_EPOCH_NS, Clock
@@ -205,9 +205,7 @@ class Record:
             write(TRUTH, tick.t_ns, truth)
         try:
             self._pictures.write(write, tick, truth, changes)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # no run shall end for a picture
+        except Exception as error:  # no run shall end for a picture
             self._pictures.end(write, tick.t_ns, error)
 
     def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
@@ -222,9 +220,7 @@ class Record:
             return FinishedRun(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
+        except Exception as error:
             failure = _with_bug(failure, Bug.of(error), trial, self._config)
             self._abandon()
         if result is not None:
@@ -239,7 +235,7 @@ def _with_bug(
     if failure is not None:
         return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.fault.line}")
     end = None
-    with SuppressBugs():
+    with suppress(Exception):
         end = trial.end(config)
     return Failure(INTERNAL, bug.fault.line, REPORT, end, (bug.fault,))
 
