@@ -9,7 +9,7 @@ import math
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
 from grasp.lift_line import AT_HEIGHT_M
-from grasp.monitors.settings import Data, MonitorSettings
+from grasp.monitors.settings import Data, MonitorSettings, too_often
 from grasp.state_clock import LEAST_PACE
 
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
@@ -28,6 +28,7 @@ class ArmHistory:
         # off its line, back on it or on though stopped, beyond what reacting and braking take
         self.stray_m = 0.0
         self.still_s = 0.0  # at one place though it has to move, or reports that it does
+        self.flips_ns: list[int] = []  # when it reported otherwise than before of its motion
         self._from_m: Vector3 = (0.0, 0.0, 0.0)  # where the command found it
         self._room_m = 0.0  # it may go further from there before it follows
         self._nearest_m = 0.0  # it has been to its target
@@ -41,6 +42,7 @@ class ArmHistory:
         before, stop = self.command, isinstance(command, StopArm)
         if not (stop and isinstance(before, StopArm)):
             self.command, self._stood_m, self._unsent = command, None, True
+            self.flips_ns.clear()
             self._begin(arm, before.speed_mps if stop and isinstance(before, MoveArm) else 0.0)
 
     def update(self, arm: ArmState, pending: bool) -> None:
@@ -53,6 +55,8 @@ class ArmHistory:
         self._unsent = self._unsent and pending
         if self._unsent or before is arm:  # it goes on as before
             self._begin(arm, 0.0)
+        if arm.moving is not before.moving:
+            self.flips_ns.append(arm.t_ns)
         end_m = self._end_m
         away_m = math.dist(arm.position_m, end_m)
         self._nearest_m = min(self._nearest_m, away_m)
@@ -74,6 +78,11 @@ class ArmHistory:
         """Whether it is not on its line, or goes on though commanded to stop."""
         most_m = THERE_M if isinstance(self.command, StopArm) else OFF_LINE_M
         return self.state is not None and self.stray_m > most_m
+
+    @property
+    def flickers(self) -> bool:
+        """Whether it reports by turns that it moves and that it stands."""
+        return self.state is not None and too_often(self.flips_ns, self.state.t_ns)
 
     @property
     def _end_m(self) -> Vector3:

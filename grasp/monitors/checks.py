@@ -65,6 +65,8 @@ CHECKS = {
         "position or speed is not a number", vital=True),
     "arm_wrong_way": Check(ARM, lambda h, s: given(h.strays, mm=round(h.stray_m * 1e3, 1)),
         "{mm:g} mm away from where it was commanded to be"),
+    "arm_flickers": Check(ARM, lambda h, s: given(h.flickers),
+        "reports by turns that it moves and that it stands"),
     "arm_frozen": Check(ARM, arm.frozen, "{seconds:g} s at one place, though it has to move"),
     "gripper_inactive": Check(GRIPPER,
         lambda h, s: given(not h.state.active and not h.state.fault),  # a fault has its own text

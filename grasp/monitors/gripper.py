@@ -1,7 +1,7 @@
 """Gripper status that does not follow a command, or that no hand can have."""
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, GripperState
-from grasp.monitors.settings import Data, MonitorSettings, named
+from grasp.monitors.settings import Data, MonitorSettings, named, too_often
 
 LOOKS = 5  # without an answer, however long each took: one may be under way for two
 TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
@@ -11,7 +11,6 @@ PRESSING_MA = 200
 PRESSING_S = 2.0
 LEAP_COUNTS = 8  # beside what a finger can have gone: a zero is off by up to 5, manual p. 74
 CONTACT_COUNTS = 3  # a finger that reports contact stands; it may move by this; assumed
-FLIPS, FLIPS_NS = 8, 1_000_000_000  # what is commanded once begins, ends and may settle; assumed
 FINGER_COUNTS_PS = 300.0  # no finger is faster: twice full speed (manual: 0.11 m/s, 143 counts/s)
 
 
@@ -30,8 +29,7 @@ class GripperHistory:
     @property
     def flickers(self) -> list[bool]:
         """Which report one thing and then another, as another client's commands make them."""
-        since_ns = self.state.t_ns - FLIPS_NS
-        return [sum(at_ns >= since_ns for at_ns in own) > FLIPS for own in self.flips_ns]
+        return [too_often(own, self.state.t_ns) for own in self.flips_ns]
 
     def update(self, state: GripperState) -> None:
         """The status of this step."""

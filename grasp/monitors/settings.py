@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from drivers.interfaces import FINGER_NAMES
 
+FLIPS, FLIPS_NS = 8, 1_000_000_000  # most changes of a report in that time; assumed
 Data = dict[str, float | str] | None  # what a check found, by the fields of its message
 
 
@@ -43,3 +44,8 @@ def named(fingers: Iterable[object]) -> Data:
     """Which fingers a check has found; None: none."""
     found = ", ".join(compress(FINGER_NAMES, fingers))
     return {"finger": found} if found else None
+
+
+def too_often(changes_ns: Iterable[int], now_ns: int) -> bool:
+    """What is commanded once begins, ends and may settle, but does not change for ever."""
+    return sum(now_ns - at_ns <= FLIPS_NS for at_ns in changes_ns) > FLIPS

@@ -269,3 +269,17 @@ def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> Non
     assert watched.see(paced(1.0, at(1.01, 0.0))) == ""
     assert watched.see(paced(1.0, at(1.2, 0.0))) == ""
     assert watched.see(paced(1.0, at(1.4, 0.0))) == "arm_frozen"
+
+
+@pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen
+def test_arm_that_reports_motion_and_standing_by_turns_is_noticed(stopped: bool) -> None:
+    def found(every: int) -> bool:
+        watched, said = Watched(), []
+        for i in range(120):
+            if stopped:
+                watched.command(StopArm(1.0), at(0.01 * i, 0.0))
+            says = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
+            said.append(watched.see(says))
+        return "arm_flickers" in said
+
+    assert [found(every) for every in (2, 4, 10, 13)] == [True, True, True, False]
