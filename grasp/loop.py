@@ -244,7 +244,9 @@ class ControlLoop:
             with suppress(Exception):  # of the step, or of another package's device
                 due = self._unreached(due, start_ns)
         self._prepare_fallback(None)
-        return self._left()
+        with suppress(Exception):
+            return self._left()
+        return self._last
 
     def _unreached(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
         """What is to be asked for again; nothing where arm and hand are seen to obey. A closing is
