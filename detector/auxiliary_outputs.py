@@ -5,7 +5,6 @@ leave them as they are, so the probability of slip is the same without them, bit
 """
 
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -20,7 +19,6 @@ from drivers.errors import BadFile, UsageError
 SECTORS = 8  # of directions
 SECTOR_DEG = 360 // SECTORS
 SUFFIX = ".heads.json"
-WITH_OUTPUTS = ("gru", "tcn")  # of the packaged networks
 CHANGES = "state1"  # that a network keeps, newest last
 SUMMARY = "state0"  # all that a recurrent network keeps
 FOUND = "state2"  # of a gated tcn: what all its blocks found in the latest samples, newest last
@@ -55,19 +53,15 @@ class Dense(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class OutputsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Two layers with a SELU between, and where they come from.
-
-    ``network``: SHA-256 of the weights file that they were trained on, whose state they read.
-    ``scores``: on the split `test`, each with its 95 % interval over recordings.
-    """
+    """Two layers with a SELU between, and where they come from."""
 
     format: Literal[1] = 1
-    network: str
+    network: str  # SHA-256 of the weights file that they were trained on, whose state they read
     data_digest: str
     seed: int
     commit: str
     samples: int
-    scores: dict[str, tuple[float, float, float]]
+    scores: dict[str, tuple[float, float, float]]  # of the split `test`, with 95 % intervals
     layers: tuple[Dense, Dense]
 
 
@@ -98,9 +92,8 @@ class AuxiliaryOutputs:
 
 
 def inputs_of(states: Mapping[str, Float32s], counts: Counts) -> Float32s:
-    """Inputs of the first layer (n, width): what the network made of the past, from its states
-    (n, numbers); the frame that led to them, (n, taxels) counts; and of the changes that it keeps
-    the energy of the last 100 ms."""
+    """Inputs of the first layer (n, width): a summary of the network's states (n, numbers), the
+    frame (n, taxels) that led to them, and the energy of the last 100 ms of changes."""
     latest = abs(states[CHANGES][:, -ENERGY_SAMPLES * counts.shape[1] :])
     energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(LEAST_ENERGY))
     if FOUND in states:  # a gated tcn: its features of now, and the greatest of those it holds
@@ -134,17 +127,11 @@ def outputs_path(weights: Path) -> Path:
 
 
 def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> AuxiliaryOutputs | None:
-    """Auxiliary outputs beside a network's weights; None where it has none.
-
-    Raises BadFile for a damaged file, for one of another network (another ``digest``), and where
-    that of a packaged network is missing.
-    """
+    """Auxiliary outputs beside a network's weights, if it has any; raises BadFile for a damaged
+    file, and for one of another network (another ``digest``)."""
     path = outputs_path(weights)
-    packaged = is_packaged(weights)
-    remedy = REINSTALL if packaged else REMEDY
-    if not os.path.lexists(path):
-        if packaged and weights.stem in WITH_OUTPUTS:
-            raise BadFile(path, "is missing", remedy)
+    remedy = REINSTALL if is_packaged(weights) else REMEDY
+    if not path.exists():
         return None
     try:
         with path.open("rb") as opened:

@@ -20,30 +20,20 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     # each finger decides alone, or the mean of their log-odds does
     fusion: Literal["any", "mean"] = "any"
     consecutive: Annotated[
-        int,
-        Meta(ge=1, le=50, description="consecutive samples above threshold, of one finger or "
-             "of the mean, that register slip (paper: 2)"),
-    ] = 2  # fmt: skip
+        int, Meta(ge=1, le=50, description="samples in a row above threshold that register slip")
+    ] = 2  # the paper's
     threshold: Annotated[
-        float,
-        Meta(gt=0.0, lt=1.0, description="probability above which a sample counts, of a finger or "
-             "of the mean; 0.5: the class border of the paper's two-way softmax"),
-    ] = 0.5  # fmt: skip
+        float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts")
+    ] = 0.5  # the class border of the paper's two-way softmax
     drift: Annotated[
-        float,
-        Meta(ge=-5.0, le=5.0, description="cusum: log-odds a sample that count as no evidence; 0: "
-             "those of even odds"),
-    ] = 0.0  # fmt: skip
+        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds a sample that are no evidence")
+    ] = 0.0
     limit: Annotated[
-        float,
-        Meta(gt=0.0, le=200.0, description="cusum: summed log-odds, of one finger or of the mean, "
-             "that register slip; assumed, tuned with `grasp detector tune`"),
-    ] = 5.0  # fmt: skip
+        float, Meta(gt=0.0, le=200.0, description="cusum: summed log-odds that register slip")
+    ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
-        int,
-        Meta(ge=1, le=100, description="consecutive samples below threshold, on all fingers or "
-             "of the mean, that end an event; assumed"),
-    ] = 3  # fmt: skip
+        int, Meta(ge=1, le=100, description="samples in a row below threshold that end an event")
+    ] = 3  # assumed
 
     @property
     def unread(self) -> frozenset[str]:
@@ -55,9 +45,8 @@ class DecisionRule:
     """When slip is registered, and on which fingers.
 
     ``consecutive``: after so many samples in a row above the threshold. ``cusum``: when the sum of
-    log-odds beyond the drift, never below zero, exceeds the limit; for calibrated probabilities
-    this is Page's test, the quickest at a given rate of false alarms. After ``release`` samples in
-    a row at or below the threshold on all fingers the event ends, and the sums restart.
+    log-odds beyond the drift, never below zero, exceeds the limit (Page's test). After ``release``
+    samples in a row at or below the threshold on all fingers the event ends, and the sums restart.
 
     With fusion ``mean`` one rule decides on the mean log-odds of all fingers; the one with the
     highest probability registers.
@@ -120,19 +109,16 @@ def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def mean_probability(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Probability (n, 1) of the mean log-odds of (n, fingers)."""
-    fused: NDArray[np.float64] = 1.0 / (
-        1.0 + np.exp(-log_odds(probabilities).mean(axis=1, keepdims=True))
-    )
+    odds = log_odds(probabilities).mean(axis=1, keepdims=True)
+    fused: NDArray[np.float64] = 1.0 / (1.0 + np.exp(-odds))
     return fused
 
 
 def registered_events(
     probabilities: NDArray[np.float64], settings: RuleSettings
 ) -> NDArray[np.intp]:
-    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them.
-
-    Each row is the sample that registered slip and the one that released it, n if none did.
-    """
+    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them: the
+    sample that registered slip and the one that released it, n if none did."""
     return events_of(fused(probabilities, settings), settings)
 
 

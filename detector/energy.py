@@ -26,19 +26,16 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         int, Meta(ge=1, le=100, description="changes averaged, samples of 10 ms; assumed")
     ] = 10
     threshold_counts: Annotated[
-        float,
-        Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample; assumed: "
-             "twice that of three loaded taxels of six at rest"),
-    ] = 6.0  # fmt: skip
+        float, Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample")
+    ] = 6.0  # assumed: twice that of three loaded taxels of six at rest
 
 
 class EnergyDetector:
     """Mean absolute change as a probability.
 
     After a reset the first frame has no change, and until the window is full the changes still to
-    come count as zero. So the energy starts at 0 and can only be too small while it warms up: slip
-    may be found up to a window late, and a reset never raises an alarm by itself. A repeated frame
-    (a missed sample) is a change of zero like any other.
+    come count as zero: slip may be found up to a window late, and a reset never raises an alarm. A
+    repeated frame (a missed sample) is a change of zero like any other.
     """
 
     name = "energy"

@@ -1,8 +1,7 @@
 """Networks at run time: ONNX Runtime, one thread, all fingertips in one call, nothing allocated.
 
-A streaming network takes a frame and its own state and gives a probability and the next state. The
-state lies in two sets of arrays that take turns as input and output, bound once by address, so an
-update copies 18 numbers in and 3 out.
+The state of a streaming network lies in two sets of arrays that take turns as input and output,
+bound once by address, so an update copies 18 numbers in and 3 out.
 """
 
 from typing import Annotated, Any
@@ -33,10 +32,8 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Which weights a network runs with."""
 
     weights: Annotated[
-        str,
-        Meta(description="file ending in .onnx, or the name of a packaged network; empty: the one "
-             "of the detector's own name"),
-    ] = ""  # fmt: skip
+        str, Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name")
+    ] = ""
 
 
 class StreamingNetwork:
@@ -49,12 +46,10 @@ class StreamingNetwork:
     def __init__(
         self, loaded: LoadedNetwork, fingers: int, outputs: AuxiliaryOutputs | None = None
     ) -> None:
-        self.name = loaded.card.name
-        self.threshold = loaded.card.threshold
+        self.card = card = loaded.card
+        self.name, self.threshold = card.name, card.threshold
+        self.memory = card.window + 1 if card.window else 0
         self._outputs = outputs
-        window = loaded.card.window
-        self.memory = window + 1 if window else 0
-        self.card = loaded.card
         self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
         self._takes_previous = loaded.previous
@@ -101,8 +96,7 @@ class StreamingNetwork:
         return self._probability.astype(np.float64)
 
     def motion(self) -> Motion | None:
-        """How the fingertips move at the latest frame; None without auxiliary outputs, or without a
-        frame."""
+        """How the fingertips move at the latest frame; None without one, or auxiliary outputs."""
         if self._outputs is None or not self._started:
             return None
         return self._outputs.motion(self._states[self._turn], self._frames[1 - self._turn])
@@ -115,12 +109,10 @@ class WindowedNetwork:
     """
 
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
-        self.name = loaded.card.name
-        self.threshold = loaded.card.threshold
-        self.memory = loaded.card.window
-        self.card = loaded.card
+        self.card = card = loaded.card
+        self.name, self.threshold, self.memory = card.name, card.threshold, card.window
         self._session = loaded.session
-        self._window = SampleWindow(fingers, loaded.card.window, loaded.taxels, np.float32)
+        self._window = SampleWindow(fingers, card.window, loaded.taxels, np.float32)
         self._probability = np.zeros(fingers, np.float32)
         self._binding = self._session.io_binding()
         _bind_input(self._binding, "counts", self._window.samples)
@@ -158,24 +150,22 @@ def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
     """Detector from its weights and the outputs beside them; raises BadFile, and UsageError for
-    fingertips of another layout than it was trained on, and for weights whose card names another
-    network than the packaged one whose name and rule they would run under, or for two files."""
+    fingertips of another layout, for two files, and for weights whose card names another network
+    than the packaged one under whose rule they would run."""
     if settings.weights and is_weights(name):
-        raise UsageError(
-            f"{name} and network.weights={settings.weights} are two files of weights", "name one"
-        )
+        both = f"{name} and network.weights={settings.weights}"
+        raise UsageError(f"{both} are two files of weights", "name one")
     chosen = settings.weights or name
     path = weights_path(chosen)
     loaded = read_network(path)
-    if name in packaged_networks() and loaded.card.has_own_name and loaded.card.name != name:
+    if name in packaged_networks() and loaded.card.parameters and loaded.card.name != name:
         raise UsageError(
             f"{chosen} holds a network {loaded.card.name!r}, not {name!r}",
             f"the rule of {name!r} is not tuned for it: `--detector {loaded.card.name}` with these "
             "weights, or `--detector FILE.onnx` and a rule of its own",
         )
     if is_weights(chosen):  # two files may say the same name of themselves
-        loaded = msgspec.structs.replace(
-            loaded, card=msgspec.structs.replace(loaded.card, name=path.name)
-        )
+        card = msgspec.structs.replace(loaded.card, name=path.name)
+        loaded = msgspec.structs.replace(loaded, card=card)
     check_layout(name, loaded.taxels, taxels)
     return run_network(loaded, fingers, read_outputs(path, weights_digest(path), loaded))

@@ -1,11 +1,10 @@
 """Trained networks as files: ONNX, and in the file's metadata a card of what it is and where from.
 
-Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, and only after the
-card and the shapes have been checked.
+Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, once card and shapes
+have been checked.
 """
 
 import hashlib
-import math
 import os
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +21,6 @@ NO_CHECKSUM = "0" * 64  # stands in the card while the checksum is made
 CARD_KEY = "grasp"
 SUFFIX = ".onnx"
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
-LARGEST_INPUT = 1_000_000  # numbers a finger; ours have a thousand
 # Key under which a tensor names another file that holds its values (TensorProto.external_data)
 OTHER_FILE = b"\x0a\x08location"
 WEIGHTS = Path(__file__).parent / "weights"
@@ -50,7 +48,7 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     # 0: unbounded
     window: int
     threshold: float = 0.5  # probability above which a sample is slip
-    parameters: int = 0
+    parameters: int = 0  # 0: a file without a card, which is called as it lies there
     mean_counts: tuple[float, ...]  # of each taxel
     std_counts: tuple[float, ...] = ()
     change_scale_counts: float = 1.0
@@ -66,11 +64,6 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     training_minutes: float = 0.0
     validation: dict[str, float] = {}
     sha256: str = ""  # of the file, with NO_CHECKSUM in its place
-
-    @property
-    def has_own_name(self) -> bool:
-        """Whether somebody wrote it: a file without a card is called as it lies there."""
-        return self.parameters > 0
 
 
 class LoadedNetwork(msgspec.Struct, frozen=True):
@@ -107,9 +100,8 @@ def weights_path(weights: str) -> Path:
 
 
 def packaged_networks() -> tuple[str, ...]:
-    """Names of the networks that come with the project, those too whose file is missing: loading
-    one reports it."""
-    return tuple(sorted({*PACKAGED, *(path.stem for path in WEIGHTS.glob(f"*{SUFFIX}"))}))
+    """Names of the networks that come with the project."""
+    return tuple(PACKAGED)
 
 
 def is_packaged(path: Path) -> bool:
@@ -126,8 +118,7 @@ def weights_digest(path: Path) -> str:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load, check and try a weights file, of ours or of the same form (docs/extending.md); raises
-    BadFile for anything else."""
+    """Load, check and try a weights file (docs/extending.md); raises BadFile for anything else."""
     content = _content(path)
     if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
         raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
@@ -135,7 +126,10 @@ def read_network(path: Path) -> LoadedNetwork:
         raise _bad(path, "takes data from other files, which is not allowed")
     try:
         loaded = _loaded(path, _session(content))
-        _check_sum(path, content, loaded.card)
+        told = loaded.card.sha256
+        has_sum = told or loaded.card.format >= FORMAT
+        if has_sum and (not told or _checksum(content, told) != told):
+            raise _bad(path, "damaged: it is not what its checksum says")
         for fingers in (1, FINGERS):
             _try(path, loaded, fingers)
     except BadFile:
@@ -160,14 +154,6 @@ def _checksum(content: bytes, written: str) -> str:
     return hashlib.sha256(content.replace(written.encode(), NO_CHECKSUM.encode())).hexdigest()
 
 
-def _check_sum(path: Path, content: bytes, card: NetworkCard) -> None:
-    """A card of format 2 has a checksum; what has no card of ours, or an older one, has none."""
-    if card.format < FORMAT and not card.sha256:
-        return
-    if not card.sha256 or _checksum(content, card.sha256) != card.sha256:
-        raise _bad(path, "damaged: it is not what its checksum says")
-
-
 def _content(path: Path) -> bytes:
     """No more of the file than a network may have."""
     try:
@@ -181,8 +167,7 @@ def _content(path: Path) -> bytes:
 
 
 def _session(content: bytes) -> Any:
-    # without this, versions from 1.29 on report each session to their maker: a thread, files in the
-    # user's cache, and packets to the Internet
+    # versions from 1.29 on report each session to their maker, over the Internet
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
 
@@ -203,12 +188,8 @@ def _loaded(path: Path, session: Any) -> LoadedNetwork:
         fingers, *shape = each.shape or [1]
         fixed = all(isinstance(n, int) and n > 0 for n in shape)
         if each.type != "tensor(float)" or isinstance(fingers, int) or not fixed:
-            problem = f"input {each.name!r} is {each.type} {each.shape}"
-            raise _bad(
-                path, f"{problem}, not float (fingers, ...) with all axes but the first fixed"
-            )
-        if math.prod(shape) > LARGEST_INPUT:
-            raise _bad(path, f"input {each.name!r} is too large: {shape}")
+            wanted = "float (fingers, ...) with all axes but the first fixed"
+            raise _bad(path, f"input {each.name!r} is {each.type} {each.shape}, not {wanted}")
         inputs[each.name] = tuple(shape)
     card = _card(path, session, inputs.get("counts", ()))
     frame: Shape = (len(card.mean_counts),)

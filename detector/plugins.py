@@ -1,9 +1,9 @@
 """Detectors of other people: a class in a Python file, or one that an installed package offers.
 
-Such a detector is any object with `reset()` and `update(counts)`. It is made for each use by
-calling what its name stands for, with those of `fingers`, `taxels` and the settings of section
-`own` that it has parameters for. It may have a `name`, a `threshold` and a `memory`
-(``detector.interface.SlipDetector``). Whatever it does wrong becomes one BadFile.
+It is made for each use by calling what its name stands for, with those of `fingers`, `taxels` and
+the settings of section `own` that it has parameters for. It needs `reset()` and `update(counts)`;
+`name`, `threshold` and `memory` are optional (``detector.interface.SlipDetector``). Whatever it
+does wrong becomes one BadFile.
 """
 
 import hashlib
@@ -13,7 +13,6 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from copy import deepcopy
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -74,14 +73,12 @@ class PluginDetector:
         """Take counts (fingers, taxels), give (fingers,); raises BadFile for what goes wrong."""
         shown = np.frombuffer(counts.tobytes(), counts.dtype).reshape(counts.shape)
         with _blamed(self._file, "update"):
-            given = self._inner.update(shown)
-            p = np.array(given)
-        if p.dtype.kind not in "biuf" or isinstance(given, np.ma.MaskedArray):
-            kind = "a masked array" if isinstance(given, np.ma.MaskedArray) else p.dtype
-            raise _bad(self._file, f"update gives {kind}, not a number a finger")
+            p = np.array(self._inner.update(shown))
+        if p.dtype.kind not in "biuf":
+            raise _bad(self._file, f"update gives {p.dtype}, not a number a finger")
         if p.shape != (self._fingers,):
-            problem = f"update gives shape {p.shape}, not ({self._fingers},): a number a finger"
-            raise _bad(self._file, problem)
+            wanted = f"({self._fingers},): a number a finger"
+            raise _bad(self._file, f"update gives shape {p.shape}, not {wanted}")
         if not ((p >= 0.0) & (p <= 1.0)).all():
             raise _bad(self._file, f"update gives {p.tolist()}, not probabilities from 0 to 1")
         return p.astype(np.float64)
@@ -105,19 +102,14 @@ def is_own(word: str) -> bool:
 
 def load_plugin(word: str, settings: OwnSettings, fingers: int, taxels: int) -> PluginDetector:
     """Make it, reset and tried on frames at rest; raises BadFile."""
-    file, found = _file(word), _found(word)
-    given = dict(settings.arguments)
+    file, found, given = _file(word), _found(word), dict(settings.arguments)
     with _blamed(file, "making it"):
         known = _parameters(found)
         unknown = [key for key in given if known is not None and key not in known]
         if unknown:
             raise _bad(file, f"takes no setting own.{unknown[0]}")
-        if callable(found):
-            shape = {"fingers": fingers, "taxels": taxels}
-            offers = {key: n for key, n in shape.items() if known is None or key in known}
-            made = found(**{**offers, **given})
-        else:
-            made = deepcopy(found)
+        shape = {"fingers": fingers, "taxels": taxels}
+        made = found(**{k: n for k, n in shape.items() if known is None or k in known} | given)
     for verb in ("reset", "update"):
         with _blamed(file, verb):
             if not callable(getattr(made, verb, None)):
@@ -142,7 +134,7 @@ def _file(word: str) -> str:
 
 
 def _found(word: str) -> Any:
-    """The class, factory or object that it names."""
+    """The class or function that it names."""
     if not is_code(word):
         try:
             return offered()[word].load()
@@ -152,8 +144,8 @@ def _found(word: str) -> Any:
     module = _module(Path(file))
     with _blamed(file, name):
         found = getattr(module, name, None)
-    if found is None:
-        raise BadFile(file, f"has no {name!r}", "name a class of it, as FILE.py:NAME")
+    if not callable(found):
+        raise BadFile(file, f"has no class or function {name!r}", "name one, as FILE.py:NAME")
     return found
 
 
@@ -178,8 +170,6 @@ def _module(path: Path) -> ModuleType:
 
 def _parameters(found: Any) -> set[str] | None:
     """Names that it can be called with; None: any."""
-    if not callable(found):
-        return set()
     try:
         known = inspect.signature(found).parameters.values()
     except (TypeError, ValueError):  # made in C

@@ -1,9 +1,8 @@
 """Detectors from the power spectrum, after Holweg et al. 1996: as the paper ran it, and a fair one.
 
-The paper's standardises the taxels, adds them up first, and sums the power of one second from 1 to
-50 Hz: what the taxels have in common, nearly all of it below 5 Hz. It reached 57.4 %. The fair one
-asks the same question as the authors' own analysis of vibration: amplitudes from 5 to 50 Hz in the
-last 0.2 s, taxel by taxel.
+The paper's adds the standardised taxels up first and sums the power of one second from 1 to 50 Hz.
+It reached 57.4 %. The fair one takes amplitudes from 5 to 50 Hz in the last 0.2 s, taxel by taxel,
+as the authors' own analysis of vibration does.
 """
 
 from typing import Annotated, Any
@@ -28,18 +27,16 @@ class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """How much power reads as slip."""
 
     threshold_power: Annotated[
-        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip, of the "
-                    "authors' configuration; 4800 was tried too")
-    ] = 11000.0  # fmt: skip
+        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip")
+    ] = 11000.0  # of the authors' configuration
 
 
 class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How much vibration reads as slip."""
 
     threshold_counts: Annotated[
-        float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5; assumed: "
-                    "between the authors' clip at rest (59) and slipping (373)")
-    ] = 150.0  # fmt: skip
+        float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5")
+    ] = 150.0  # assumed: between the authors' clip at rest (59) and slipping (373)
 
 
 class SampleWindow:
@@ -75,9 +72,7 @@ class PsdDetector:
         check_layout(self.name, len(MEAN_COUNTS), taxels)
         self.settings = settings
         self._window = SampleWindow(fingers, PAPER_WINDOW, taxels)
-
-    def reset(self) -> None:
-        self._window.reset()
+        self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""
@@ -97,9 +92,7 @@ class PsdFairDetector:
     def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self._window = SampleWindow(fingers, FAIR_WINDOW, taxels)
-
-    def reset(self) -> None:
-        self._window.reset()
+        self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take one frame (fingers, taxels); give (fingers,) probabilities."""

@@ -1,12 +1,15 @@
 """Tactile recordings with labels: the one owner of their file format.
 
-A recording is one ``.npz`` file: arrays named with their units (``_ARRAYS``) and ``header``, a
-JSON text with the format's version and ``Metadata``. Plain CSV of one fingertip is read too:
-``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in docs/data-formats.md.
+A recording is one ``.npz`` file: the arrays of ``_ARRAYS`` and ``header``, a JSON text. Plain CSV
+of one fingertip is read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in
+docs/data-formats.md.
 """
 
 import math
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,15 +23,12 @@ from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
-FORMAT = "grasp-recording"
-VERSION = 2
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
 MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
 RATE_SAMPLES = 20  # from which a rate can be judged
-MOVED_M = 0.001  # further than this has moved, by default
-
+MOVED_M = 0.001  # further than this has moved
 
 LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
@@ -46,13 +46,7 @@ class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What was done, and all that is needed to do it again.
-
-    ``direction`` is degrees in the fingertip's plane, "0" to "315", or "cw" or "ccw"; empty where
-    there is none. ``cause`` names what shook the signal in a recording of the set ``confusers``.
-    ``parameters`` are the physical ones that were drawn for this recording, units in the names;
-    ``object`` is what the hand holds, ``acts`` what was done to it, in the order of time.
-    """
+    """What was done, and all that is needed to do it again."""
 
     set: Literal["slide", "confusers"]
     split: Split
@@ -60,15 +54,15 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     motion: Literal["primary", "oblique", "rotation", "none"]
     speed_mps: float  # commanded; 0 for a rotation
     spin_radps: float  # commanded; 0 for a translation
-    direction: str
+    direction: str  # degrees in the fingertip's plane, "0" to "315", or "cw", "ccw"; empty: none
     seed: int
-    cause: str = ""
+    cause: str = ""  # of a `confusers`: what shook the signal
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # of one's own that it was made with, and a fingerprint of each
     part: str = ""  # of a data set that draws from several sets of ranges
-    parameters: dict[str, float] = {}
-    object: dict[str, float | str | bool | list[int]] = {}
-    acts: tuple[Act, ...] = ()
+    parameters: dict[str, float] = {}  # physical ones drawn for it, units in the names
+    object: dict[str, float | str | bool | list[int]] = {}  # what the hand holds
+    acts: tuple[Act, ...] = ()  # in the order of time
     commit: str = ""
 
 
@@ -77,9 +71,8 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
 
     ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
     0.2 rad/s); ``slip_true`` says that the contact itself slides; ``moved_m`` is how far what is
-    touched lies from where it last rested against the fingertips, 0 while it rests
-    (docs/datasets.md says when that is). What only a simulation knows is None elsewhere, and so are
-    the fingertip's velocities where nobody measured them.
+    touched lies from where it last rested against the fingertips (docs/datasets.md). What nobody
+    knows or measured is None.
     """
 
     t_s: NDArray[np.float64]  # (n,)
@@ -94,13 +87,10 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     spin_radps: NDArray[np.float32] | None = None  # (n,) fingertip, about its normal
     moved_m: NDArray[np.float32] | None = None  # (n,)
 
-    def label(self, name: LabelName, moved_m: float = MOVED_M) -> NDArray[np.bool_]:
-        """(n,) by that name; ``moved``: further than ``moved_m``. Raises BadFile where the
-        recording lacks it."""
-        if name == "moved":
-            found = None if self.moved_m is None else self.moved_m > moved_m
-        else:
-            found = self.slip if name == "slip" else self.slip_true
+    def label(self, name: LabelName) -> NDArray[np.bool_]:
+        """(n,) by that name; ``moved``: further than MOVED_M. Raises BadFile for a lacking one."""
+        moved = None if self.moved_m is None else self.moved_m > MOVED_M
+        found = {"slip": self.slip, "slip_true": self.slip_true, "moved": moved}[name]
         if found is None:
             raise BadFile(self.source, f"has no {name}", "judge it by another label")
         return found
@@ -113,11 +103,6 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     def taxels(self) -> int:
         """Of a finger."""
         return int(self.counts.shape[2])
-
-    @property
-    def missed(self) -> int:
-        """Samples lost in gaps, judged by the time stamps."""
-        return int(missed_samples(self.t_s).sum())
 
 
 def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -147,13 +132,21 @@ def write(path: Path | str, recording: Recording) -> None:
     arrays = {name: getattr(recording, name) for name in _ARRAYS}
     arrays = {name: array for name, array in arrays.items() if array is not None}
     _check_arrays(arrays, str(path))
-    header = msgspec.json.encode(_Header(FORMAT, VERSION, recording.metadata)).decode()
+    header = msgspec.json.encode(_Header("grasp-recording", 2, recording.metadata)).decode()
+    written = BytesIO()
+    np.savez_compressed(written, header=np.array(header), **arrays)
+    write_whole(path, written.getvalue(), mode=0o600)
+
+
+def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        private = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(private, "wb") as file:
-            np.savez_compressed(file, header=np.array(header), **arrays)
+        with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
+            file.write(content)
         partial.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 
@@ -164,8 +157,13 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     Raises BadFile for the first file that is none, and when there is nothing to read.
     """
     folder = Path(folder)
-    every = (read(path) for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")))
-    found = [r for r in every if split is None or _split(r) == split]
+    found = []
+    for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")):
+        recording = read(path)
+        if split is not None and recording.metadata is None:
+            raise BadFile(path, "belongs to no split", "write it with metadata")
+        if split is None or (recording.metadata and recording.metadata.split == split):
+            found.append(recording)
     if not found:
         what = f"no {split} recordings" if split else "no recordings"
         what = what if folder.is_dir() else "no such folder"
@@ -173,15 +171,9 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     return found
 
 
-def _split(recording: Recording) -> Split:
-    if recording.metadata is None:
-        raise BadFile(recording.source, "belongs to no split", "write it with metadata")
-    return recording.metadata.split
-
-
 class _Header(msgspec.Struct, frozen=True):
-    format: str
-    version: int
+    format: Literal["grasp-recording"]
+    version: Literal[2]
     metadata: Metadata | None
 
 
@@ -201,46 +193,46 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 
 def _read_npz(path: Path) -> Recording:
     source = str(path)
-    stored = _stored(path)
+    again = "copy or build the file again"
+    with _readable(path, again), np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
+        stored = {name: file[name] for name in file.files}
     header = _header(stored.pop("header", None), source)
     unknown = sorted(stored.keys() - _ARRAYS.keys())
     if unknown:
         raise BadFile(source, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md")
     _check_arrays(stored, source)
-    for array in stored.values():
-        array.flags.writeable = False
-    stored.setdefault("slip_true", None)
-    return Recording(**stored, source=source, metadata=header.metadata)
+    return _read_only(stored, source, header.metadata)
 
 
-def _stored(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        raise BadFile(path, "no such file", "check the path")
+@contextmanager
+def _readable(path: Path, remedy: str) -> Iterator[None]:
+    """What goes wrong in reading the file becomes a BadFile."""
     try:
-        # opened here: numpy forgets to close what turns out to be no zip file
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        yield
+    except FileNotFoundError:
+        raise BadFile(path, "no such file", "check the path") from None
     except Exception as error:  # numpy and zipfile raise many kinds for damage
         problem = f"cannot be read: {str(error) or type(error).__name__}"
-        raise BadFile(path, problem, "copy or build the file again") from None
+        raise BadFile(path, problem, remedy) from None
+
+
+def _read_only(
+    arrays: dict[str, NDArray[Any]], source: str, metadata: Metadata | None = None
+) -> Recording:
+    for array in arrays.values():
+        array.flags.writeable = False
+    known: dict[str, Any] = {"slip_true": None, **arrays}
+    return Recording(**known, source=source, metadata=metadata)
 
 
 def _header(stored: NDArray[Any] | None, source: str) -> _Header:
-    foreign = "give a file that `grasp` wrote, or a CSV file"
+    again = "make it again with this version: `grasp dataset build` or `grasp run acquire`"
     if stored is None or stored.shape != () or stored.dtype.kind != "U":
-        raise BadFile(source, "has no header: not a recording", foreign)
+        raise BadFile(source, "has no header: not a recording", again)
     try:
-        header = msgspec.json.decode(str(stored), type=_Header)
+        return msgspec.json.decode(str(stored), type=_Header)
     except msgspec.DecodeError as error:
-        raise BadFile(source, f"bad header: {error}", foreign) from None
-    if header.format != FORMAT:
-        raise BadFile(source, f"format is {header.format!r}", foreign)
-    if header.version != VERSION:
-        problem = f"format version {header.version}, this program reads {VERSION}"
-        raise BadFile(
-            source, problem, "make it again: `grasp dataset build` or `grasp run acquire`"
-        )
-    return header
+        raise BadFile(source, f"bad header: {error}", again) from None
 
 
 def _check_arrays(arrays: dict[str, Any], source: str) -> None:
@@ -274,90 +266,70 @@ def read_csv(path: Path | str, labelled: bool = True) -> Recording:
     """Read a recording of one fingertip; raises BadFile at the first thing that is wrong. One that
     is not ``labelled`` may lack the label, and then holds no slip."""
     source = str(path)
-    lines = _lines(Path(path))
+    with _readable(Path(path), "give a CSV file in UTF-8"):
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     columns = _columns(lines, source, labelled)
     rows = {i: line.split(",") for i, line in enumerate(lines[1:], start=2) if line.strip()}
     if len(rows) < 2:
         raise BadFile(source, f"{len(rows)} samples", "at least 2 are needed")
-    for number, words in rows.items():
+    for line, words in rows.items():
         if len(words) != len(columns):
-            problem, remedy = f"{len(words)} columns", f"there must be {len(columns)}"
-            raise BadFile(source, problem, remedy, number)
+            remedy = f"there must be {len(columns)}"
+            raise BadFile(source, f"{len(words)} columns", remedy, line)
     table = {
-        name: _column(name, [words[i].strip() for words in rows.values()], list(rows), source)
+        name: _column(name, {line: words[i].strip() for line, words in rows.items()}, source)
         for i, name in enumerate(columns)
     }
     t_s = table["t_s"]
     _check_rate(t_s, source)
     _check_times(t_s, list(rows), source)
     counts = np.column_stack([table[name] for name in columns if name.startswith("p")])
-    slip = table.get(LABEL, np.zeros(len(t_s))) == 1.0
-    slip_true = table[OPTIONAL] == 1.0 if OPTIONAL in table else None
-    recording = Recording(t_s, counts.astype(np.int16)[:, None, :], slip, slip_true, source)
-    for array in (t_s, recording.counts, slip, slip_true):
-        if array is not None:
-            array.flags.writeable = False
-    return recording
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise BadFile(path, "no such file", "check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadFile(path, f"cannot be read: {error}", "give a CSV file in UTF-8") from None
+    labels = {name: table[name] == 1.0 for name in (LABEL, OPTIONAL) if name in table}
+    arrays = {"t_s": t_s, "counts": counts.astype(np.int16)[:, None, :], **labels}
+    return _read_only({LABEL: np.zeros(len(t_s), np.bool_), **arrays}, source)
 
 
 def _columns(lines: list[str], source: str, labelled: bool) -> tuple[str, ...]:
-    kit = ",".join(_names(KIT_TAXELS))
+    def names(taxels: int) -> tuple[str, ...]:
+        return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
+
+    kit = ",".join(names(KIT_TAXELS))
     wanted = f"the first line must be {kit}, or of other taxels, with or without ,{OPTIONAL}"
     if not lines:
         raise BadFile(source, "empty", wanted)
     columns = tuple(word.strip() for word in lines[0].split(","))
     taxels = sum(name.startswith("p") for name in columns)
-    names = _names(taxels)
-    known = [names, (*names, OPTIONAL), *([] if labelled else [names[:-1]])]
+    known = [names(taxels), (*names(taxels), OPTIONAL)] + [names(taxels)[:-1]] * (not labelled)
     if taxels == 0 or columns not in known:
         raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
     return columns
 
 
-def _names(taxels: int) -> tuple[str, ...]:
-    """Columns of a fingertip of so many taxels."""
-    return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
-
-
-def _column(name: str, words: list[str], lines: list[int], source: str) -> NDArray[np.float64]:
-    """Its values (n,); raises BadFile for the first that it may not have."""
-    values = np.array([_number(word) for word in words])
-    if name.startswith("slip"):
-        good, remedy = np.isin(values, (0.0, 1.0)), "a label must be 0 or 1"
-    elif name == "t_s":
-        good, remedy = np.isfinite(values), "it must be a finite number"
-    else:
-        good = (values == np.rint(values)) & (abs(values) <= COUNTS_LIMIT)
-        remedy = f"counts are raw minus rest, unscaled: whole, within +-{COUNTS_LIMIT}"
-    if not good.all():
-        first = int(good.argmin())
-        raise BadFile(source, f"{name} is {words[first]!r}", remedy, lines[first])
-    return values
-
-
-def _number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
+def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64]:
+    """Values (n,) of words by line; raises BadFile for the first that it may not have."""
+    for line, word in words.items():
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if name.startswith("slip"):
+            good, remedy = value in (0.0, 1.0), "a label must be 0 or 1"
+        elif name == "t_s":
+            good, remedy = math.isfinite(value), "it must be a finite number"
+        else:
+            good = value.is_integer() and abs(value) <= COUNTS_LIMIT
+            remedy = f"counts are raw minus rest, unscaled: whole, within +-{COUNTS_LIMIT}"
+        if not good:
+            raise BadFile(source, f"{name} is {word!r}", remedy, line)
+    return np.array([float(word) for word in words.values()])
 
 
 def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
     """Raises BadFile for a recording at another rate than that for which detectors are made; a few
     lost or uneven samples are no other rate."""
     period_s = float(np.median(np.diff(t_s)))
-    if len(t_s) < RATE_SAMPLES or period_s <= 0.0:
-        return
-    if not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
+    judged = len(t_s) >= RATE_SAMPLES and period_s > 0.0
+    if judged and not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
         raise BadFile(
             source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
             f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it (with a filter): detectors, rules "

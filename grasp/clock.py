@@ -1,21 +1,22 @@
-"""Clocks. Only this module and device threads read a real one; everyone else is told the time."""
+"""Clocks. Only this module and device threads read a real one; elsewhere time is an argument."""
 
 import time
 from collections.abc import Callable
 from typing import Protocol
 
 stopwatch_ns = time.perf_counter_ns
-VIRTUAL_EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01T00:00:00Z: when virtual time is nought
+VIRTUAL_EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01T00:00:00Z: when virtual time is 0
 
 
 class Clock(Protocol):
-    """Monotonic time in integer nanoseconds; ``virtual`` time stands still while we compute."""
+    """Monotonic time in integer nanoseconds. ``virtual``: it stands still while we compute.
+    ``unix_ns``: nanoseconds since 1970 at which it was 0."""
 
     @property
     def virtual(self) -> bool: ...
 
     @property
-    def unix_ns(self) -> int: ...  # nanoseconds since 1970 at which it stood at nought
+    def unix_ns(self) -> int: ...
 
     @property
     def now_ns(self) -> int: ...
@@ -24,7 +25,7 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """The machine's monotonic clock, counted from ``epoch_ns`` of it."""
+    """The machine's monotonic clock minus ``epoch_ns``."""
 
     virtual = False
 
@@ -43,7 +44,7 @@ class WallClock:
 
 
 class VirtualClock:
-    """Time that passes only when somebody waits for it: waiting is what advances the world."""
+    """Time that passes only in ``sleep_until_ns``, which advances the simulated world."""
 
     virtual = True
     unix_ns = VIRTUAL_EPOCH_NS
@@ -63,10 +64,7 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """Virtual time held back to the pace of the wall, so that a person can watch.
-
-    The results are those of VirtualClock: pacing only delays, it never changes the virtual times.
-    """
+    """Virtual time held back to wall time, so that a person can watch; the results are the same."""
 
     def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
         super().__init__(advance_world, start_ns)
@@ -77,15 +75,15 @@ class PacedClock(VirtualClock):
         wall_ns = time.monotonic_ns()
         if self._ahead_ns is None:
             self._ahead_ns = wall_ns - t_ns
-        late_s = (t_ns + self._ahead_ns - wall_ns) * 1e-9
-        if late_s > 0:
-            time.sleep(late_s)
+        early_s = (t_ns + self._ahead_ns - wall_ns) * 1e-9
+        if early_s > 0:
+            time.sleep(early_s)
 
 
 class Deadlines:
-    """Instants a period apart, from ``start_ns`` on. Those that were slept through are counted and
-    never caught up in a burst: who leaves them out on waking goes on at once, as a controller must;
-    who does so before waiting stays on the beat, as samples must."""
+    """Deadlines one period apart, from ``start_ns`` on. Missed ones are counted in ``missed`` and
+    never caught up in a burst. ``leave_out`` after waiting: go on at once, as a controller must;
+    before waiting: stay in phase, as samples must."""
 
     def __init__(self, start_ns: int, period_ns: int) -> None:
         self.missed = 0
@@ -93,12 +91,11 @@ class Deadlines:
         self.last_ns = start_ns
 
     def next_ns(self) -> int:
-        """The one after the last."""
         self.last_ns += self._period_ns
         return self.last_ns
 
     def leave_out(self, now_ns: int) -> None:
-        """Those that lie between the last one and now."""
+        """Skip the deadlines between the last one and now."""
         passed = max((now_ns - self.last_ns) // self._period_ns, 0)
         self.missed += passed
         self.last_ns += passed * self._period_ns

@@ -1,4 +1,4 @@
-"""What a control step may ask of the devices: intents in physical units, no protocol."""
+"""Commands to the devices, in physical units and independent of protocols."""
 
 import msgspec
 
@@ -15,9 +15,7 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 class CloseFast(msgspec.Struct, frozen=True, tag=True):
     """The marked fingers close until ``force_cap_n`` or their count limit; the others hold.
-
-    ``more``: a first stage, short of the cap; another closing follows when it rests.
-    """
+    ``more``: a first stage, short of the cap; another closing follows when the hand rests."""
 
     force_cap_n: float
     closing: tuple[bool, bool, bool]
@@ -37,11 +35,11 @@ class HoldFingers(msgspec.Struct, frozen=True, tag=True):
 
 
 class BeginRest(msgspec.Struct, frozen=True, tag=True):
-    """Take the fingertips' rest counts from the coming samples."""
+    """Take the fingertips' rest counts from the next samples."""
 
 
 class MoveArm(msgspec.Struct, frozen=True, tag=True):
-    """Straight line of the tool to a position in the base frame."""
+    """The tool moves in a straight line to a position in the base frame."""
 
     position_m: Vector3
     speed_mps: float
@@ -49,7 +47,7 @@ class MoveArm(msgspec.Struct, frozen=True, tag=True):
 
 
 class StopArm(msgspec.Struct, frozen=True, tag=True):
-    """Brake on the present line."""
+    """The arm brakes on its present line."""
 
     deceleration_mps2: float
 
@@ -59,7 +57,7 @@ Command = GripperCommand | BeginRest | MoveArm | StopArm
 
 
 def describe(command: Command) -> str:
-    """A command in a person's words."""
+    """A command in words."""
     match command:
         case MoveFingers(targets, speed, force):
             return f"fingers to {targets} counts at {speed * 1e3:.0f} mm/s, at most {force:g} N"

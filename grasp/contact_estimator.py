@@ -6,8 +6,8 @@ import msgspec
 
 from grasp.observation import Observation
 
-LOST_NS = 50_000_000  # without contact for so long it is lost; assumed
-GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' restlessness swings
+LOST_NS = 50_000_000  # contact that is absent for so long is lost; assumed
+GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' own oscillation
 
 
 class Stiffness(msgspec.Struct, frozen=True):
@@ -20,61 +20,54 @@ class Stiffness(msgspec.Struct, frozen=True):
         return max(0, math.floor(rise_n / self.newtons_per_count))
 
 
-class ContactEstimate(msgspec.Struct, frozen=True):
-    """What all samples up to ``t_ns`` say; times are those of the last sample that said so.
+class ContactEstimator:
+    """Estimate after all samples so far. The thumb counts most: it opposes both other fingers.
 
     ``grip_n``: force of the thumb, low-pass filtered. ``longest_gap_ns``: longest time without
     contact of the thumb while the object may have been in the air.
     """
 
-    t_ns: int = 0
-    thumb_contact_ns: int = 0
-    contact_ns: int = 0  # of any finger
-    within_limit_ns: int = 0  # measured force was within the limit and its margin
-    grip_n: float = 0.0
-    longest_gap_ns: int = 0
-
-
-class ContactEstimator:
-    """The latest estimate. The thumb counts most: it opposes both other fingers."""
-
     def __init__(self, contact_n: float) -> None:
         self._contact_n = contact_n
-        self.estimate = ContactEstimate()
+        self.grip_n = 0.0
+        self.longest_gap_ns = 0
+        self._t_ns = 0  # of the last sample, and of the last one of these kinds:
+        self._thumb_contact_ns = 0
+        self._contact_ns = 0  # of any finger
+        self._within_limit_ns = 0  # measured force within the limit and its margin
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
-        e, t_ns, least_n = self.estimate, obs.t_ns, self._contact_n
-        touches = obs.measured_n[0] >= least_n and sum(obs.felt_n) >= least_n
-        gap_ns = t_ns - e.thumb_contact_ns if airborne and not touches else 0
-        weight = min(1.0, (t_ns - e.t_ns) / GRIP_NS)
-        self.estimate = ContactEstimate(
-            t_ns,
-            thumb_contact_ns=t_ns if touches else e.thumb_contact_ns,
-            contact_ns=t_ns if max(obs.felt_n) >= least_n else e.contact_ns,
-            within_limit_ns=e.within_limit_ns if obs.overloaded else t_ns,
-            grip_n=e.grip_n + weight * (thumb_n(obs) - e.grip_n),
-            longest_gap_ns=max(e.longest_gap_ns, gap_ns),
-        )
+        weight = min(1.0, (obs.t_ns - self._t_ns) / GRIP_NS)
+        self.grip_n += weight * (thumb_n(obs) - self.grip_n)
+        self._t_ns = obs.t_ns
+        if obs.measured_n[0] >= self._contact_n and sum(obs.felt_n) >= self._contact_n:
+            self._thumb_contact_ns = obs.t_ns
+        elif airborne:
+            self.longest_gap_ns = max(self.longest_gap_ns, obs.t_ns - self._thumb_contact_ns)
+        if max(obs.felt_n) >= self._contact_n:
+            self._contact_ns = obs.t_ns
+        if not obs.overloaded:
+            self._within_limit_ns = obs.t_ns
 
     @property
     def thumb_lost(self) -> bool:
-        """Whether the thumb has touched nothing for too long."""
-        return self.estimate.t_ns - self.estimate.thumb_contact_ns >= LOST_NS
+        """Whether the thumb has had no contact for too long."""
+        return self._t_ns - self._thumb_contact_ns >= LOST_NS
 
     @property
     def lost(self) -> bool:
-        """Whether no finger has touched anything for too long: on the way down a thumb that bears
-        the object by a taxel or two may feel nothing once it stands, and be pressed as before."""
-        return self.estimate.t_ns - self.estimate.contact_ns >= LOST_NS
+        """Whether no finger has had contact for too long. On the way down the thumb alone may show
+        none once the object stands, though it is pressed as before."""
+        return self._t_ns - self._contact_ns >= LOST_NS
 
     @property
     def overload_ns(self) -> int:
         """How long measured force has been above the limit and its margin."""
-        return self.estimate.t_ns - self.estimate.within_limit_ns
+        return self._t_ns - self._within_limit_ns
 
 
 def thumb_n(obs: Observation) -> float:
-    """Force of the thumb in one sample, estimated by all fingers, whose sum is twice as much: a
-    finger whose taxels are at a rail measures no rise."""
+    """Force of the thumb in one sample, as half the sum of all fingers: a finger whose taxels are
+    at a rail shows no rise."""
     return sum(obs.measured_n) / 2

@@ -1,17 +1,17 @@
-"""What a grasp is given beforehand: where, how fast, how patient."""
+"""Settings of the controller and its loop, and the plan of one grasp."""
 
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from drivers.interfaces import Counts3, Vector3
+from drivers.interfaces import PERIOD_S, Counts3, Vector3
 from grasp.contact_estimator import Stiffness
 
 
 class GripPlan(msgspec.Struct, frozen=True):
-    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
-    the force to close with."""
+    """Finger positions for one object, motor counts A, B, C (paper, section V-B), and the force to
+    close with."""
 
     preshape_counts: Counts3  # just short of the object, the thumb further back
     grip_counts: Counts3  # in contact, with too little force
@@ -21,7 +21,7 @@ class GripPlan(msgspec.Struct, frozen=True):
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Speeds, heights and patience of a grasp. Figures without a source are assumed."""
+    """Speeds, heights and durations of a grasp. Values without a source are assumed."""
 
     # How far short of the grip positions the fingers wait, and the thumb, which closes last, beside
     preshape_margin_counts: Annotated[int, Meta(ge=2, le=60, description="short of grip")] = 15
@@ -30,12 +30,10 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     grip_speed_mps: Annotated[float, Meta(ge=0.022, le=0.11, description="to the object")] = 0.022
     grip_force_n: Annotated[float, Meta(gt=0.0, le=60.0, description="of the first grasp")] = 10.0
     closing_speed_mps: Annotated[float, Meta(ge=0.022, le=0.11, description="for slip")] = 0.11
+    # to the force cap: fast by position to just short of the limit, then slowly; or at one speed
+    # (the paper's, and always with guard.cap_mode = each_motor)
     closing: Annotated[
-        Literal["two_stage", "constant"],
-        Meta(
-            description="to the force cap: fast by position to just short of the limit, then "
-            "slowly; or at one speed (the paper's). With guard.cap_mode = each_motor at one speed"
-        ),
+        Literal["two_stage", "constant"], Meta(description="speed of closing for slip")
     ] = "two_stage"
     relax_s: Annotated[float, Meta(ge=0.02, le=5.0, description="for the pads to relax")] = 0.3
     listen_s: Annotated[float, Meta(ge=0.02, le=5.0, description="baseline of detector")] = 0.3
@@ -44,12 +42,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     lift_acceleration_mps2: Annotated[float, Meta(ge=0.05, le=5.0, description="assumed")] = 0.5
     answer: Annotated[
         Literal["stop_and_jump", "jump", "stop_and_step"],
-        Meta(
-            description="to slip: the hand closes as fast as it may; in the lift the arm stops and "
-            "goes on when slip is over, or with `jump` goes on rising (the paper's loop); with "
-            "`stop_and_step` the hand presses no harder there than it has to"
-        ),
-    ] = "stop_and_jump"
+        Meta(description="to slip: in the lift the arm stops while the hand closes; with `jump` it "
+             "goes on (the paper's loop); with `stop_and_step` the hand closes by small steps"),
+    ] = "stop_and_jump"  # fmt: skip
     # without any, a third of objects fall at a pull of 2 N
     margin_steps: Annotated[int, Meta(ge=0, le=20, description="beyond the force found")] = 2
     # below gravity, as on the way up it takes load off the grip; a lab begins with 1
@@ -60,25 +55,32 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     retreat_m: Annotated[float, Meta(ge=0.0, le=0.5, description="up from the object")] = 0.05
     stop_deceleration_mps2: Annotated[float, Meta(ge=0.1, le=10.0, description="safe stop")] = 1.0
     hold_s: Annotated[float, Meta(ge=0.0, le=600.0, description="at the top of the lift")] = 1.0
-    cap_patience_s: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="with slip at the cap, or the detector's memory")
-    ] = 0.3
-    hold_by_clock: Annotated[
-        bool,
-        Meta(description="hold for hold_s whatever slips: no cap_reached (paper, section V-C)"),
-    ] = False
+    # or the detector's memory, if that is longer
+    cap_patience_s: Annotated[float, Meta(ge=0.05, le=5.0, description="slip at the cap")] = 0.3
+    # then nothing ends as cap_reached (paper, section V-C)
+    hold_by_clock: Annotated[bool, Meta(description="hold for hold_s whatever slips")] = False
     contact_n: Annotated[float, Meta(ge=0.05, le=5.0, description="least force of contact")] = 0.3
     stale_after_s: Annotated[float, Meta(ge=0.02, le=1.0, description="oldest device state")] = 0.1
-    phase_timeout_s: Annotated[
-        float, Meta(ge=1.0, le=600.0, description="of a state other than approach.start and hold")
-    ] = 30.0
+    # of a state other than approach.start and hold
+    phase_timeout_s: Annotated[float, Meta(ge=1.0, le=600.0, description="of a state")] = 30.0
     keep: Annotated[bool, Meta(description="keep holding at the top, set nothing down")] = False
     firm: Annotated[bool, Meta(description="close to the cap before the lift (paper, V-B)")] = False
     reactions: Annotated[bool, Meta(description="respond to slip; off in open-loop twins")] = True
 
     @property
     def unread(self) -> dict[str, str]:
-        """Settings for which the chosen response has no use, and what does not read them."""
+        """Settings that the chosen slip response does not read, with the reason."""
         steps = () if self.answer == "stop_and_step" else ("margin_steps",)
         stops = ("answer_stop_mps2",) if self.answer == "jump" else ()
         return dict.fromkeys((*steps, *stops), f"controller.answer = {self.answer}")
+
+
+class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Period and deadlines of the control loop (`grasp.loop`)."""
+
+    # of a tactile sample (paper: 100 Hz)
+    period_s: Annotated[float, Meta(ge=0.002, le=0.1, description="one sample")] = PERIOD_S
+    # by default the median with `energy`; the paper's inference takes 0.021 s
+    decision_delay_s: Annotated[float, Meta(ge=0.0, le=0.5, description="in virtual time")] = 2e-5
+    # whatever its states; assumed
+    deadline_s: Annotated[float, Meta(ge=1.0, le=3600.0, description="of a run")] = 180.0

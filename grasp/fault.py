@@ -45,7 +45,7 @@ class Fault(msgspec.Struct, frozen=True):
 
 
 def stale(device: str, message: str) -> Fault:
-    """A device that has not been heard for too long."""
+    """A device that has not reported for too long."""
     remedy = f"check cable, power and load of the {device}, then run `grasp doctor`"
     return Fault(Stale.kind, device, message, remedy, kind=Stale.kind)
 

@@ -1,11 +1,10 @@
-"""ForceGuard: the last gate before the gripper.
+"""ForceGuard: every gripper command passes it, and leaves it within the force limit.
 
-Three forces are kept apart. *Commanded*: the calibrated static force of what goes to the gripper;
-never above the limit, whatever the controller asks. *Measured*: estimated from the fingertips,
-20-80 ms late; it can only stop further closing, it cannot limit a rigid contact. *True*: known in
-simulation alone, and never used here.
+*Commanded* force, the calibrated static force of what goes to the gripper, is never above the
+limit, whatever the controller requests. *Measured* force, estimated from the fingertips 20-80 ms
+late, can only stop further closing: it cannot limit a rigid contact.
 
-One finger (A, the thumb) opposes two, so it carries their sum. With `every_finger` the thumb
+Finger A, the thumb, opposes B and C, so it carries their sum. With `every_finger` the thumb
 therefore closes alone while B and C hold; with `each_motor` all three close and each motor keeps
 the limit for itself, which can put twice the limit on the thumb.
 """
@@ -23,11 +22,10 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
-# Full speed ends where limit and overshoot would still be kept by a contact this many times stiffer
-# than stated, and a first grasp this much stronger than measured; assumed
+# Full speed ends where limit plus overshoot would still be kept on a contact this many times
+# stiffer than stated, after a first grasp this much stronger than measured; assumed
 STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
-
 
 CapMode = Literal["every_finger", "each_motor"]
 
@@ -48,17 +46,14 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     cap_mode: CapMode = "every_finger"
     # by which true force may pass the limit on a rigid object
     overshoot_n: Annotated[float, Meta(ge=0.1, le=20.0, description="past the limit")] = 1.0
-    contact_stiffness_npm: Annotated[
-        float, Meta(ge=100.0, le=1e5, description="of objects that state none; 600-10000 N/m")
-    ] = 2500.0
+    # of objects that state none; they have 600-10000 N/m
+    contact_stiffness_npm: Annotated[float, Meta(ge=100.0, le=1e5, description="default")] = 2500.0
     # of finger and motor, at the tip
     tip_mass_kg: Annotated[float, Meta(ge=0.001, le=5.0, description="moving inertia")] = 0.1
-    travel_bound: Annotated[
-        bool, Meta(description="also bound closing by position: F0 + stiffness x travel = limit")
-    ] = False
-    counts_per_newton: Annotated[
-        float, Meta(ge=1.0, le=5000.0, description="of a fingertip's sum: calibrate on hardware")
-    ] = 160.0
+    # to where first grasp + stiffness x travel reaches the limit
+    travel_bound: Annotated[bool, Meta(description="also limit closing by position")] = False
+    # of the sum of a fingertip's taxels
+    counts_per_newton: Annotated[float, Meta(ge=1.0, le=5e3, description="calibrate it")] = 160.0
     # by which measured force may pass the limit before closing stops: the estimate's own error
     measured_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
 
@@ -85,25 +80,24 @@ class ForceGuard:
 
         Raises ConfigError when the gripper's least force is above the limit, or when even its
         least speed carries the tip further past the limit than the overshoot allows."""
-        if least_force_n > settings.force_limit_n:
+        self._settings = s = settings
+        limit_n = s.force_limit_n
+        if least_force_n > limit_n:
             raise ConfigError(
-                "guard",
-                "force_limit_n",
+                "guard", "force_limit_n",
                 f"the gripper's calibration cannot close with less than {least_force_n:g} N, "
-                f"above the limit of {settings.force_limit_n:g} N",
+                f"above the limit of {limit_n:g} N",
                 f"guard.force_limit_n >= {least_force_n:g}, or a gripper.calibration that closes "
-                f"with {settings.force_limit_n:g} N or less",
-            )
-        self._settings = settings
+                f"with {limit_n:g} N or less",
+            )  # fmt: skip
         if self.closing_speed_mps < least_speed_mps:
-            momentum = math.sqrt(settings.contact_stiffness_npm * settings.tip_mass_kg)
+            least_n = least_speed_mps * math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
             raise ConfigError(
-                "guard",
-                "overshoot_n",
-                f"{settings.overshoot_n:g} N cannot be kept: the gripper's least speed, "
-                f"{least_speed_mps:g} m/s, carries a tip of {settings.tip_mass_kg:g} kg further",
-                f"guard.overshoot_n >= {least_speed_mps * momentum:.2f}",
-            )
+                "guard", "overshoot_n",
+                f"{s.overshoot_n:g} N cannot be kept: the gripper's least speed, "
+                f"{least_speed_mps:g} m/s, carries a tip of {s.tip_mass_kg:g} kg further",
+                f"guard.overshoot_n >= {least_n:.2f}",
+            )  # fmt: skip
         self._stiffness = stiffness
         self._free_counts = free_counts
         self._anchor: tuple[Counts3, Vector3] | None = None
@@ -119,17 +113,15 @@ class ForceGuard:
         return s.overshoot_n / math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
 
     def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
-        """Remember the first grasp: travel is bounded from here."""
+        """Remember the first grasp: travel is counted from here."""
         self._anchor = (positions, measured_n)
 
     def reach(self, state: GripperState, measured_n: Vector3) -> Counts3 | None:
-        """Counts up to which each finger may close at any speed: position alone keeps the limit
-        there by the stiffness stated, and limit plus overshoot by a contact and a first grasp as
-        much worse as the margins say. None before the first grasp, and where several motors press
-        at once.
+        """Counts up to which each finger may close at any speed, because position alone limits the
+        force there: to the limit with the stated stiffness, and to limit plus overshoot with the
+        margins. None before the first grasp, and where several motors press at once.
 
-        A grip that is measured to be stronger than it was, by more than it has been closed, counts
-        as the first one.
+        A grip that has grown by more than its closing explains counts as the first grasp.
         """
         if self._anchor is None or self._settings.cap_mode == "each_motor":
             return None
@@ -159,13 +151,11 @@ class ForceGuard:
     def overloaded(self, measured_n: Vector3) -> bool:
         """Whether measured force is above the limit by more than the estimate's own error."""
         s = self._settings
-        thumb_n, b_n, c_n = measured_n
         # with `each_motor` the thumb carries what two motors push
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
-        return (
-            thumb_n > thumb_limit_n + s.measured_margin_n
-            or max(b_n, c_n) > s.force_limit_n + s.measured_margin_n
-        )
+        thumb_n, *others_n = measured_n
+        margin_n = s.measured_margin_n
+        return thumb_n > thumb_limit_n + margin_n or max(others_n) > s.force_limit_n + margin_n
 
     def _admit_move(
         self, command: MoveFingers, state: GripperState, measured_n: Vector3
@@ -200,16 +190,16 @@ class ForceGuard:
     def _slowed(
         self, asked_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
     ) -> float:
-        """The one law of speed: any where position alone keeps the limit, and beyond that no more
-        than what the overshoot allows."""
+        """The speed asked for where position alone keeps the limit; beyond, at most the speed that
+        the overshoot allows."""
         free = self.reach(state, measured_n) or self._free_counts
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return asked_mps if within else min(asked_mps, self.closing_speed_mps)
 
     @property
     def thumb_end(self) -> int | None:
-        """The last count that the thumb may have; None where force alone ends a closing, and where
-        others press beside it."""
+        """The last count that the thumb may have; None where force alone ends a closing, or where B
+        and C close too."""
         alone = self._settings.cap_mode == "every_finger"
         return self._ends[0] if alone and self._ends is not None else None
 

@@ -36,8 +36,8 @@ from grasp.commands import (
     describe,
 )
 from grasp.controller import Decision
+from grasp.controller_settings import LoopSettings
 from grasp.fault import ARM, FINGERTIPS, GRIPPER, TRIAL, Fault
-from grasp.loop_settings import STOP_S, LoopSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import State
 from grasp.step import GraspStep, StepResult
@@ -127,7 +127,7 @@ class _Waiting(msgspec.Struct, frozen=True):
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
-    stop_s = STOP_S
+    stop_s = 20.0  # a run that was stopped may last, should its safe state not end it; assumed
     abort_s = 3.0  # for arm and hand to stand where no step can be taken any more; assumed
     spared_s = 0.002  # of a period, for those who watch, though an acknowledgement is late; assumed
 

@@ -1,11 +1,12 @@
-"""What a run records, one message type a topic, and the way back for a replay.
+"""Messages of a recording, one type a topic, and their conversion back to a step's inputs.
 
-Everything that a control step consumed is here, so that a replay needs nothing else; nothing that
-depends on the wall clock is, so that equal runs are equal byte for byte.
+They hold all inputs of a control step, so that a replay needs nothing else, and nothing that
+depends on the wall clock, so that equal runs are equal byte for byte.
 """
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, Tactile
 from grasp.commands import Command
 from grasp.controller import Decision
 from grasp.fault import Fault
-from grasp.loop import Issued, Tick
+from grasp.loop import Tick
 from grasp.observation import Observation, StepInput
 from grasp.states import PhaseChange
 
@@ -32,11 +33,11 @@ class TactileMessage(msgspec.Struct, frozen=True):
     stale: bool
 
 
-Number = float | None  # null: not a number, which JSON cannot say
+Number = float | None  # null: not a number, for which JSON has no word
 
 
 class ArmMessage(msgspec.Struct, frozen=True):
-    """``ArmState``, with nulls where the arm said what is no number."""
+    """The fields of ``ArmState``, with null where a value is not a number."""
 
     t_ns: int
     seq: int
@@ -74,12 +75,12 @@ class ControlMessage(msgspec.Struct, frozen=True):
     reported: tuple[Fault, ...] = ()  # checks that failed in report mode
 
 
-# fields that it shares with the inputs of a step
+# the fields of a step's inputs that it repeats
 INPUTS = [name for name in ControlMessage.__struct_fields__ if hasattr(StepInput, name)]
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
-    """One command: asked by the controller, admitted by the guard, applied by the device."""
+    """One command: requested by the controller, admitted by the guard, applied by the device."""
 
     decided_ns: int
     asked: Command
@@ -93,14 +94,9 @@ TACTILE, GRIPPER, ARM, CONTROL, MOTION, COMMANDS, PHASES, TRUTH = (
 )  # fmt: skip
 
 CHANNELS: dict[str, type[msgspec.Struct]] = {
-    TACTILE: TactileMessage,
-    GRIPPER: GripperState,
-    ARM: ArmMessage,
-    CONTROL: ControlMessage,
-    MOTION: Motion,
-    COMMANDS: CommandMessage,
-    PHASES: PhaseChange,
-}
+    TACTILE: TactileMessage, GRIPPER: GripperState, ARM: ArmMessage, CONTROL: ControlMessage,
+    MOTION: Motion, COMMANDS: CommandMessage, PHASES: PhaseChange,
+}  # fmt: skip
 
 Write = Callable[[str, int, msgspec.Struct], None]
 
@@ -108,8 +104,11 @@ Write = Callable[[str, int, msgspec.Struct], None]
 def write_tick(write: Write, tick: Tick) -> None:
     """All messages of one tick but the phase changes."""
     t_ns = tick.t_ns
-    for issued in tick.issued:
-        write(COMMANDS, issued.sent_ns, command_message(issued))
+    for sent in tick.issued:
+        message = CommandMessage(
+            sent.decided_ns, sent.asked, sent.admitted, sent.applied, sent.refused
+        )
+        write(COMMANDS, sent.sent_ns, message)
     if tick.frame is not None:
         write(TACTILE, t_ns, tactile_message(tick.frame))
     write(GRIPPER, t_ns, tick.gripper)
@@ -120,19 +119,40 @@ def write_tick(write: Write, tick: Tick) -> None:
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:
-    return TactileMessage(
-        seq=frame.seq,
-        sampled_ns=frame.sampled_ns,
-        counts=frame.counts.ravel().tolist(),
-        raw=frame.raw.ravel().tolist(),
-        temperature=frame.temperature.ravel().tolist(),
-        missed=frame.missed,
-        stale=frame.stale,
+    counts, raw, temperature = (
+        codes.ravel().tolist() for codes in (frame.counts, frame.raw, frame.temperature)
     )
+    return TactileMessage(
+        frame.seq, frame.sampled_ns, counts, raw, temperature, frame.missed, frame.stale
+    )
+
+
+def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
+    """The frame of a recorded step; rest counts follow from raw and counts."""
+    counts, raw, temperature = (
+        np.array(codes, np.int16).reshape(FINGERS, -1)
+        for codes in (message.counts, message.raw, message.temperature)
+    )
+    return TactileFrame(
+        t_ns=t_ns, sampled_ns=message.sampled_ns, seq=message.seq, counts=counts, raw=raw,
+        rest=raw - counts, temperature=temperature, missed=message.missed, stale=message.stale,
+    )  # fmt: skip
 
 
 def arm_message(arm: ArmState) -> ArmMessage:
     return ArmMessage(*msgspec.structs.astuple(arm))
+
+
+def recorded_arm(message: ArmMessage) -> ArmState:
+    """The arm's state of a recorded step."""
+    *numbers, sampled_ns = msgspec.structs.astuple(message)
+    return ArmState(*[*map(_nan_for_null, numbers), sampled_ns])
+
+
+def _nan_for_null(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_nan_for_null, value))
+    return math.nan if value is None else value
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
@@ -146,46 +166,6 @@ def control_message(obs: Observation, decision: Decision) -> ControlMessage:
         faults=obs.faults,
         reported=obs.reported,
     )
-
-
-def command_message(issued: Issued) -> CommandMessage:
-    return CommandMessage(
-        issued.decided_ns, issued.asked, issued.admitted, issued.applied, issued.refused
-    )
-
-
-def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
-    """The frame of a recorded step; rest counts follow from raw and counts."""
-    counts, raw, temperature = (
-        np.array(values, np.int16).reshape(FINGERS, -1)
-        for values in (message.counts, message.raw, message.temperature)
-    )
-    return TactileFrame(
-        t_ns=t_ns,
-        sampled_ns=message.sampled_ns,
-        seq=message.seq,
-        counts=counts,
-        raw=raw,
-        rest=raw - counts,
-        temperature=temperature,
-        missed=message.missed,
-        stale=message.stale,
-    )
-
-
-def recorded_arm(message: ArmMessage) -> ArmState:
-    """The arm's state of a recorded step."""
-    x, y, z = map(_number, message.position_m)
-    u, v, w = map(_number, message.velocity_mps)
-    return ArmState(
-        message.t_ns, message.seq, (x, y, z), (u, v, w), message.moving, message.stopped_by_safety,
-        _number(message.angle_rad), _number(message.spin_radps), _number(message.speed_fraction),
-        message.sampled_ns,
-    )  # fmt: skip
-
-
-def _number(value: Number) -> float:
-    return math.nan if value is None else value
 
 
 def recorded_input(

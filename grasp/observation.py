@@ -1,4 +1,4 @@
-"""The inputs of one step, and what follows from them before anything is decided."""
+"""StepInput: all inputs of one control step. Observation: these, and what was derived from them."""
 
 import msgspec
 import numpy as np
@@ -14,11 +14,10 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     """All inputs of one step; ``frame`` is None until the fingertips have sent one.
 
     ``pending``: a command of an earlier step has not reached its device yet. ``errors``: what the
-    drivers raised since the last step.
-    ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
-    ``stop``: the run shall end now, and why; None while it may go on.
-    ``late_ns``: how much later than it should this step, its devices read, began; ``took_ns``: how
-    long the one before took. Both are 0 in virtual time, which stands still while we compute.
+    drivers raised since the last step. ``set_down``: the experiment is done, and a held object may
+    be set down. ``stop``: why the run is to end now; None while it may go on.
+    ``late_ns``: by how much this step began too late, after the devices were read; ``took_ns``: how
+    long the step before took. Both are 0 in virtual time.
     """
 
     t_ns: int
@@ -38,15 +37,13 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """All that the controller may know: the step's inputs, and what follows from them.
 
-    ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``faults``:
-    ``inputs.errors``, and the plausibility checks that failed; ``reported``: those that end no run.
-    ``measured_n``: estimated force of each finger; ``felt_n``: of those taxels alone that would
-    feel it end, none of them at a rail or stuck. ``overloaded``: measured force is above the limit
-    and its margin. ``last_close``: the closing that was admitted last. ``reach_counts``: how far
-    each finger may close at any speed; None where that is not known. ``thumb_end``: the last count
-    that the guard lets the thumb have; None where force alone ends a closing.
-    ``motion``: the kind of slip, where some is detected and the detector can tell; recorded and
-    shown, and nothing is decided by it.
+    ``probabilities``: of slip, (3,), zeros without a fresh frame. ``faults``: ``inputs.errors`` and
+    plausibility checks that failed; ``reported``: those that end no run.
+    ``measured_n``: estimated force of each finger; ``felt_n``: from those taxels alone that would
+    show its end, since none of them is at a rail or stuck. ``overloaded``: measured force is above
+    the limit and its margin. ``last_close``: the closing that was admitted last. ``reach_counts``,
+    ``thumb_end``: see ``ForceGuard``.
+    ``motion``: the kind of slip, where the detector can tell; recorded and shown, never used.
     """
 
     inputs: StepInput
@@ -82,14 +79,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
         """A command of an earlier step has not reached its device yet."""
         return self.inputs.pending
 
-    @property
-    def tactile_stale(self) -> bool:
-        """The fingertips have missed too many samples."""
-        return self.frame is not None and self.frame.stale
-
     def device_fault(self, old_ns: float) -> Fault | None:
-        """What the states of gripper and arm say is wrong, themselves older than ``old_ns`` first;
-        None if nothing."""
+        """The first fault that gripper or arm reports, or whose state is older than ``old_ns``."""
         if self.gripper.age_ns(self.t_ns) > old_ns:
             return stale(GRIPPER, "gripper status too old")
         if self.arm.age_ns(self.t_ns) > old_ns:
@@ -104,13 +95,13 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def hand_rests(self) -> bool:
-        """The fingers stand, and no command is on its way."""
+        """Whether the fingers stand, and no command is on its way."""
         return not self.pending and self.gripper.at_rest
 
     @property
     def closed_out(self) -> bool:
-        """Whether a closing would do nothing, or the guard admits none: what is measured is above
-        the limit."""
+        """Whether no closing would have an effect: the hand is at its cap, or the guard admits none
+        since measured force is above the limit."""
         return self.at_cap or (self.overloaded and self.hand_rests)
 
     @property
@@ -125,9 +116,9 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at_cap(self) -> bool:
-        """Whether another closing would do nothing: each finger that closed last is latched in
-        contact, or stands at the last count that the guard lets it have; after a first stage that
-        is not the last. What is on its way, mostly to the arm, changes nothing of that."""
+        """Whether another closing would have no effect: each finger that closed last is latched in
+        contact, or stands at the last count that the guard admits, unless that was a first stage.
+        True also while a command, mostly one to the arm, is on its way."""
         close, thumb = self.last_close, self.gripper.fingers[0]
         if not self.gripper.at_rest:
             return False

@@ -1,4 +1,4 @@
-"""Keeps the system's scheduler and Python's garbage collector from delaying a loop in wall time."""
+"""Real-time priority for a loop in wall time, and no garbage collection while it runs."""
 
 import gc
 import os
@@ -15,21 +15,17 @@ PRIORITY = 20  # over ordinary programs, under the kernel's own interrupt thread
 
 
 class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a run in wall time asks of the machine; in virtual time it asks for nothing."""
+    """Scheduling of a run in wall time."""
 
     priority: Annotated[
-        int,
-        Meta(ge=0, le=90, description="SCHED_FIFO priority of this program's threads while it "
-             "runs, 0 to leave them alone; not granted: the run goes on without, and says so"),
-    ] = PRIORITY  # fmt: skip
+        int, Meta(ge=0, le=90, description="SCHED_FIFO, 0 for none; a run goes on without it")
+    ] = PRIORITY
 
 
 @contextmanager
 def real_time(settings: RealTimeSettings) -> Iterator[bool]:
-    """While inside, the threads that this process now has run before all ordinary ones, and no
-    cycles are collected. Gives whether the priority was granted; afterwards all is as before.
-
-    Threads and processes begun inside are ordinary ones.
+    """Inside, this process's present threads run before all ordinary ones, and no garbage is
+    collected; later threads and processes are ordinary. Yields whether the priority was granted.
     """
     before = _raise_threads(settings.priority) if settings.priority else {}
     collecting = gc.isenabled()
@@ -47,14 +43,13 @@ def real_time(settings: RealTimeSettings) -> Iterator[bool]:
 
 
 def _raise_threads(priority: int) -> dict[int, tuple[int, os.sched_param]]:
-    """Former policies of the threads raised; empty where the system refuses or knows no FIFO."""
+    """Former policies of the threads raised; empty where the system refuses or has no FIFO."""
     if not hasattr(os, "SCHED_FIFO"):
         return {}
-    wanted = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)
-    raised = {}
+    policy, raised = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, {}
     for thread in (int(entry.name) for entry in THREADS.iterdir()):
         before = os.sched_getscheduler(thread), os.sched_getparam(thread)
-        if _schedule(thread, *wanted):
+        if _schedule(thread, policy, os.sched_param(priority)):
             raised[thread] = before
     return raised
 
@@ -62,6 +57,6 @@ def _raise_threads(priority: int) -> dict[int, tuple[int, os.sched_param]]:
 def _schedule(thread: int, policy: int, parameters: os.sched_param) -> bool:
     try:
         os.sched_setscheduler(thread, policy, parameters)
-    except (PermissionError, ProcessLookupError):  # not allowed; ended meanwhile
+    except (PermissionError, ProcessLookupError):  # not allowed; the thread has ended
         return False
     return True

@@ -12,10 +12,10 @@ import msgspec
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, IMPLAUSIBLE, Fault
+from grasp.lift_progress import REPEAT_NS
 from grasp.monitors.checks import not_believed
 from grasp.observation import Observation
-from grasp.slip_response.base import SlipResponse
-from grasp.state_clock import REPEAT_NS
+from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
 
 SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed

@@ -5,12 +5,11 @@ allowed there.
 """
 
 import difflib
-import hashlib
 import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -18,29 +17,24 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.files import waits_for_a_writer
 
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
+MOST_CHARACTERS = 1_000_000  # of a file; ours have a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
 TOGETHER = "what goes together"
 # What an option of its own chooses: with each comes a file of settings, or more
-CHOSEN = {
-    "rig": "--rig", "profile": "--profile", "detector_name": "--detector", "files": "--config",
-}  # fmt: skip
+CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
 # Of a kind, kept for testing: found by name, in no list, so what goes over a kind never meets them
 UNSEEN = "unseen"
 
 
 class Layer(msgspec.Struct, frozen=True):
-    """Settings from one place; ``source`` names it in error messages, ``digest`` is the fingerprint
-    of a file."""
+    """Settings from one place; ``source`` names it in error messages."""
 
     source: str
     table: Table
-    digest: str = ""
 
 
 def config_dir() -> Path:
@@ -58,56 +52,39 @@ def names(kind: str) -> list[str]:
 def read_toml(path: Path) -> Layer:
     """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
     try:
-        if waits_for_a_writer(path):
-            raise ValueError("a named pipe, which may have no writer")
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise ValueError(f"more than {MOST_BYTES} bytes")
-        table = tomllib.loads(content.decode("utf-8"))
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MOST_CHARACTERS + 1)
+        if len(text) > MOST_CHARACTERS:
+            raise ValueError(f"more than {MOST_CHARACTERS} characters")
+        table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
-    return checked(Layer(str(path), table, fingerprint(content)))
-
-
-def fingerprint(content: bytes) -> str:
-    """Of what a file holds."""
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
-def own_files(layers: Sequence[Layer]) -> dict[str, str]:
-    """The files of one's own among the layers, each with its fingerprint."""
-    read = {layer.source: layer.digest for layer in layers if layer.digest}
-    return {p: digest for p, digest in read.items() if not Path(p).is_relative_to(config_dir())}
+    return checked(Layer(str(path), table))
 
 
 def checked(layer: Layer) -> Layer:
-    """The layer, if a setting can have such values at all; else ConfigError."""
-    waiting: list[tuple[tuple[str, ...], int, Any]] = [((), 0, layer.table)]
-    while waiting:  # not by recursion: that is what too deep a file would break
-        path, depth, value = waiting.pop()
-        for problem, bounds in _impossible(depth, value):
-            raise ConfigError(layer.source, ".".join(path) or "-", problem, bounds)
-        if isinstance(value, dict):
-            waiting += [((*path, name), depth + 1, inner) for name, inner in value.items()]
-        elif isinstance(value, list):
-            waiting += [(path, depth + 1, inner) for inner in value]
+    """The layer, if settings can have such values at all; else ConfigError."""
+    _check(layer.source, "", layer.table, 0)
     return layer
 
 
-def _impossible(depth: int, value: Any) -> Iterator[tuple[str, str]]:
-    """What is wrong with a value whatever setting it is of, and what is allowed."""
+def _check(source: str, key: str, value: Any, depth: int) -> None:
     if depth > MOST_DEEP:
-        yield "is nested too deeply", f"{MOST_DEEP} levels"
-    if isinstance(value, float) and not math.isfinite(value):
-        yield "is not finite", "finite numbers"
-    if isinstance(value, int) and value.bit_length() > 63:
-        yield "a whole number too large for any setting", "less than 2^63"
-    texts = [*value] if isinstance(value, dict) else [value] if isinstance(value, str) else []
-    if not all(c.isprintable() or c in "\n\t" for text in texts for c in text):
-        yield "holds control characters", "text that can be printed"
+        raise ConfigError(source, key, "is nested too deeply", f"{MOST_DEEP} levels")
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            _check(source, f"{key}.{name}".lstrip("."), inner, depth + 1)
+    elif isinstance(value, list):
+        for inner in value:
+            _check(source, key, inner, depth + 1)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(source, key, "is not finite", "finite numbers")
+    elif isinstance(value, int) and value.bit_length() > 63:
+        raise ConfigError(source, key, "is too large for any setting", "less than 2^63")
+    elif not all(c.isprintable() or c in "\n\t" for c in f"{key}{value}"):
+        raise ConfigError(source, key, "holds control characters", "text that can be printed")
 
 
 def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:

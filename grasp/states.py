@@ -1,8 +1,7 @@
 """The states of a grasp and every transition between them, as one table for `transitions`.
 
-Callbacks only note what happened; no device is touched from here, because an exception in an
-`after` callback would leave the state already changed. The diagram in docs/architecture.md is drawn
-from this table.
+No device is touched from here: the only callback logs the change. The diagram in
+docs/architecture.md is drawn from this table.
 """
 
 from enum import StrEnum
@@ -14,21 +13,21 @@ from transitions.extensions.nesting import HierarchicalMachine, NestedState
 
 
 class State(StrEnum):
-    """Where a run stands. What is before the dot is the top level."""
+    """State of a run; the part before the dot is the top level."""
 
     START = "approach.start"  # nothing has been commanded yet
     HOME = "approach.home"  # the arm on its way to the home of an earlier run
     SHAPE = "approach.shape"  # fingers on their way to just short of the object
-    TARE = "grasp.tare"  # there, unloaded: rest counts are taken
+    TARE = "grasp.tare"  # unloaded: rest counts are taken
     BRACE = "grasp.brace"  # B and C on their way to their positions on the object
     CLOSE = "grasp.close"  # the thumb, last, to its own; for a firm grip then to the force cap
     SETTLE = "grasp.settle"  # the pads relax
-    BASELINE = "grasp.baseline"  # they have; the detector watches before the arm moves
+    BASELINE = "grasp.baseline"  # the detector takes its baseline before the arm moves
     LIFT = "lift"  # the arm on its way up
     COMPENSATE = "compensate"  # the response to slip
     HOLD = "hold"  # at the top
-    DESCEND = "lower.descend"  # to where the object may stand, had it slipped as far as it can have
-    FEEL = "lower.feel"  # from there slowly on, feeling whether it stands (`grasp.set_down`)
+    DESCEND = "lower.descend"  # to where the object may stand if it slipped as far as possible
+    FEEL = "lower.feel"  # slowly on until the grip shows that it stands (`grasp.set_down`)
     OPEN = "release.open"  # fingers on their way open
     RETREAT = "release.retreat"  # the arm on its way clear of the object
     SET_DOWN = "done.set_down"  # the object stands, and the arm is clear of it
@@ -39,26 +38,26 @@ class State(StrEnum):
 
 
 class Trigger(StrEnum):
-    """What makes the state change; why it happened is text in the log."""
+    """What makes the state change; the log has its cause as text."""
 
-    AWAY = "away"  # a run begins, and the arm is elsewhere than its home
+    AWAY = "away"  # a run begins with the arm away from its home
     AT_HOME = "at_home"
     SHAPED = "shaped"  # fingers just short of the object
     TARED = "tared"  # rest counts taken
     BRACED = "braced"  # B and C at their positions
-    TIGHTEN = "tighten"  # all fingers are, and a firm grip is wanted
-    GRIPPED = "gripped"  # the grip is what it shall be
-    SETTLED = "settled"  # the pads are
+    TIGHTEN = "tighten"  # all fingers at their positions, and a firm grip is wanted
+    GRIPPED = "gripped"  # the grip is complete
+    SETTLED = "settled"  # the pads have relaxed
     READY = "ready"  # the detector has a baseline: the arm may move
     SLIP = "slip"  # or contact lost, or more force due
     STEADY = "steady"  # slip is over, or nothing more can be done; the arm goes on up
-    AT_TOP = "at_top"  # so it is, and the arm is there
+    AT_TOP = "at_top"  # the same, with the arm at the top
     LOWER = "lower"  # held long enough; slip cannot be stopped; or no object can stand here yet
-    FEEL = "feel"  # near where the object may stand, or the grip tightens; and each step from there
-    STANDS = "stands"  # the object does: where the lift began, or earlier if it had slipped
-    KEEP = "keep"  # held long enough: that is all
+    FEEL = "feel"  # near where the object may stand, or the grip tightens; each step from there
+    STANDS = "stands"  # the object stands: where the lift began, or earlier if it had slipped
+    KEEP = "keep"  # held long enough, and not to be set down
     OPENED = "opened"
-    CLEAR = "clear"  # the arm is
+    CLEAR = "clear"  # the arm is clear of the object
     LOSE = "lose"
     STOP = "stop"
     FAIL = "fail"
@@ -67,19 +66,19 @@ class Trigger(StrEnum):
 LOWERING_STATES = frozenset({State.DESCEND, State.FEEL})
 AIRBORNE_STATES = LOWERING_STATES | {State.LIFT, State.COMPENSATE, State.HOLD, State.KEPT}
 CLOSING_STATES = frozenset({State.BRACE, State.CLOSE})  # onto the object
-GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all is touched, and nothing moves yet
+GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all fingers in contact, at rest
 CONTACT_STATES = AIRBORNE_STATES | CLOSING_STATES | GRIPPED_STATES
-UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # nothing is to move, or any more
+UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # nothing has to move yet, or any more
 OPEN_STATES = UNMOVED_STATES | {State.OPEN, State.RETREAT}  # no contact is expected
-END_STATES = frozenset({State.SET_DOWN, State.KEPT})  # all went well, and nothing more will follow
+END_STATES = frozenset({State.SET_DOWN, State.KEPT})  # a run that succeeded has finished
 SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # nothing leads out of them
-# no rest counts have been taken, or a run has ended before it took any
+# without rest counts, or a run may have ended before it took any
 UNTARED_STATES = SAFE_STATES | {State.START, State.HOME, State.SHAPE}
 
-AIRBORNE = ("lift", "compensate", "hold", "lower")  # top level, as are all:
+# names of the top level, each of which stands for all states in it
+AIRBORNE = ("lift", "compensate", "hold", "lower")
 RUNNING = ("approach", "grasp", *AIRBORNE, "release", "done")
 
-# a source on the top level stands for all states in it
 TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
     (Trigger.AWAY, (State.START,), State.HOME),
     (Trigger.AT_HOME, (State.START, State.HOME), State.SHAPE),
@@ -106,7 +105,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
 
 
 class PhaseChange(msgspec.Struct, frozen=True):
-    """One transition, as it is recorded: state entered, when, and why."""
+    """One recorded transition: state entered, when, and why."""
 
     phase: str
     t_ns: int
@@ -114,19 +113,21 @@ class PhaseChange(msgspec.Struct, frozen=True):
 
 
 class DottedState(NestedState):
-    """A state whose name is its parent's, a dot and its own."""
+    """A state named by its parent, a dot and its own name."""
 
     separator = "."
 
 
-class DottedMachine(HierarchicalMachine):
-    """A hierarchical machine of them."""
-
+class _Machine(HierarchicalMachine):
     state_cls = DottedState
 
 
+class _Model:
+    state: str  # set by `transitions`
+
+
 def definition() -> dict[str, Any]:
-    """The table as machines of `transitions` take it."""
+    """The table as arguments of a machine of `transitions`."""
     top: dict[str, list[str]] = {}
     for state in State:
         parent, _, child = state.value.partition(".")
@@ -148,7 +149,7 @@ class StateMachine:
         self.state = state
         self.log: list[PhaseChange] = []
         self._model = _Model()
-        self._machine = DottedMachine(
+        self._machine = _Machine(
             self._model, initial=state.value, send_event=True, after_state_change=self._note,
             **definition(),
         )  # fmt: skip
@@ -160,21 +161,12 @@ class StateMachine:
 
     def first_ns(self, state: State) -> int:
         """When that state was entered for the first time; raises ValueError if it never was."""
-        times = [change.t_ns for change in self.log if change.phase == state]
-        if not times:
-            raise ValueError(f"{state} was never entered")
-        return times[0]
+        return min(change.t_ns for change in self.log if change.phase == state)
 
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
-        """Make the transition; raises transitions.MachineError where the table has no such way."""
+        """Make the transition; raises transitions.MachineError where the table has none."""
         self._machine.trigger_event(self._model, trigger.value, t_ns=t_ns, cause=cause)
 
     def _note(self, event: EventData) -> None:
         self.state = State(self._model.state)
         self.log.append(PhaseChange(self.state.value, event.kwargs["t_ns"], event.kwargs["cause"]))
-
-
-class _Model:
-    """What `transitions` hangs the state on."""
-
-    state: str

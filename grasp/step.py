@@ -1,19 +1,19 @@
-"""GraspStep: detector, slip monitor, controller and force guard as one unit, fed a frame at a time.
+"""GraspStep: from one tactile frame and the device states to admitted commands.
 
-A loop on devices, a run in virtual time and the replay of a recording all feed this unit and none
-of them repeats anything of it. No clock is read, nothing sleeps, nothing does I/O: what a step
-concludes follows from its inputs and those before.
+Plausibility checks, detector, slip monitor, controller and force guard as one unit, which a loop on
+devices, a run in virtual time and a replay all feed. A pure function of its inputs and those
+before: no clock, no sleep, no I/O.
 """
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
+from detector.interface import SlipDetector
 from drivers.errors import GraspError, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
@@ -25,19 +25,11 @@ from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import OPEN_STATES, UNTARED_STATES
 
-HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
-
-
-class Detector(Protocol):
-    """See ``detector.interface``."""
-
-    def reset(self) -> None: ...
-
-    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]: ...
+SLIP_LIKELY = 0.5  # the kind of slip is learnt from slip alone, and means nothing below this
 
 
 class StepResult(msgspec.Struct, frozen=True):
-    """What one step concluded: ``admitted`` are ``decision.commands`` as the guard lets them go."""
+    """What one step concluded; ``admitted``: ``decision.commands`` after the guard."""
 
     observation: Observation
     decision: Decision
@@ -45,17 +37,17 @@ class StepResult(msgspec.Struct, frozen=True):
 
 
 class GraspStep:
-    """From what the devices say to the commands that may go to them."""
+    """One run's detector, controller and guard; ``decide`` once a tactile sample."""
 
     def __init__(
         self,
-        detector: Detector,
+        detector: SlipDetector,
         controller: GraspController,
         guard: ForceGuard,
         monitors: Monitors | None = None,
         motion: Callable[[], Motion | None] = lambda: None,
     ) -> None:
-        """``motion``: what kind of slip the detector's latest frame is of."""
+        """``motion``: the kind of slip of the detector's latest frame."""
         self.controller = controller
         self._motion = motion
         self._detector = detector
@@ -63,40 +55,33 @@ class GraspStep:
         self._monitors = monitors or Monitors(MonitorSettings())
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
         self._felt_n: Vector3 = (0.0, 0.0, 0.0)
-        self._last_close: CloseFast | None = None
-        self._rested = False  # fingertips' counts are against the rest that this run has taken
-        # why the detector did not forget the past when it was last asked to
-        self._remembers: Fault | None = None
+        self.last_close: CloseFast | None = None  # the closing that was admitted last
+        self._rested = False  # counts are relative to rest counts that this run has taken
+        self._not_reset: Fault | None = None  # why the detector's last reset failed
 
     def decide(self, inputs: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
         observation = self._observe(inputs)
         decision = self.controller.step(observation)
         if decision.reset_detector:
-            self._forget()
+            self._reset_detector()
         if decision.anchor:
             self._guard.anchor(inputs.gripper.at_least_counts, self._measured_n)
         admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
         self._monitors.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)
 
-    @property
-    def last_close(self) -> CloseFast | None:
-        """The closing that was admitted last."""
-        return self._last_close
-
     def admit(self, command: Command, gripper: GripperState) -> Command:
-        """The command that may go out in place of this one, by the force measured last."""
+        """The command that may be sent in place of this one, by the force measured last."""
         if not isinstance(command, GripperCommand):
             return command
         admitted = self._guard.admit(command, gripper, self._measured_n)
         if isinstance(admitted, CloseFast):
-            self._last_close = admitted
+            self.last_close = admitted
         return admitted
 
     def fallback(self, gripper: GripperState) -> GripperCommand | None:
-        """The hand's safe command should no further step come, as the guard admits it now; None
-        where the hand stays as it is."""
+        """The hand's command should no further step come; None where it stays as it is."""
         if self.controller.finished:
             return None
         hand = (c for c in self.controller.aborted() if isinstance(c, GripperCommand))
@@ -108,11 +93,17 @@ class GraspStep:
         found = self._monitors.check(state, inputs)
         faults = (*inputs.errors, *filter(self._monitors.stops, found))
         reported = tuple(fault for fault in found if fault not in faults)
-        self._rested = self._rested or state not in UNTARED_STATES
+        self._rested |= state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state that this step enters
         safe = bool(inputs.stop or faults) or self.controller.in_safe_state
-        probabilities, failure = self._ask(inputs.frame if self._rested else None, not safe)
-        if failure is not None and state not in OPEN_STATES:  # somebody has to feel something
+        frame, probabilities = inputs.frame, np.zeros(FINGERS)
+        failure: Fault | None = None
+        if frame is not None and self._rested:
+            if self._monitors.fingertips.believable:
+                self._estimate_force(frame.counts)
+            if not safe:
+                probabilities, failure = self._detect(frame)
+        if failure is not None and state not in OPEN_STATES:  # contact is expected
             faults = (*faults, failure)
         return Observation(
             inputs=inputs,
@@ -122,45 +113,36 @@ class GraspStep:
             measured_n=self._measured_n,
             felt_n=self._felt_n,
             overloaded=self._guard.overloaded(self._measured_n),
-            last_close=self._last_close,
+            last_close=self.last_close,
             reach_counts=self._guard.reach(inputs.gripper, self._measured_n),
             thumb_end=self._guard.thumb_end,
             motion=self._kind_of_slip(probabilities),
         )
 
-    def _ask(
-        self, frame: TactileFrame | None, ask: bool
-    ) -> tuple[NDArray[np.float64], Fault | None]:
-        """Probability of slip at each finger, and why there is none. A stale frame is no sample,
-        and forgets the past; codes at the end of their range are no force. None: there is no frame,
-        or it is counted from the rest of an earlier run, since when the pads were pressed.
-        ``ask``: whether the detector may be called."""
-        if frame is None:
-            return np.zeros(FINGERS), None
-        if self._monitors.fingertips.believable:
-            self._measured_n = self._force_n(frame.counts)
-            self._felt_n = self._measured_n
-            if not self._monitors.fingertips.all_tell:
-                self._felt_n = self._force_n(frame.counts * self._monitors.fingertips.can_tell)
-        if not ask:
-            return np.zeros(FINGERS), None
+    def _estimate_force(self, counts: NDArray[np.int16]) -> None:
+        self._measured_n = self._felt_n = self._force_n(counts)
+        if not self._monitors.fingertips.all_tell:
+            self._felt_n = self._force_n(counts * self._monitors.fingertips.can_tell)
+
+    def _detect(self, frame: TactileFrame) -> tuple[NDArray[np.float64], Fault | None]:
+        """Probability of slip at each finger, and why there is none; a stale frame resets the
+        detector."""
         if frame.stale:
-            self._forget()
-        if frame.stale or self._remembers:
-            return np.zeros(FINGERS), self._remembers
+            self._reset_detector()
+        if frame.stale or self._not_reset:
+            return np.zeros(FINGERS), self._not_reset
         try:
             answer = self._detector.update(frame.counts)
         except KeyboardInterrupt:
             raise
-        except BaseException as bug:  # a plug-in's code: no bug of it may end a run
+        except BaseException as bug:  # a plug-in's: none of its bugs may end a run
             return np.zeros(FINGERS), _failed(bug)
         wrong = no_probabilities(answer)
         return (np.zeros(FINGERS), wrong) if wrong else (answer, None)
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
-        """Nothing is decided by it, and no bug of it may end a run."""
-        if probabilities.max() > HEARD:
-            with suppress(Exception):
+        if probabilities.max() > SLIP_LIKELY:
+            with suppress(Exception):  # recorded only: no bug may end a run
                 return self._motion()
         return None
 
@@ -168,16 +150,16 @@ class GraspStep:
         a, b, c = counts.sum(axis=1).tolist()
         return self._guard.measured_n((a, b, c))
 
-    def _forget(self) -> None:
-        """One that cannot is not asked until it can: no bug of a detector may end a run."""
+    def _reset_detector(self) -> None:
+        """A detector that fails here is not asked until a reset succeeds."""
         try:
             self._detector.reset()
         except KeyboardInterrupt:
             raise
         except BaseException as bug:
-            self._remembers = _failed(bug)
+            self._not_reset = _failed(bug)
         else:
-            self._remembers = None
+            self._not_reset = None
 
 
 def _failed(bug: BaseException) -> Fault:

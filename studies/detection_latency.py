@@ -14,8 +14,6 @@ import numpy as np
 
 from detector.recordings import LabelName
 from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    events_by_label,
     hand_rate,
     judge_stream,
 )
@@ -70,10 +68,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     recordings = read_split([Path(f) for f in task.data], "test")
     made = contender(task.detector, recordings, "test", task.label)
-    judged = [
-        judge_stream(s, made.config.rule, events_by_label(s.label), WARM_UP_SAMPLES, ()).events
-        for s in made.streams
-    ]
+    judged = [judge_stream(s, made.config.rule).events for s in made.streams]
     delays = np.concatenate([j.delays_ms for j in judged])
     rate = hand_rate(made.streams, judged)
     if not len(delays) or rate is None:

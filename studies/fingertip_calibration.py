@@ -24,7 +24,7 @@ from drivers.errors import BadFile
 from drivers.interfaces import PERIOD_S
 from grasp.cli.options import whole
 from grasp.cli.parser import Parser
-from scenarios.acquire.datasets.named_settings import with_values
+from scenarios.acquire.config import with_values
 from scenarios.world.fingertip import Fingertips
 from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 from studies.runner import Study, markdown
@@ -172,8 +172,8 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Fi
         out[f"increment median {name}"] = _quantile(np.abs(rows), 0.5)
         out[f"increment p95 {name}"] = _quantile(np.abs(rows), 0.95)
         out[f"correlation {name}"] = _correlation(rows)
-        names = (f"{f} Hz {name}" for f in FFT_HZ)
-        out |= zip(names, _spectrum(loaded, chosen), strict=True)
+        bins = (f"{f} Hz {name}" for f in FFT_HZ)
+        out |= zip(bins, _spectrum(loaded, chosen), strict=True)
     out["increment ratio"] = out["increment rms slip"] / (out["increment rms static"] or np.nan)
     out["deviation in slip"] = float(loaded[slip].std(axis=0).mean())
     out["highest excursion"] = _quantile(p.max(axis=1), 0.99)
@@ -184,9 +184,9 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Fi
     out["creep after a stop per s"] = _creep(t_s, loaded, slip)
     energy = energy_series(counts[:, None, :], ENERGY_SAMPLES)[ENERGY_SAMPLES:, 0]
     labels, away = slip[ENERGY_SAMPLES:], edge_distance_ms(t_s, slip)[ENERGY_SAMPLES:]
-    bins = zip((0.0, *EDGES_MS[:-1]), (np.inf, *EDGES_MS[1:]), strict=True)
+    edges = zip((0.0, *EDGES_MS[:-1]), (np.inf, *EDGES_MS[1:]), strict=True)
     names = ("AUC of energy", *(f"AUC from {low:g} ms" for low in EDGES_MS[:-1]))
-    for name, (nearest, furthest) in zip(names, bins, strict=True):
+    for name, (nearest, furthest) in zip(names, edges, strict=True):
         chosen = (away >= nearest) & (away < furthest)
         value = auc(energy[chosen], labels[chosen])
         out[name] = np.nan if value is None else value
@@ -227,7 +227,8 @@ def _correlation(changes: Floats) -> float:
     """Mean correlation of increments over all pairs of loaded taxels."""
     if len(changes) < 3 or (changes.std(axis=0) == 0.0).any():
         return np.nan
-    return float(np.corrcoef(changes.T)[np.triu_indices(LOADED, 1)].mean())
+    matrix: Floats = np.atleast_2d(np.corrcoef(changes.T))
+    return float(matrix[np.triu_indices(LOADED, 1)].mean())
 
 
 def clip_figures(setup: Setup, clips: int, seed: int) -> list[Figures]:

@@ -23,6 +23,7 @@ from scenarios.lift.lift import LiftConfig, twin_onset_s
 from scenarios.rigs.simulated import Draw, draw
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
+from scenarios.world.settings import HALF_APERTURE_M
 from studies.runner import PAPER_OBJECTS, Study, markdown
 
 REACH_COUNTS = 4  # search range beyond first contact
@@ -162,7 +163,7 @@ def _candidates(config: LiftConfig) -> Iterator[Counts3]:
     object is free along the closing axis, so triples about its middle are enough."""
     p = contact.parameters(config.contact, config.object)
     width_m, _ = laws.width_and_slope(p, 0.0)
-    first = int((config.contact.half_aperture_m - width_m) / config.hand.m_per_count)
+    first = int((HALF_APERTURE_M - width_m) / config.hand.m_per_count)
     near = range(max(0, first - 2), min(255, first + REACH_COUNTS) + 1)
     for a, b, c in itertools.product(near, near, near):
         if c <= b <= c + 1 and abs(2 * a - b - c) <= 2:

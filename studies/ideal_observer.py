@@ -7,6 +7,7 @@ log-likelihood ratio to rest; with an ideal classifier no test of the same signa
 """
 
 import argparse
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -29,7 +30,7 @@ from grasp.cli.output import progress
 from grasp.cli.parser import Parser
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build
-from scenarios.acquire.datasets.plan import first_of_each, load_dataset_config, plan
+from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
 from scenarios.campaign.config import load_config
 from studies.robustness import COMPARED, stream_together
 from studies.runner import Study, markdown
@@ -97,6 +98,15 @@ def _options(parser: Parser) -> None:
                         help="folder of the recordings; existing ones are kept")  # fmt: skip
     parser.add_argument("--share", type=decimal(1e-3, 1), default=0.75, metavar="X")
     parser.add_argument("--detectors", nargs="+", default=COMPARED, metavar="NAME")
+
+
+def first_of_each(jobs: Sequence[Job], share: float) -> list[Job]:
+    """So many of the recordings of every cause, the first in the plan."""
+    found: list[Job] = []
+    for cause in dict.fromkeys(job.metadata.cause for job in jobs):
+        its = [job for job in jobs if job.metadata.cause == cause]
+        found += its[: math.ceil(share * len(its))]
+    return found
 
 
 def _grid(args: argparse.Namespace) -> list[Task]:

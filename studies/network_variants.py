@@ -117,7 +117,7 @@ def trial(task: Task) -> Row:
     )
     settings = settings_of(VARIANTS[task.variant], task.steps, task.seed)
     training = Training(NETWORK, settings, learnt, validation, digest([*learnt, *validation]))
-    training.run(float("inf"), None, lambda progress: None)
+    training.run(float("inf"), None, lambda loss, score: None)
     export(training, validation, Path(task.weights), versions()["commit"])
     chosen = (f"network.weights={task.weights}",)
     sheet = contender(NETWORK, read_split(folders, "test"), "test", assignments=chosen).evaluation()

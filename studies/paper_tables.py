@@ -20,7 +20,6 @@ from detector.scores.evaluation import (
     HIGH,
     LOW,
     WARM_UP_SAMPLES,
-    events_by_label,
     judge_stream,
     spoken,
 )
@@ -193,7 +192,7 @@ def counted(made: Contender) -> list[Counts]:
     for s in made.streams:
         p, labels = spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
         c = confusion(p > made.detector.threshold, labels)
-        judged = judge_stream(s, rule, events_by_label(s.label), WARM_UP_SAMPLES, ()).events
+        judged = judge_stream(s, rule).events
         cells = (c.static_static, c.static_slip, c.slip_static, c.slip_slip)
         found.append(Counts(key_of(s.recording), cells, judged.delays_ms.tolist()))
     return found

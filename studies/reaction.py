@@ -23,7 +23,7 @@ from grasp.commands import CloseFast
 from grasp.controller import GraspController
 from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
-from grasp.slip_response.base import CLOSED_COUNTS
+from grasp.slip_response.close import CLOSED_COUNTS
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, outcome

@@ -15,19 +15,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import registered_events
 from detector.interface import SlipDetector
 from detector.recordings import COUNTS_LIMIT, Recording
-from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     SLIDE,
     WARM_UP_SAMPLES,
     Streamed,
     cause_of,
-    events_by_label,
     hand_rate,
+    judge_stream,
     score_blows,
-    scored,
     spoken,
 )
 from detector.scores.quantiles import quantiles
@@ -157,15 +154,10 @@ def stream_together(
 
 def score(name: str, recordings: Sequence[Recording]) -> Score:
     """Scores of a detector on recordings of one layout."""
-    config, how = load_config("can", "simulated", name), events_by_label("slip")
+    config = load_config("can", "simulated", name)
     rule, threshold = config.rule, config.make_detector(1).threshold
     streams = stream_together(config.make_detector, recordings)
-    judged = [
-        scored(s, how, WARM_UP_SAMPLES, blows_of(s.recording), apart=True).judged(
-            registered_events(s.probabilities, rule)
-        )
-        for s in streams
-    ]
+    judged = [judge_stream(s, rule, apart=True) for s in streams]
     right = [((spoken(s, rule) > threshold) == s.labels)[WARM_UP_SAMPLES:] for s in streams]
     delays = np.concatenate([j.events.delays_ms for j in judged])
     pressed = quantiles(

@@ -173,6 +173,8 @@ class Oracle:
 class FalseAlarms:
     """A detector whose probabilities are all 1 for 0.1 s at times drawn from the seed."""
 
+    name, threshold, memory = "false alarms", 0.5, 0
+
     def __init__(self, of: SlipDetector | Oracle, clock: Clock, a_minute: float, seed: int) -> None:
         self._of, self._clock = of, clock
         gaps_s = np.random.default_rng(seed).exponential(60.0, 1000) / (a_minute or 1e-9)

@@ -32,14 +32,6 @@ class Blow(msgspec.Struct, frozen=True):
     moved_m: float
     weak: bool
 
-    @property
-    def moved(self) -> bool:
-        return self.moved_m >= MOVED_M
-
-    @property
-    def unmoved(self) -> bool:
-        return self.moved_m < UNMOVED_M
-
 
 def blows_of(recording: Recording) -> list[Blow]:
     """Every blow of a recording, in the order of time; none where none is noted."""
@@ -105,11 +97,3 @@ def blow_score(moved_m: Floats, delays_ms: Floats, weak: NDArray[np.bool_]) -> B
         nearly_registered=int((nearly & detected).sum()),
         delay_ms=quantiles(delays_ms[moved]),
     )
-
-
-def within(blows: Sequence[Blow], samples: int) -> NDArray[np.bool_]:
-    """(n,) samples that belong to a blow."""
-    found = np.zeros(samples, np.bool_)
-    for blow in blows:
-        found[blow.struck : blow.until] = True
-    return found

@@ -5,19 +5,20 @@ not: of a data set whole recordings are drawn, of a single recording whole strok
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, mean_probability, registered_events
-from detector.energy import EnergyDetector
 from detector.interface import SlipDetector
-from detector.recordings import MOVED_M, LabelName, Recording
-from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of, within
+from detector.recordings import LabelName, Recording
+from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of
 from detector.scores.events import (
+    EARLY_S,
+    EventMetrics,
     Events,
-    EventSettings,
     Judgement,
     Slips,
     judge,
@@ -26,30 +27,29 @@ from detector.scores.events import (
 )
 from detector.scores.metrics import (
     Confusion,
-    EdgeBin,
     Floats,
     Labels,
     Ranking,
-    accuracy_by_edge,
     auc,
     calibration_error,
     confusion,
-    edge_distance_ms,
 )
 from detector.scores.quantiles import Quantiles, quantile, quantiles
 from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
-PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: detecting that is no false event
+# the pad shears before the contact slides, and what has moved began to before it had gone far
+# enough for the label: detecting that is early, not false
+PRE_SLIDING_S = 0.3
 Interval = tuple[float, float]
 LOW, HIGH = 0.025, 0.975
 RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
 SLIDE = "slide"  # false events on recordings of the paper's kind, beside the causes of the others
 
 
-class Evaluation(msgspec.Struct, frozen=True):
-    """Figures of samples, of events (see `EventMetrics`) and of cost; None where undefined."""
+class Evaluation(EventMetrics, frozen=True, kw_only=True):
+    """Figures of events, of samples and of cost; None where undefined."""
 
     detector: str
     data: str
@@ -61,28 +61,15 @@ class Evaluation(msgspec.Struct, frozen=True):
     slip_f1: float
     balanced_accuracy: float | None
     auc: float | None
-    event_recall: float | None
-    event_precision: float | None
-    false_events_per_min: float | None  # of the recordings as they are
     false_events_per_min_by_cause: dict[str, float]
     false_events_per_min_hand: float | None  # as if every recording had three fingers
-    delay_ms: Quantiles | None
-    delay_mm: Quantiles | None  # needs the sliding speed
-    release_delay_ms: Quantiles | None
     ece: float
     compute_us: Quantiles | None  # one update of all fingers; needs a clock
     intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
-    auc_interval: Interval | None
     threshold: float  # on the probability, of `accuracy` and its kin
-    threshold_counts: float | None  # the same in counts, for the energy detector
-    by_edge_distance: tuple[EdgeBin, ...]
     blows: BlowScore | None
     confusion: Confusion
     recordings: int
-    true_events: int
-    missed_events: int
-    registered_events: int
-    false_events: int
 
 
 class Streamed(msgspec.Struct, frozen=True, eq=False):
@@ -92,23 +79,18 @@ class Streamed(msgspec.Struct, frozen=True, eq=False):
     probabilities: Floats  # (n, fingers)
     spent_us: Floats  # (n,), or none
     label: LabelName = "slip"
-    moved_m: float = MOVED_M  # of the label `moved`
 
     @property
     def labels(self) -> Labels:
         """(n,) by the chosen label; raises BadFile where the recording lacks it."""
-        return self.recording.label(self.label, self.moved_m)
+        return self.recording.label(self.label)
 
 
 def stream(
-    detector: SlipDetector,
-    counts: NDArray[np.int16],
-    clock_ns: Callable[[], int] | None = None,
+    detector: SlipDetector, counts: NDArray[np.int16], clock_ns: Callable[[], int] | None = None
 ) -> tuple[Floats, Floats]:
-    """Reset, then feed frames (n, fingers, 6) one by one.
-
-    Gives probabilities (n, fingers), and microseconds of each update (n,), none without a clock.
-    """
+    """Reset, then feed frames (n, fingers, 6) one by one: probabilities (n, fingers), and
+    microseconds of each update (n,), none without a clock."""
     detector.reset()
     probabilities, spent_us = [], []
     for frame in counts:
@@ -126,33 +108,29 @@ def stream_recordings(
     label: LabelName = "slip",
 ) -> list[Streamed]:
     """Stream every recording through the detector made for its fingers and their taxels."""
-    made: dict[tuple[int, int], SlipDetector] = {}
-    found = []
-    for recording in recordings:
-        shape = recording.fingers, recording.taxels
-        if shape not in made:
-            made[shape] = make(*shape)
-        p, spent_us = stream(made[shape], recording.counts, clock_ns)
-        found.append(Streamed(recording, p, spent_us, label))
-    return found
+    made = cache(make)
+    return [
+        Streamed(r, *stream(made(r.fingers, r.taxels), r.counts, clock_ns), label)
+        for r in recordings
+    ]
 
 
 class Judged(msgspec.Struct, frozen=True, eq=False):
-    """What became of one recording's slips, and of its blows."""
+    """What became of one recording's slips, and of its blows (see `scores.blows`)."""
 
     events: Judgement
-    moved_m: Floats  # of each blow
-    answers_ms: Floats  # see `scores.blows.answers`
-    weak: Labels  # whether it was struck weakly
+    moved_m: Floats
+    answers_ms: Floats
+    weak: Labels
 
 
 class Scored(msgspec.Struct, frozen=True, eq=False):
-    """What any rule is judged by on one recording."""
+    """What any rule is judged by on one recording; the arrays are of its blows."""
 
     slips: Slips
     blows: list[Blow]
-    moved_m: Floats  # of each blow
-    weak: Labels  # likewise
+    moved_m: Floats
+    weak: Labels
 
     def judged(self, registered: Events) -> Judged:
         """By the events (m, 2) that a rule makes."""
@@ -160,37 +138,27 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
         return Judged(judge(registered, self.slips), self.moved_m, delays_ms, self.weak)
 
 
-def scored(
-    streamed: Streamed,
-    events: EventSettings,
-    first_sample: int,
-    blows: Sequence[Blow],
-    apart: bool = False,
-) -> Scored:
+def scored(streamed: Streamed, apart: bool = False) -> Scored:
     """``apart``: what begins in a blow is judged as its answer alone, neither as a slip nor as
     false."""
     recording = streamed.recording
-    speed = recording.contact_speed_mps
+    speed, blows = recording.contact_speed_mps, blows_of(recording)
+    in_blow = np.zeros(len(recording.t_s), np.bool_)
+    for blow in blows if apart else ():
+        in_blow[blow.struck : blow.until] = True
     slips = slips_of(
-        streamed.labels, recording.t_s, events, first_sample=first_sample,
+        streamed.labels, recording.t_s, first_sample=WARM_UP_SAMPLES, left_out=in_blow,
+        early_s=EARLY_S if streamed.label == "slip" else PRE_SLIDING_S,
         speed_mps=None if speed is None else speed.astype(np.float64),
-        left_out=within(blows, len(recording.t_s)) if apart and blows else None,
     )  # fmt: skip
-    counted = [blow for blow in blows if blow.struck >= first_sample]
+    counted = [blow for blow in blows if blow.struck >= WARM_UP_SAMPLES]
     moved_m, weak = [blow.moved_m for blow in counted], [blow.weak for blow in counted]
     return Scored(slips, counted, np.array(moved_m, np.float64), np.array(weak, np.bool_))
 
 
-def judge_stream(
-    streamed: Streamed,
-    rule: RuleSettings,
-    events: EventSettings,
-    first_sample: int,
-    blows: Sequence[Blow],
-) -> Judged:
-    """The events that the rule makes of one recording."""
-    registered = registered_events(streamed.probabilities, rule)
-    return scored(streamed, events, first_sample, blows).judged(registered)
+def judge_stream(streamed: Streamed, rule: RuleSettings, apart: bool = False) -> Judged:
+    """What became of one recording by a rule; ``apart`` as in `scored`."""
+    return scored(streamed, apart).judged(registered_events(streamed.probabilities, rule))
 
 
 # as both a confusion and an evaluation call them
@@ -198,30 +166,23 @@ OF_SAMPLES = ("accuracy", "weighted_precision", "weighted_f1", "slip_f1", "balan
 
 
 def evaluate_streams(
-    detector: SlipDetector,
-    rule: RuleSettings,
-    streams: Sequence[Streamed],
-    data: str,
-    *,
-    first_sample: int = WARM_UP_SAMPLES,
-    events: EventSettings | None = None,
+    detector: SlipDetector, rule: RuleSettings, streams: Sequence[Streamed], data: str
 ) -> Evaluation:
-    """Score what was streamed, each recording from ``first_sample`` on.
+    """Score what was streamed, each recording after its first `WARM_UP_SAMPLES`.
 
     A recording has one label for all fingers, so one probability stands for a sample (`spoken`).
-    Samples are judged at the detector's own threshold, events at the rule's; by default an event
-    in the pad's shear before `slip_true` is early, not false. Raises BadFile for a recording of
-    which nothing is left to score.
+    Samples are judged at the detector's own threshold, events at the rule's. Raises BadFile for a
+    recording of which nothing is left to score.
     """
-    _refuse_to_score_nothing(streams, first_sample)
-    how = events or events_by_label(streams[0].label)
-    every = [judge_stream(s, rule, how, first_sample, blows_of(s.recording)) for s in streams]
+    for recording in (s.recording for s in streams):
+        if len(recording.t_s) <= WARM_UP_SAMPLES:
+            remedy = f"more than {WARM_UP_SAMPLES} are needed: only those after them are scored"
+            raise BadFile(recording.source, f"has {len(recording.t_s)} samples", remedy)
+    every = [judge_stream(s, rule) for s in streams]
     judged = [each.events for each in every]
-    parts = [(spoken(s, rule)[first_sample:], s.labels[first_sample:]) for s in streams]
+    parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
-    verdicts = p > detector.threshold
-    distances = [edge_distance_ms(s.recording.t_s, s.labels)[first_sample:] for s in streams]
-    cells = confusion(verdicts, labels)
+    cells = confusion(p > detector.threshold, labels)
     if len(streams) == 1:
         intervals = stroke_intervals(p, labels, detector.threshold)
     else:
@@ -239,10 +200,7 @@ def evaluate_streams(
         ece=calibration_error(p, labels),
         compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
         intervals=intervals,
-        auc_interval=intervals.get("auc"),
         threshold=detector.threshold,
-        threshold_counts=_threshold_counts(detector),
-        by_edge_distance=accuracy_by_edge(verdicts, labels, np.concatenate(distances)),
         blows=score_blows(every),
         confusion=cells,
         recordings=len(streams),
@@ -250,51 +208,27 @@ def evaluate_streams(
 
 
 def spoken(streamed: Streamed, rule: RuleSettings) -> Floats:
-    """The probability (n,) of a hand: the surest finger's, or of the mean log-odds
-    where the rule asks for that."""
+    """The probability (n,) of a hand: the surest finger's, or of the mean log-odds by the rule."""
     p = streamed.probabilities
     one: Floats = mean_probability(p)[:, 0] if rule.fusion == "mean" else p.max(axis=1)
     return one
-
-
-def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> None:
-    for recording in (s.recording for s in streams):
-        if not 0 <= first_sample < len(recording.t_s):
-            raise BadFile(
-                recording.source, f"has {len(recording.t_s)} samples",
-                f"more than {first_sample} are needed: only those after them are scored",
-            )  # fmt: skip
-
-
-def events_by_label(label: LabelName) -> EventSettings:
-    """What counts as caught: the pad shears before the contact slides, and what has moved began to
-    before it had gone far enough for the label; detecting that is early, not false."""
-    return EventSettings() if label == "slip" else EventSettings(early_s=PRE_SLIDING_S)
 
 
 def evaluate_recording(
     detector: SlipDetector,
     rule: RuleSettings,
     recording: Recording,
-    *,
-    first_sample: int = WARM_UP_SAMPLES,
-    events: EventSettings | None = None,
     clock_ns: Callable[[], int] | None = None,
 ) -> Evaluation:
     """Stream one recording through detector and rule and score it; see `evaluate_streams`."""
     streamed = Streamed(recording, *stream(detector, recording.counts, clock_ns))
-    return evaluate_streams(
-        detector, rule, [streamed], recording.source, first_sample=first_sample, events=events
-    )
+    return evaluate_streams(detector, rule, [streamed], recording.source)
 
 
 def score_blows(judged: Sequence[Judged]) -> BlowScore | None:
     """Of several recordings as of one."""
-    return blow_score(
-        np.concatenate([j.moved_m for j in judged]),
-        np.concatenate([j.answers_ms for j in judged]),
-        np.concatenate([j.weak for j in judged]),
-    )
+    columns = zip(*((j.moved_m, j.answers_ms, j.weak) for j in judged), strict=True)
+    return blow_score(*(np.concatenate(column) for column in columns))
 
 
 def cause_of(recording: Recording) -> str:
@@ -312,17 +246,11 @@ def hand_rate(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> float
 
 
 def _by_cause(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> dict[str, float]:
-    rates = {}
-    for cause in sorted({cause_of(s.recording) for s in streams}):
-        chosen = [j for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == cause]
-        rate = pooled(chosen).false_events_per_min
-        if rate is not None:
-            rates[cause] = rate
-    return rates
-
-
-def _threshold_counts(detector: SlipDetector) -> float | None:
-    return detector.settings.threshold_counts if isinstance(detector, EnergyDetector) else None
+    of_cause: dict[str, list[Judgement]] = {}
+    for s, j in zip(streams, judged, strict=True):
+        of_cause.setdefault(cause_of(s.recording), []).append(j)
+    rates = {cause: pooled(each).false_events_per_min for cause, each in sorted(of_cause.items())}
+    return {cause: rate for cause, rate in rates.items() if rate is not None}
 
 
 def stroke_intervals(
@@ -343,13 +271,10 @@ def stroke_intervals(
 
 
 def recording_intervals(
-    parts: Sequence[tuple[Floats, Labels]],
-    judged: Sequence[Judgement],
-    threshold: float,
-    seed: int = 0,
+    parts: Sequence[tuple[Floats, Labels]], judged: Sequence[Judgement], threshold: float
 ) -> dict[str, Interval]:
     """AUC, accuracy, recall, false events a minute and median delay of several recordings."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     drawn = [rng.integers(0, len(parts), len(parts)) for _ in range(RESAMPLES_OF_A_SET)]
     block = np.repeat(np.arange(len(parts)), [len(labels) for _, labels in parts])
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -391,9 +316,7 @@ def _of_samples(
         if area is not None:
             areas.append(area)
     found = {"accuracy": _interval(accuracies)}
-    if areas:
-        found["auc"] = _interval(areas)
-    return found
+    return found | ({"auc": _interval(areas)} if areas else {})
 
 
 def _interval(values: Sequence[float]) -> Interval:

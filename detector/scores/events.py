@@ -1,7 +1,7 @@
 """Metrics of events: what a decision rule registered against the slips that really happened.
 
-What the controller acts upon is the beginning of a registered event. So a slip is caught if an
-event begins within it; an alarm that is still on from before catches nothing.
+The controller acts upon the beginning of a registered event. So a slip is caught if an event begins
+within it; an alarm that is still on from before catches nothing.
 """
 
 from collections.abc import Sequence
@@ -14,16 +14,11 @@ from detector.scores.metrics import Floats, Labels
 from detector.scores.quantiles import Quantiles, quantiles
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
+MERGE_GAP_S = 0.1  # static gaps shorter than this do not end a slip; assumed
+# an event may begin this long before the label: sliding starts below its speed; assumed
+EARLY_S = 0.02
 RUN_UP_S = 0.3  # longest time before the label that a contact which moves already counts for slip
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
-
-
-class EventSettings(msgspec.Struct, frozen=True):
-    """What counts as one slip, and what as caught."""
-
-    merge_gap_s: float = 0.1  # static gaps shorter than this do not end a slip; assumed
-    # an event may begin this long before the label: sliding starts below its speed; assumed
-    early_s: float = 0.02
 
 
 class EventMetrics(msgspec.Struct, frozen=True):
@@ -82,27 +77,30 @@ class Slips(msgspec.Struct, frozen=True, eq=False):
 def slips_of(
     slip: Labels,
     t_s: Floats,
-    settings: EventSettings,
     *,
+    early_s: float = EARLY_S,
     first_sample: int = 0,
     speed_mps: Floats | None = None,
     left_out: Labels | None = None,
 ) -> Slips:
-    """Of labels (n,) at times (n,).
-
-    Slips and false events count if they begin at ``first_sample`` or later, and not in what is
-    ``left_out`` (n,), which is no rest either. ``speed_mps`` (n,) is the sliding speed; with it
-    an event may begin as soon as the contact moves, and delays are given in mm slipped, too.
+    """Of labels (n,) at times (n,). Slips and false events count if they begin at ``first_sample``
+    or later, and not in what is ``left_out`` (n,), which is no rest either. With ``speed_mps`` (n,)
+    of sliding an event may begin as soon as the contact moves, and delays are also in mm slipped.
     """
     counted = np.arange(len(t_s)) >= first_sample
     if left_out is not None:
         counted &= ~left_out
-    truth = true_events(slip, t_s, settings.merge_gap_s)
-    return Slips(
-        truth, t_s, _earliest_s(truth, t_s, settings, speed_mps, left_out), counted,
-        _static_s(truth, t_s, counted),
-        None if speed_mps is None else _path_mm(speed_mps, t_s),
-    )  # fmt: skip
+    truth = true_events(slip, t_s, MERGE_GAP_S)
+    static = counted.copy()
+    for first, after in truth:
+        static[first:after] = False
+    static_s = float(static.sum() * ((t_s[-1] - t_s[0]) / (len(t_s) - 1)))  # a period each
+    path_mm = None
+    if speed_mps is not None:  # a speed holds until the next sample
+        steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
+        path_mm = np.concatenate([[0.0], np.cumsum(steps_mm)])
+    earliest_s = _earliest_s(truth, t_s, early_s, speed_mps, left_out)
+    return Slips(truth, t_s, earliest_s, counted, static_s, path_mm)
 
 
 def judge(registered: Events, slips: Slips) -> Judgement:
@@ -115,12 +113,14 @@ def judge(registered: Events, slips: Slips) -> Judgement:
     onset, end = truth[scored, 0], truth[scored, 1]
     at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
     released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
+    delays_mm = None
+    if path_mm is not None:  # early is 0
+        slipped_mm = np.maximum(_at(path_mm, at) - _at(path_mm, onset), 0.0)
+        delays_mm = np.where(answered, slipped_mm, np.inf)
     return Judgement(
-        delays_ms=np.where(answered, _time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3, np.inf),
-        delays_mm=None
-        if path_mm is None
-        else np.where(answered, _slipped_mm(path_mm, onset, at), np.inf),
-        releases_ms=(_time(t_s, released) - _time(t_s, end[answered])) * 1e3,
+        delays_ms=np.where(answered, _at(t_s, at) * 1e3 - _at(t_s, onset) * 1e3, np.inf),
+        delays_mm=delays_mm,
+        releases_ms=(_at(t_s, released) - _at(t_s, end[answered])) * 1e3,
         missed=int((~answered).sum()),
         good=int(np.isin(owner, scored).sum()),
         false=int(((owner < 0) & counted[registered[:, 0]]).sum()),
@@ -152,20 +152,13 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
 
 
 def _earliest_s(
-    truth: Events,
-    t_s: Floats,
-    settings: EventSettings,
-    speed_mps: Floats | None,
-    left_out: Labels | None,
+    truth: Events, t_s: Floats, early_s: float, speed_mps: Floats | None, left_out: Labels | None
 ) -> Floats:
     """From when on (m,) an event detects each slip: a little before the label, or since the contact
-    has been moving without rest.
-
-    What is left out is no run-up, nor is what follows another slip so closely that it would be one
-    with it: an answer there comes late.
-    """
+    has been moving without rest. What is left out is no run-up, nor is what follows another slip so
+    closely that it would be one with it."""
     onset = truth[:, 0]
-    earliest_s: Floats = t_s[onset] - settings.early_s
+    earliest_s: Floats = t_s[onset] - early_s
     if speed_mps is None:
         return earliest_s
     rests = ~(np.abs(speed_mps) >= MOVING_MPS)
@@ -173,7 +166,7 @@ def _earliest_s(
         rests |= left_out
     still = np.concatenate([[-1], np.flatnonzero(rests)])
     began_s = t_s[still[np.searchsorted(still, onset) - 1] + 1]
-    late_s = np.concatenate([[-np.inf], _time(t_s, truth[:-1, 1]) + settings.merge_gap_s])
+    late_s = np.concatenate([[-np.inf], _at(t_s, truth[:-1, 1]) + MERGE_GAP_S])
     run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - RUN_UP_S)
     found: Floats = np.minimum(earliest_s, run_up_s)
     return found
@@ -186,30 +179,7 @@ def _owners(registered: Events, truth: Events, t_s: Floats, earliest_s: Floats) 
     return np.where(t_s[start] >= np.append(earliest_s, np.inf)[candidate], candidate, -1)
 
 
-def _time(t_s: Floats, samples: Events) -> Floats:
-    """Times of samples; the end of the data is as late as its last sample."""
-    times: Floats = t_s[np.minimum(samples, len(t_s) - 1)]
-    return times
-
-
-def _static_s(truth: Events, t_s: Floats, counted: Labels) -> float:
-    """How long, of what counts, there is no slip: every sample stands for one period."""
-    static = counted.copy()
-    for first, after in truth:
-        static[first:after] = False
-    period_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
-    return float(static.sum() * period_s)
-
-
-def _path_mm(speed_mps: Floats, t_s: Floats) -> Floats:
-    """Distance slid until each sample, a speed holding until the next one."""
-    steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
-    path_mm: Floats = np.concatenate([[0.0], np.cumsum(steps_mm)])
-    return path_mm
-
-
-def _slipped_mm(path_mm: Floats, onset: Events, at: Events) -> Floats:
-    """Distance slid between two samples each; early is 0."""
-    last = len(path_mm) - 1
-    slipped = path_mm[np.minimum(at, last)] - path_mm[np.minimum(onset, last)]
-    return np.maximum(slipped, 0.0)
+def _at(series: Floats, samples: Events) -> Floats:
+    """Values of a series (n,) at samples; at the end of the data that of its last sample."""
+    values: Floats = series[np.minimum(samples, len(series) - 1)]
+    return values

@@ -1,7 +1,5 @@
 """Metrics of single samples: probabilities (n,) against labels (n,), arrays in, numbers out."""
 
-from itertools import pairwise
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +8,6 @@ Floats = NDArray[np.float64]
 Labels = NDArray[np.bool_]
 
 CALIBRATION_BINS = 10
-EDGE_BINS_MS = (0.0, 50.0, 100.0, 200.0, float("inf"))
 
 
 class Confusion(msgspec.Struct, frozen=True):
@@ -22,8 +19,16 @@ class Confusion(msgspec.Struct, frozen=True):
     slip_slip: int
 
     @property
+    def static(self) -> int:
+        return self.static_static + self.static_slip
+
+    @property
+    def slip(self) -> int:
+        return self.slip_static + self.slip_slip
+
+    @property
     def n(self) -> int:
-        return self.static_static + self.static_slip + self.slip_static + self.slip_slip
+        return self.static + self.slip
 
     @property
     def accuracy(self) -> float:
@@ -32,10 +37,9 @@ class Confusion(msgspec.Struct, frozen=True):
     @property
     def balanced_accuracy(self) -> float | None:
         """Mean recall of both classes; None if the labels know only one."""
-        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
-        if static == 0 or slip == 0:
+        if self.static == 0 or self.slip == 0:
             return None
-        return (self.static_static / static + self.slip_slip / slip) / 2.0
+        return (self.static_static / self.static + self.slip_slip / self.slip) / 2.0
 
     @property
     def slip_f1(self) -> float:
@@ -44,26 +48,15 @@ class Confusion(msgspec.Struct, frozen=True):
     @property
     def weighted_precision(self) -> float:
         """Precision of both classes, weighted by how often they are labelled."""
-        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
         of_static = _ratio(self.static_static, self.static_static + self.slip_static)
         of_slip = _ratio(self.slip_slip, self.slip_slip + self.static_slip)
-        return _ratio(static * of_static + slip * of_slip, self.n)
+        return _ratio(self.static * of_static + self.slip * of_slip, self.n)
 
     @property
     def weighted_f1(self) -> float:
         """F1 of both classes, weighted by how often they are labelled (the paper's F1)."""
-        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
         static_f1 = _f1(self.static_static, self.slip_static + self.static_slip)
-        return _ratio(static * static_f1 + slip * self.slip_f1, self.n)
-
-
-class EdgeBin(msgspec.Struct, frozen=True):
-    """Accuracy among samples this far from the nearest change of label; ``to_ms`` None: any."""
-
-    from_ms: float
-    to_ms: float | None
-    n: int
-    accuracy: float | None
+        return _ratio(self.static * static_f1 + self.slip * self.slip_f1, self.n)
 
 
 def _ratio(part: float, whole: float) -> float:
@@ -103,29 +96,6 @@ def auc(probabilities: Floats, labels: Labels) -> float | None:
     return Ranking(probabilities, labels).auc(np.ones(len(labels)))
 
 
-class ReliabilityBin(msgspec.Struct, frozen=True):
-    """Samples whose probability lies in one of ten equal bins: how sure the detector was of slip on
-    average, and which share of them slipped."""
-
-    n: int
-    said: float
-    slipped: float
-
-
-def reliability(probabilities: Floats, labels: Labels) -> list[ReliabilityBin]:
-    """The bins, of (n,) each, that hold anything."""
-    bins = _calibration_bins(probabilities)
-    counts, said, slipped = (
-        np.bincount(bins, weights, CALIBRATION_BINS)
-        for weights in (np.ones(len(labels)), probabilities, labels.astype(np.float64))
-    )
-    return [
-        ReliabilityBin(int(n), float(p / n), float(slip / n))
-        for n, p, slip in zip(counts, said, slipped, strict=True)
-        if n
-    ]
-
-
 def calibration_error(probabilities: Floats, labels: Labels) -> float:
     """Expected calibration error over ten equal bins of probability."""
     gap = np.bincount(_calibration_bins(probabilities), probabilities - labels)
@@ -143,15 +113,3 @@ def edge_distance_ms(t_s: Floats, labels: Labels) -> Floats:
     after = np.searchsorted(edges, t_s)
     nearest: Floats = np.minimum(t_s - edges[after - 1], edges[after] - t_s) * 1e3
     return nearest
-
-
-def accuracy_by_edge(verdicts: Labels, labels: Labels, distance_ms: Floats) -> tuple[EdgeBin, ...]:
-    """Accuracy in bins of the distance (n,) to the nearest change of label."""
-    right = verdicts == labels
-    found = []
-    for low, high in pairwise(EDGE_BINS_MS):
-        last = high == float("inf")
-        inside = right[(distance_ms >= low) & ((distance_ms < high) | last)]
-        accuracy = float(inside.mean()) if len(inside) else None
-        found.append(EdgeBin(low, None if last else high, len(inside), accuracy))
-    return tuple(found)

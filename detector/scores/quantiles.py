@@ -1,11 +1,8 @@
 """Quantiles of raw samples, by one definition for every figure of the project.
 
 A quantile is a sample that occurred: the least with at least that share of the samples at or below
-it (nearest rank; NumPy's ``inverted_cdf``). So an infinite sample, what never came, may be among
-them, and nothing is interpolated between it and a number.
-
-It stands here because scores and scenarios both need it; drivers keep raw samples and take none.
-Standard library alone: the doctor needs it where packages are missing.
+it (nearest rank; NumPy's ``inverted_cdf``). So nothing is interpolated between a number and an
+infinite sample, what never came. Standard library alone: the doctor needs it without packages.
 """
 
 import math

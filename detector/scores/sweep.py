@@ -1,8 +1,7 @@
 """How soon against how often wrongly: rules and thresholds swept over what a detector said.
 
-The curve of a detector is what a user can choose from: for each rate of false events the least
-delay (an AMOC curve, Fawcett and Provost 1999). Blows are judged apart: what answers one is neither
-a slip nor false.
+A detector's curve is the least delay for each rate of false events (AMOC, Fawcett and Provost
+1999). Blows are judged apart: what answers one is neither a slip nor false.
 """
 
 import itertools
@@ -14,16 +13,8 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, events_of, fused
-from detector.scores.blows import MOVED_M, BlowScore, blows_of
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Judged,
-    Streamed,
-    events_by_label,
-    hand_rate,
-    score_blows,
-    scored,
-)
+from detector.scores.blows import MOVED_M, BlowScore
+from detector.scores.evaluation import Judged, Streamed, hand_rate, score_blows, scored
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
 
@@ -59,8 +50,7 @@ class SweepPoint(msgspec.Struct, frozen=True):
 
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:
-    """Every rule tried: consecutive samples over a threshold, and sums over a limit; any finger, or
-    all of them together; ended soon, or later."""
+    """Every rule tried, of both kinds and both fusions."""
     for fusion, release in itertools.product(FUSIONS, RELEASES):
         shared = msgspec.structs.replace(base, fusion=fusion, release=release)
         for k, odds in itertools.product(CONSECUTIVE, LOG_ODDS):
@@ -77,21 +67,16 @@ def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
 
 
-def _odds(probability: float) -> float:
-    return math.log(probability / (1.0 - probability))
-
-
 def point(
     streams: Sequence[Streamed], rule: RuleSettings, judged: Sequence[Judged]
 ) -> SweepPoint | None:
     """Score one rule by what became of the streams; None for data without slip or rest."""
     events = [j.events for j in judged]
-    delays: Floats = np.concatenate([j.delays_ms for j in events])
+    delays: Floats = np.sort(np.concatenate([j.delays_ms for j in events]))
     rate = hand_rate(streams, events)
     if rate is None or not len(delays):
         return None
-    ordered = np.sort(delays)
-    p50, p90, p99 = (quantile(ordered, share) for share in (0.5, 0.9, 0.99))
+    p50, p90, p99 = (quantile(delays, share) for share in (0.5, 0.9, 0.99))
     recall = float(np.isfinite(delays).mean())
     return SweepPoint(rule, rate, p50, p90, p99, recall, _cost_ms(judged), score_blows(judged))
 
@@ -105,16 +90,9 @@ def _cost_ms(judged: Sequence[Judged]) -> float:
     return float(np.mean([np.minimum(d, MISS_MS).mean() for d in each if len(d)]))
 
 
-def sweep(
-    streams: Sequence[Streamed],
-    tried: Iterable[RuleSettings],
-    first_sample: int = WARM_UP_SAMPLES,
-) -> list[SweepPoint]:
+def sweep(streams: Sequence[Streamed], tried: Iterable[RuleSettings]) -> list[SweepPoint]:
     """A point for every rule, in their order; rules of one fusion follow one another best."""
-    every = [
-        scored(s, events_by_label(s.label), first_sample, blows_of(s.recording), apart=True)
-        for s in streams
-    ]
+    every = [scored(s, apart=True) for s in streams]
     found = []
     fusion = ""
     for rule in tried:
@@ -126,8 +104,7 @@ def sweep(
 
 
 def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | None:
-    """The quickest on average that keeps to the budget over three fingers, and answers hardly a
-    blow that moves nothing; None if none does."""
+    """The quickest on average that is `allowed`; None if none is."""
     kept = [p for p in points if allowed(p, budget_per_min)]
     return min(kept, key=lambda p: (p.mean_delay_ms, p.false_per_min), default=None)
 
@@ -139,20 +116,19 @@ def allowed(p: SweepPoint, budget_per_min: float) -> bool:
 
 def at_the_budget(points: Iterable[SweepPoint], budget_per_min: float) -> list[RuleSettings]:
     """Thresholds between the least that is allowed and the next below it, of every rule of
-    consecutive samples: what the sweep's own steps leave of the budget."""
+    consecutive samples."""
 
     def family(p: SweepPoint) -> tuple[str, int, int]:
         return (p.rule.fusion, p.rule.release, p.rule.consecutive)
 
     found = []
-    consecutive = sorted(
-        (p for p in points if p.rule.kind == "consecutive"),
-        key=lambda p: (*family(p), p.rule.threshold),
-    )
+    consecutive = [p for p in points if p.rule.kind == "consecutive"]
+    consecutive.sort(key=lambda p: (*family(p), p.rule.threshold))
     for _, alike in itertools.groupby(consecutive, key=family):
         for below, above in itertools.pairwise(alike):
             if not allowed(below, budget_per_min) and allowed(above, budget_per_min):
-                low, high = (_odds(p.rule.threshold) for p in (below, above))
+                odds_of = (p.rule.threshold / (1.0 - p.rule.threshold) for p in (below, above))
+                low, high = map(math.log, odds_of)
                 found += [
                     msgspec.structs.replace(above.rule, threshold=_logistic(float(odds)))
                     for odds in np.linspace(low, high, BETWEEN + 2)[1:-1]

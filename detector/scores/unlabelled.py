@@ -1,8 +1,7 @@
 """A decision rule set without labels: from minutes in which nothing slips, and one unloading.
 
-What a rule compares with its threshold has a tail while nothing slips: how seldom its largest value
-of a second exceeds a level. That tail is taken for exponential beyond what a quarter of the seconds
-exceed, and followed to the budget of false events, which may be less than the minutes have shown.
+The largest values of each second that a rule compares with its threshold are taken for exponential
+beyond what a quarter of the seconds exceed. That tail is followed to the budget of false events.
 The unloading says that the fingertips felt anything at all, and where the hold ended.
 """
 
@@ -61,14 +60,14 @@ def compared(probabilities: Floats, rule: RuleSettings) -> Floats:
     so many samples in a row, or their sum."""
     p = mean_probability(probabilities) if rule.fusion == "mean" else probabilities
     if rule.kind == "cusum":
-        sums: Floats = cusum(p, rule).max(axis=1)
-        return sums
-    odds = log_odds(p)
-    if len(odds) < rule.consecutive:
+        values = cusum(p, rule)
+    elif len(p) < rule.consecutive:
         return np.empty(0)
-    windows = np.lib.stride_tricks.sliding_window_view(odds, rule.consecutive, axis=0)
-    lasting: Floats = windows.min(axis=2).max(axis=1)
-    return lasting
+    else:
+        windows = np.lib.stride_tricks.sliding_window_view(log_odds(p), rule.consecutive, axis=0)
+        values = windows.min(axis=2)
+    most: Floats = values.max(axis=1)
+    return most
 
 
 def level_of(maxima: Floats, budget_per_min: float) -> float:
@@ -89,7 +88,9 @@ def set_rule(
     threshold separates what is held from slip."""
     if budget_per_min <= 0.0:
         raise UsageError("a tail never ends", "allow some false events with --budget, 0.1 a minute")
-    maxima = np.concatenate([_maxima(compared(p, rule)) for p in holds])
+    values = [compared(p, rule) for p in holds]
+    seconds = [v[: len(v) // BLOCK * BLOCK].reshape(-1, BLOCK).max(axis=1) for v in values]
+    maxima = np.concatenate(seconds)
     if len(maxima) < LEAST_BLOCKS:
         raise UsageError(
             f"{len(maxima)} s of hold are too few", f"record {LEAST_BLOCKS} s or more, best 180"
@@ -108,22 +109,11 @@ def set_rule(
     return Unlabelled(made, level, interval, len(maxima) * BLOCK / SAMPLES_PER_MIN, load_counts)
 
 
-def _maxima(values: Floats) -> Floats:
-    blocks = len(values) // BLOCK
-    largest: Floats = values[: blocks * BLOCK].reshape(blocks, BLOCK).max(axis=1)
-    return largest
-
-
 def _interval(maxima: Floats, budget_per_min: float) -> tuple[float, float]:
     rng = np.random.default_rng(0)
-    starts = np.arange(max(1, len(maxima) - CHUNK + 1))
+    starts, chunks = np.arange(max(1, len(maxima) - CHUNK + 1)), math.ceil(len(maxima) / CHUNK)
     drawn = sorted(
-        level_of(
-            np.concatenate([
-                maxima[s : s + CHUNK] for s in rng.choice(starts, math.ceil(len(maxima) / CHUNK))
-            ]),
-            budget_per_min,
-        )
-        for _ in range(RESAMPLES)
-    )  # fmt: skip
+        level_of(np.concatenate([maxima[s : s + CHUNK] for s in each]), budget_per_min)
+        for each in (rng.choice(starts, chunks) for _ in range(RESAMPLES))
+    )
     return quantile(drawn, LOW), quantile(drawn, HIGH)

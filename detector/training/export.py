@@ -1,8 +1,7 @@
-"""From a finished training to its weights file: calibrated, described, written whole.
+"""From a finished training to its weights file.
 
-The graph is torch's own export: of a windowed network the network itself, of a streaming one a step
-that takes a frame, the frame before it and the state. Temperature and prior shift are part of it;
-its output is the calibrated probability.
+The graph is of a windowed network the network itself, of a streaming one a step that takes a frame,
+the frame before it and the state. Its output is the calibrated probability.
 """
 
 import math
@@ -14,12 +13,11 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from detector.network_file import FORMAT, Mode, NetworkCard, read_network, sealed
-from detector.recordings import Recording
-from detector.training.fit import Training, write_whole
+from detector.recordings import Recording, write_whole
+from detector.training.fit import Training
 from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
 from detector.training.settings import SHIFT_MEAN, shift_taps
 from detector.training.validation import calibration, likelihood
@@ -32,19 +30,15 @@ torch.onnx.register_custom_op_symbolic("aten::asinh", lambda g, x: g.op("Asinh",
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:
-    """Calibrate on validation, write ``path``, give the card as it is read there.
-
-    Where there are recordings of the paper's kind, the probabilities are true of them: slip as
-    common as there. A rule for rarer slip has a higher threshold, see `grasp detector tune`.
-    """
+    """Calibrate on validation (on its recordings of the paper's kind, if any), write ``path``, give
+    the card as it is read there."""
     slides = [r for r in validation if r.metadata is None or r.metadata.set == "slide"]
-    z, y = _samples(training, slides or validation)
+    s, scored = training.settings, slides or validation
+    z = np.concatenate([o.ravel() for o in odds_of(training.network, training.arch, scored)])
+    y = np.concatenate([np.repeat(r.label(s.label), r.fingers) for r in scored])
     temperature, shift = calibration(z, y)
     calibrated = (z + shift) / temperature
-    figures = {
-        "loss": likelihood(calibrated, y),
-        "accuracy": float(((calibrated > 0) == y).mean()),
-    }
+    figures = {"loss": likelihood(calibrated, y), "accuracy": float(((calibrated > 0) == y).mean())}
     if training.best is not None and math.isfinite(training.best.delay_ms):
         figures["mean_delay_ms_within_budget"] = training.best.delay_ms
     mode: Mode = "stream" if training.arch.streaming else "window"
@@ -54,27 +48,13 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
         window=before if mode == "stream" else training.arch.window, threshold=THRESHOLD,
         parameters=sum(p.numel() for p in training.network.parameters()),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
-        change_scale_counts=training.statistics.change_scale,
-        temperature=temperature, shift=shift, data_digest=training.data_digest,
-        label=training.settings.label, augmentation=training.settings.augmentation,
-        balance=training.settings.balance, seed=training.settings.seed, commit=commit,
-        steps=training.step, training_minutes=round(training.minutes, 2),
-        validation=figures,
+        change_scale_counts=training.statistics.change_scale, temperature=temperature, shift=shift,
+        data_digest=training.data_digest, label=s.label, augmentation=s.augmentation,
+        balance=s.balance, seed=s.seed, commit=commit, steps=training.step,
+        training_minutes=round(training.minutes, 2), validation=figures,
     )  # fmt: skip
     write_whole(path, make_file(training.network, card))
     return read_network(path).card
-
-
-def _samples(
-    training: Training, recordings: list[Recording]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Log-odds and labels (n,) of all samples of all fingers."""
-    odds = odds_of(training.network, training.arch, recordings)
-    labels = [
-        np.repeat(r.label(training.settings.label, training.settings.moved_m), r.fingers)
-        for r in recordings
-    ]
-    return np.concatenate([o.ravel() for o in odds]), np.concatenate(labels)
 
 
 def make_file(network: nn.Module, card: NetworkCard) -> bytes:
@@ -157,11 +137,8 @@ class _GruStep(nn.Module):
 
 class _GatedStep(nn.Module):
     """One frame of a `GatedTcn`. ``state0`` is what every block was given before, ``state2`` what
-    all found of late, the newest last.
-
-    What the past contributes to all blocks is one product before the first of them; along the chain
-    of blocks only the newest tap is left.
-    """
+    all found of late, the newest last. The past's share of all blocks is one product before them;
+    along the chain of blocks only the newest tap is left."""
 
     def __init__(self, network: GatedTcn) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""The training loop: one thread, repeatable step by step, resumed from its checkpoints.
+"""The training loop: one thread, resumed from its checkpoints.
 
 Every random draw of a step comes from the seed and the step's number, so a training that was
-interrupted and resumed ends with the same weights as one that was not.
+resumed ends with the same weights as one that was not interrupted.
 """
 
 import math
@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from detector.recordings import Recording
+from detector.recordings import Recording, write_whole
 from detector.training.augment import augment
 from detector.training.networks import build, odds_of
 from detector.training.sequences import (
@@ -34,19 +34,6 @@ from drivers.errors import BadFile
 
 CHECKPOINT_S = 30.0
 CLIP_NORM = 1.0  # of the gradient; the authors'
-
-
-class TrainingProgress(msgspec.Struct, frozen=True):
-    """Where a training stands."""
-
-    step: int
-    steps: int
-    loss: float
-    minutes: float  # of the processor
-    score: Score | None  # of a validation that has just been made
-    best: Score | None
-
-
 RESTART = "--force in place of --resume starts from the beginning"
 
 
@@ -63,30 +50,25 @@ class Training:
     ) -> None:
         torch.set_num_threads(1)
         torch.manual_seed(settings.seed % 2**31)
-        self.name, self.settings = name, settings
-        self.data_digest = data_digest
+        self.name, self.settings, self.data_digest = name, settings, data_digest
         self._validation = validation
-        self._fingers = fingers_of(train, settings.label, settings.moved_m, settings.evenness)
+        self._fingers = fingers_of(train, settings.label, settings.evenness)
         self.arch = msgspec.structs.replace(
             of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
         )
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build(self.arch)
-        self._standardise()
-        self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
-        self._batches = _Batches(settings, self._fingers)
-        share = self._fingers.slip_share
-        self._slip_weight = 1.0 / share - 1.0
-        self.shift = -math.log(self._slip_weight)  # classes were weighted alike: back to the truth
-        self.step, self._spent_s, self._waited = 0, 0.0, 0
-        self.best: Score | None = None
-        self._best_weights: dict[str, torch.Tensor] = {}
-
-    def _standardise(self) -> None:
         features: Any = self.network.features
         features.mean.copy_(torch.tensor(self.statistics.mean))
         features.std.copy_(torch.tensor(self.statistics.std))
         features.change_scale.fill_(self.statistics.change_scale)
+        self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
+        self._batches = _Batches(settings, self._fingers)
+        self._slip_weight = 1.0 / self._fingers.slip_share - 1.0
+        self.shift = -math.log(self._slip_weight)  # classes were weighted alike: back to the truth
+        self.step, self._spent_s, self._waited = 0, 0.0, 0
+        self.best: Score | None = None
+        self._best_weights: dict[str, torch.Tensor] = {}
 
     @property
     def minutes(self) -> float:
@@ -99,11 +81,12 @@ class Training:
         return self._waited >= self.settings.patience
 
     def run(
-        self, minutes: float, checkpoint: Path | None, tell: Callable[[TrainingProgress], None]
+        self, minutes: float, checkpoint: Path | None, tell: Callable[[float, Score | None], None]
     ) -> None:
         """Train until the steps are made, the minutes are spent or validation stands still.
 
-        Ctrl-C leaves a checkpoint. At the end the network has its best weights.
+        Ctrl-C leaves a checkpoint. At the end the network has its best weights. ``tell`` takes the
+        loss of each step, and the score of a validation that was made after it.
         """
         every = max(1, self.settings.steps // self.settings.validations)
         saved_s = self._spent_s
@@ -116,7 +99,7 @@ class Training:
                 out_of_time = self._spent_s > minutes * 60.0
                 found = self._validate() if due or out_of_time else None
                 self._spent_s += time.process_time() - before_s
-                tell(self._progress(loss, found))
+                tell(loss, found)
                 if checkpoint is not None and self._spent_s - saved_s > CHECKPOINT_S:
                     self.save(checkpoint)
                     saved_s = self._spent_s
@@ -129,11 +112,6 @@ class Training:
             self._validate()
         self.network.load_state_dict(self._best_weights)
 
-    def _progress(self, loss: float, found: Score | None) -> TrainingProgress:
-        return TrainingProgress(
-            self.step, self.settings.steps, loss, self.minutes, found, self.best
-        )
-
     def _learn(self) -> float:
         """One step; gives its loss."""
         s = self.settings
@@ -145,7 +123,9 @@ class Training:
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
         odds = self.network(counts) if s.dense else self.network(counts, last=True)
-        loss = _loss(_fused(odds, batch.hands), labels, weights)
+        odds = _fused(odds, batch.hands)
+        each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
+        loss = (each * weights).sum() / weights.sum()
         for group in self._optimiser.param_groups:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()
@@ -161,9 +141,8 @@ class Training:
         return s.learning_rate * (s.final_rate + (1.0 - s.final_rate) * cosine)
 
     def _validate(self) -> Score:
-        odds = odds_of(self.network, self.arch, self._validation)
-        s = self.settings
-        found = score(odds, self._validation, s.label, self.shift, s.moved_m)
+        s, odds = self.settings, odds_of(self.network, self.arch, self._validation)
+        found = score(odds, self._validation, s.label, self.shift)
         if found.better_than(self.best):
             self.best, self._waited = found, 0
             self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
@@ -201,30 +180,12 @@ class Training:
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])
         self._best_weights = stored["best_weights"]
-        self.step, self._spent_s = stored["step"], stored["spent_s"]
-        self._waited = stored["waited"]
+        self.step, self._spent_s, self._waited = (stored[k] for k in ("step", "spent_s", "waited"))
         self.best = msgspec.convert(stored["best"], Score | None)
 
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
-    partial = path.with_name(f".{path.name}")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
-    return (each * weights).sum() / weights.sum()
 
 
 def _fused(odds: torch.Tensor, hands: NDArray[np.intp]) -> torch.Tensor:

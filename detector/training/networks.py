@@ -1,8 +1,7 @@
 """The networks in torch: counts (batch, time, taxels) in, log-odds of slip (batch, time) out.
 
-`SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, `GatedTcn`
-ours; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's second method
-(after Meier et al. 2016), as published.
+`SlipTcn` and `FrequencyCnn` (after Meier et al. 2016) are those of Grover, Nadeau, Grebe and Kelly
+2022 as their authors built them, `GatedTcn` and `SlipGru` ours.
 """
 
 import math
@@ -29,11 +28,7 @@ WINDOWS_AT_ONCE = 512
 
 class Features(nn.Module):
     """Standardised counts; changes from sample to sample and shifts against the lagged mean, both
-    on a compressed scale.
-
-    ``asinh`` is linear for the noise of a taxel at rest and a logarithm for slip, so that what
-    matters of a change is how many times larger than rest it is.
-    """
+    through ``asinh``: linear for the noise of a taxel at rest, a logarithm for slip."""
 
     mean: Tensor  # (taxels,) counts
     std: Tensor  # (taxels,) counts
@@ -76,7 +71,6 @@ def shifts(changes: Tensor) -> Tensor:
 
 
 def layer_norm(width: int, norm: bool) -> nn.Module:
-    """Over channels; without: what goes in."""
     return nn.LayerNorm(width, eps=NORM_EPS) if norm else nn.Identity()
 
 
@@ -89,8 +83,7 @@ class CausalConv(nn.Module):
         self.norm = layer_norm(arch.channels, arch.norm)
         self.drop = nn.Dropout1d(arch.dropout)
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
-        if self.conv.bias is not None:
-            nn.init.zeros_(self.conv.bias)
+        nn.init.zeros_(self.conv.bias)  # type: ignore[arg-type]
 
     def forward(self, x: Tensor, dilation: int) -> Tensor:
         """(batch, width, time) to (batch, channels, time), zeros before the beginning."""
@@ -158,11 +151,8 @@ class SlipTcn(nn.Module):
 
 
 class GatedBlock(nn.Module):
-    """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016).
-
-    The samples that a step depends on are laid side by side first: one product, several times
-    quicker to learn through than torch's dilated convolution of so few channels.
-    """
+    """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016), as
+    one product: several times quicker than torch's dilated convolution of so few channels."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -243,8 +233,7 @@ class FrequencyCnn(nn.Module):
         """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).
 
         The authors' reshape keeps the order of the numbers in memory, so that a "taxel" of theirs
-        is 16 2/3 samples of all six taxels. With every taxel in its place nothing is learnt: the
-        amplitudes of a second do not say when in it there was slip (docs/paper-study.md).
+        is 16 2/3 samples of all six. With taxels in their places nothing is learnt.
         """
         series = self.features(counts).reshape(-1, 2, 3, WINDOW)
         real, imaginary = series @ self.cosines, series @ self.sines

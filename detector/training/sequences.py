@@ -39,14 +39,10 @@ class FingerSequences(msgspec.Struct, frozen=True, eq=False):
         return self.counts[0].shape[1]
 
     @property
-    def firsts(self) -> NDArray[np.intp]:
-        """The first finger (hands,) of each hand."""
-        return np.unique(self.hands, return_index=True)[1]
-
-    @property
     def slip_share(self) -> float:
         """Share of slip among all samples, those of a hand's fingers counted once."""
-        return float(np.concatenate([self.labels[i] for i in self.firsts]).mean())
+        firsts = np.unique(self.hands, return_index=True)[1]
+        return float(np.concatenate([self.labels[i] for i in firsts]).mean())
 
 
 class Statistics(msgspec.Struct, frozen=True):
@@ -67,10 +63,7 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
 
 
 def fingers_of(
-    recordings: Sequence[Recording],
-    label: LabelName,
-    moved_m: float = MOVED_M,
-    evenness: float = 0.0,
+    recordings: Sequence[Recording], label: LabelName, evenness: float = 0.0
 ) -> FingerSequences:
     """Every finger of every recording, under the recording's one label; of the label `slip` with
     blows as `targets` has them. ``evenness``: see `shares`."""
@@ -82,7 +75,7 @@ def fingers_of(
             "train on recordings of one layout",
         )
     for recording in recordings:
-        known, weight = targets(recording, label, moved_m)
+        known, weight = targets(recording, label)
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
             labels.append(known)
@@ -96,12 +89,8 @@ def fingers_of(
 
 
 def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float64]:
-    """How often each recording is drawn (n,), of 1.
-
-    As often as it has samples; a cause as often as the samples of all its recordings to the power
-    of 1 - ``evenness``: 0 leaves them as they come, 1 has every cause as often as any other. What
-    is rare is so learnt too.
-    """
+    """How often each recording is drawn (n,), of 1: by its samples, and a cause by those of all its
+    recordings to the power of 1 - ``evenness``."""
     causes = [cause_of(r) for r in recordings]
     lengths = np.array([len(r.t_s) for r in recordings], np.float64)
     of_cause = {c: lengths[[c == each for each in causes]].sum() for c in set(causes)}
@@ -110,22 +99,18 @@ def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float
     return found
 
 
-def targets(
-    recording: Recording, label: LabelName, moved_m: float = MOVED_M
-) -> tuple[NDArray[np.bool_], Floats]:
-    """What is to be learnt of each sample (n,), and how much it weighs (n,).
-
-    A blow that moved what is held for good is slip from its first motion on for BLOW_SAMPLES, one
-    that did not is none and weighs more, and what lies between teaches nothing.
-    """
-    known = recording.label(label, moved_m)
+def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
+    """What is to be learnt of each sample (n,), and how much it weighs (n,). A blow that moved what
+    is held for good is slip from its first motion on for BLOW_SAMPLES, one that did not is none and
+    weighs more, and what lies between teaches nothing."""
+    known = recording.label(label)
     weights = np.ones(len(known), np.float32)
     if label != "slip":
         return known, weights
     known = known.copy()
     for blow in blows_of(recording):
         its = slice(blow.struck, blow.until)
-        if blow.moved:
+        if blow.moved_m >= MOVED_M:
             known[blow.onset : min(blow.onset + BLOW_SAMPLES, blow.until)] = True
         elif blow.moved_m < UNSURE_M:
             known[its], weights[its] = False, UNMOVED_WEIGHT
@@ -155,10 +140,8 @@ def digest(recordings: Sequence[Recording]) -> str:
     """Names the data: equal recordings in equal order give an equal digest."""
     found = hashlib.sha256()
     for recording in recordings:
-        found.update(recording.counts.tobytes())
-        found.update(recording.slip.tobytes())
-        if recording.moved_m is not None:
-            found.update(recording.moved_m.tobytes())
+        for array in (recording.counts, recording.slip, recording.moved_m):
+            found.update(b"" if array is None else array.tobytes())
     return found.hexdigest()[:16]
 
 
@@ -174,11 +157,9 @@ def crops(
     """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
     learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
-    Hands are drawn as often as `shares` has it, and the fingers of one weigh as much as a finger
-    that is alone: they are given one answer. A share ``fresh`` is learnt from the first sample on:
-    so looks the time after a reset. A share ``near_blows`` is drawn for one of the blows, all of
-    them alike, and is learnt from before it to its end (where a recording has ``warm`` samples
-    before it, and ``crop`` room for it).
+    Hands are drawn as often as `shares` has it; the fingers of one weigh as much as a finger alone.
+    A share ``fresh`` is learnt from the first sample on, like the time after a reset. A share
+    ``near_blows`` is drawn for one of the blows, all of them alike, and learnt from before it on.
     """
     drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
     struck = np.full(batch, -1)

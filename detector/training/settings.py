@@ -5,7 +5,7 @@ from typing import Literal
 import msgspec
 
 from detector.network_file import check_layout
-from detector.recordings import MOVED_M, LabelName
+from detector.recordings import LabelName
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
 from drivers.interfaces import KIT_TAXELS
@@ -14,7 +14,6 @@ WINDOW = 100  # samples: one second, the paper's
 NORM_EPS = 1e-3  # of the authors' layer norms
 
 Input = Literal["counts", "changes", "shifts"]
-
 EVERY: tuple[Input, ...] = ("shifts", "changes", "counts")
 
 # a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
@@ -43,25 +42,17 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     held: int = 1  # of a gated tcn: samples whose greatest features its head takes
 
     @property
-    def receptive_field(self) -> int:
-        """Inputs that one output of a `tcn` depends on; a block has two convolutions, or a gated
+    def memory(self) -> int:
+        """Samples that one output of a `tcn` depends on; a block has two convolutions, or a gated
         one."""
         convolutions = 1 if self.gated else 2
-        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations)
-
-    @property
-    def memory(self) -> int:
-        """Samples that one output of a `tcn` depends on."""
         reach = SHIFT_REACH if "shifts" in self.inputs else int("changes" in self.inputs)
-        return self.receptive_field + reach
+        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations) + reach
 
 
 def shift_taps() -> tuple[int, ...]:
-    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN.
-
-    A sample less an earlier one is the sum of the changes between them, so no count of the past is
-    needed, and the past before a reset is no change. Whole numbers: any order of summation agrees.
-    """
+    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN: whole
+    numbers, so that any order of summation agrees. The past before a reset is no change."""
     ages = range(SHIFT_REACH - 1, -1, -1)
     return tuple(SHIFT_MEAN if age < SHIFT_LAG else SHIFT_REACH - age for age in ages)
 
@@ -90,15 +81,13 @@ ARCHITECTURES = {
 
 
 class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long, on what, and how a network is trained; stored in its checkpoints. The command line
-    bounds what it sets."""
+    """How a network is trained; stored in its checkpoints. The command line bounds what it sets."""
 
     steps: int  # of the optimiser, planned
     dense: bool = True  # learn from every sample of a stretch, not from a window's last
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
     label: LabelName = "slip"  # by speed; slip_true: by the contact's own; moved: by the distance
-    moved_m: float = MOVED_M  # of the label moved: further than this from where it last rested
     seed: int = 0
     window: int = WINDOW  # samples that `tcn-paper` sees
     norm: bool = True  # layer norm in `tcn-paper`, as in the paper
@@ -114,9 +103,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     patience: int = 8  # validations without a better one that end it
 
 
-# A window costs as much as a stretch of its length and gives one label instead of a hundred. So
-# `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
-# before it that the network will see; `--windows` trains it as its authors did.
+# `tcn-paper` learns from every sample of stretches as long as its window, with the zeros before it
+# that the network will see: a hundred labels at the cost of one. `--windows`: as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(
         steps=12_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.4, evenness=0.5

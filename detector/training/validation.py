@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
-from detector.recordings import MOVED_M, LabelName, Recording
+from detector.recordings import LabelName, Recording
 from detector.scores.evaluation import Streamed
 from detector.scores.sweep import MISS_MS, best, rules, sweep
 
@@ -20,8 +20,7 @@ NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
 
 class Score(msgspec.Struct, frozen=True):
     """Of one validation; ``delay_ms`` is the least mean delay within a budget of false events
-    (`scores.sweep.best`), a mean over several budgets, since one alone hangs on single events.
-    Where no rule keeps to one of them, all is missed."""
+    (`scores.sweep.best`), a mean over several budgets; without a rule for one, all is missed."""
 
     delay_ms: float
     loss: float
@@ -37,11 +36,10 @@ def score(
     recordings: Sequence[Recording],
     label: LabelName,
     shift: float,
-    moved_m: float = MOVED_M,
 ) -> Score:
     """Events of the quickest rules within the budgets, likelihood and accuracy of the samples."""
     streams = [
-        Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label, moved_m)
+        Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label)
         for r, o in zip(recordings, odds, strict=True)
     ]
     # the fingers of a hand together, as it is learnt
@@ -67,11 +65,8 @@ def likelihood(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
 
 
 def calibration(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> tuple[float, float]:
-    """Temperature and shift that make the labels likeliest: (odds + shift) / temperature.
-
-    Platt 1999, by Newton's method. The shift carries the share of slip among these labels, which
-    training on weighed classes has taken away.
-    """
+    """Temperature and shift that make the labels likeliest: (odds + shift) / temperature (Platt
+    1999, by Newton's method). The shift restores the share of slip among these labels."""
     x = np.column_stack([odds, np.ones_like(odds)])
     w = np.zeros(2)
     for _ in range(NEWTON_STEPS):

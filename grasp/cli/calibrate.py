@@ -22,8 +22,8 @@ from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import guard_of
-from scenarios.rigs.opening import ANY_BOARD
 from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
     "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "
@@ -141,22 +141,15 @@ def _measure(
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
     low, high = found.interval
-    why, how = "higher than the packaged rule", "taken"
-    if kept:
-        why = ("the packaged rule is higher and kept: a still hand knows nothing of closing, of "
-               "lifting or of taps")  # fmt: skip
-        how = "below the packaged rule"
+    # a still hand shows nothing of closing, of lifting or of taps
+    how = "the packaged rule is higher and kept" if kept else "higher than the packaged rule"
     source = (
         f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
-        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %), {how}"
+        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %) for {args.budget:g} false events a "
+        f"minute at {found.load_counts:.0f} counts of load; {how}"
     )
-    return (
-        f"# Rule for {args.detector}, {calibrate.now()}: {found.minutes:.1f} minutes of hold, "
-        f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
-        f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {why}.\n"
-        f"[source]\nrule = {calibrate.noted(source, args.note)}\n"
-        + "\n".join(rule_lines(found.rule)) + "\n"
-    )  # fmt: skip
+    lines = ["[source]", f"rule = {calibrate.noted(source, args.note)}", *rule_lines(found.rule)]
+    return "\n".join(lines) + "\n"
 
 
 def tactile_watch(args: argparse.Namespace) -> int:

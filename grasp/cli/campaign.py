@@ -88,7 +88,6 @@ def campaign_run(args: argparse.Namespace) -> int:
 
 
 def show_summary(args: argparse.Namespace, path: Path) -> int:
-    """Show Table IV of a campaign's file."""
     with CampaignStore.open(path) as store:
         found = summarize(store.spec.name, store.rows())
     if args.json:
@@ -99,7 +98,6 @@ def show_summary(args: argparse.Namespace, path: Path) -> int:
 
 
 def print_summary(summary: Summary) -> None:
-    """Table IV, one table a scenario: each variant beside the paper."""
     width = None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL
     console = Console(width=width, highlight=False)
     for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):

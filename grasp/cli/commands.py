@@ -41,7 +41,6 @@ OPERATOR_ACTIONS = (
 
 
 def build_parser() -> Parser:
-    """The whole command line."""
     root = Parser(prog="grasp", description=ROOT, epilog=ROOT_END)
     root.flag("--version", "show the version and exit")
     _add_run(root.command("run", "run a scenario", section=TRY))
@@ -84,18 +83,15 @@ def _add_run(group: Parser) -> None:
     press.set_defaults(view=False)
     for name, parser in (("lift", lift), ("tap", tap)):
         share(parser, "object profile detector")
-        parser.option("--trials N", f"trials, with seeds from --seed on (default: {TRIALS[name]})",
-            whole(1, 10_000))  # fmt: skip
-        parser.option("--out FILE", "SQLite file with one row per trial, for `grasp runs`",
-            file_with_folders)  # fmt: skip
+        parser.option("--trials N", f"number (default: {TRIALS[name]})", whole(1, 10_000))
+        parser.option("--out FILE", "SQLite file with one row per trial", file_with_folders)
         parser.flag("--resume", "continue --out: run missing trials and those ended by a device")
         parser.flag("--report", "write a page beside each recording")
         parser.flag("--view", "show the run on a page for a browser on this machine")
     for name, parser in (("lift", lift), ("tap", tap), ("acquire", press)):
         parser.set_defaults(scenario=name)
         parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-        parser.option("--pace", "virtual time of the simulated rig (default: real when watched)",
-            choices=("real", "max"))  # fmt: skip
+        parser.option("--pace", "virtual time (default: real if watched)", choices=("real", "max"))
         share(parser, "rig seed config set json confirm dry")
 
 
@@ -124,10 +120,8 @@ def _add_recordings(root: Parser) -> None:
         "distance over time (extra `charts`). layout: for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
-    export.option("run RUN", "folder or recording.mcap of a run, or SQLite file of a campaign",
-        Path)  # fmt: skip
-    export.option("--to", "(default: by the name of --out, else csv)",
-        choices=("csv", "svg", "layout"))  # fmt: skip
+    export.option("run RUN", "folder or recording.mcap of a run, or a campaign's file", Path)
+    export.option("--to", "(default: by --out, else csv)", choices=("csv", "svg", "layout"))
     export.option("--out FILE", "(default: beside what it is made of)", file_to_write)
 
 
@@ -137,8 +131,7 @@ def _add_campaign(group: Parser) -> None:
         "grasp campaign run paper", "grasp campaign run mine.toml --jobs 4 --config lab.toml",
         "grasp campaign run mine.toml --resume"))  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
-    run.option("--out FILE", "SQLite file to write (default: runs/campaigns/<name>.sqlite)",
-        file_with_folders)  # fmt: skip
+    run.option("--out FILE", "(default: runs/campaigns/<name>.sqlite)", file_with_folders)
     run.option("--detector NAME", "instead of the detectors of the campaign file")
     run.option("--profile NAME", "instead of the profiles of the campaign file")
     run.option("--repetitions N", "instead of the campaign file's", whole(1, 10_000))
@@ -156,8 +149,7 @@ def _add_dataset(group: Parser) -> None:
     collect = group.command("collect", "make a data set of your own labelled recordings", ". Of "
         "each five of a motion on a surface, three are for training, one for validation, one for "
         "test.")  # fmt: skip
-    collect.option("source RUN|FILE", "folders of `grasp run acquire`, .npz or .csv files", Path,
-        nargs="+")  # fmt: skip
+    collect.option("source RUN|FILE", "acquisitions, .npz or .csv files", Path, nargs="+")
     for parser in (build, collect):
         parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
         share(parser, "json")
@@ -177,13 +169,11 @@ def _add_detector(group: Parser) -> None:
         choices=("train", "validation", "test", "all"), default="test")  # fmt: skip
     evaluate.option("--label", "slip: by the fingertip's speed; slip_true: the contact itself "
         "slides; moved: 1 mm from its last rest", choices=LABELS, default="slip")  # fmt: skip
-    evaluate.option("--out FILE.json", "file of scores and worst misses, for `grasp report`",
-        file_to_write)  # fmt: skip
+    evaluate.option("--out FILE.json", "scores and misses, for `grasp report`", file_to_write)
     tune = group.command("tune", "find the quickest decision within a budget of false events", "",
         ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",))  # fmt: skip
     tune.option("detector NAME", "one of config/detectors, or your own")
-    tune.option("--budget N", "false events a minute of all three fingers", decimal(0, 6000),
-        default=1.0)  # fmt: skip
+    tune.option("--budget N", "false events a minute of a hand", decimal(0, 6000), default=1.0)
     source = tune.add_mutually_exclusive_group(required=True)
     source.add_argument("--data", type=Path, nargs="+", metavar="DIR", help=labelled)
     source.add_argument("--unlabelled", type=Path, nargs="+", metavar="RUN|FILE", help="lifts, "
@@ -197,8 +187,7 @@ def _add_detector(group: Parser) -> None:
         "Stops early and calibrates on the split `validation`, never uses `test`.")  # fmt: skip
     train.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
     train.option("--data DIR", labelled, Path, nargs="+", required=True)
-    train.option("--out FILE.onnx", "weights to write; checkpoint and log are beside it (default: "
-        "NAME.onnx)", file_with_folders)  # fmt: skip
+    train.option("--out FILE.onnx", "weights to write (default: NAME.onnx)", file_with_folders)
     train.flag("--force", "overwrite --out, and the files of an unfinished training beside it")
     train.flag("--resume", "continue from the checkpoint beside --out")
     train.option("--seed N", "", seed, default=0)
@@ -276,8 +265,7 @@ def _add_tactile(group: Parser) -> None:
     identify.option("--seconds N", "watch for N seconds", decimal(0.01, 86_400), default=10.0)
     share(identify, "config set json")
     watch = group.command("watch", "counts, noise and lost frames each second; begin unloaded")
-    watch.option("--seconds N", "watch for N seconds (default: 3600, with --rest 5)",
-        decimal(1, 86_400))  # fmt: skip
+    watch.option("--seconds N", "(default: 3600, with --rest 5)", decimal(1, 86_400))
     watch.flag("--rest", "print the rest codes of the unloaded hand as tactile.rest_reference")
     watch.option("--out FILE", "with --rest: write that file (a new one)", file_to_write)
     _add_lab(watch, moves=False)
@@ -300,11 +288,9 @@ def _add_calibrate(group: Parser) -> None:
         "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",))  # fmt: skip
     noise.option("--detector NAME", "", default="tcn")
     noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
-    noise.option("--seconds N", "duration of the hold", decimal(SHORTEST_HOLD_S + 5, 3600),
-        default=180.0)  # fmt: skip
+    noise.option("--seconds N", "of hold", decimal(SHORTEST_HOLD_S + 5, 3600), default=180.0)
     for parser in (force, hand, noise):
-        parser.option("--out FILE", "new .toml file to write, with date, spread and source",
-            file_to_write, required=True)  # fmt: skip
+        parser.option("--out FILE", "new .toml file to write", file_to_write, required=True)
         parser.option("--note TEXT", "text to add to the source in the file", default="")
         _add_lab(parser)
 
@@ -315,12 +301,10 @@ def _add_emulate(root: Parser) -> None:
         f"the actions of an operator, one per line: {OPERATOR_ACTIONS}.",
         ("grasp emulate --host 127.0.0.2 --gripper-port 5020",), section=LAB)  # fmt: skip
     parser.option("--host ADDRESS", "loopback address, not 127.0.0.1 (default: a free one)")
-    parser.option("--gripper-port PORT", "Modbus TCP port (default: a free one; 502 needs "
-        "privileges)", whole(0, 65_535), default=0)  # fmt: skip
+    parser.option("--gripper-port PORT", "(default: a free one)", whole(0, 65_535), default=0)
     parser.flag("--beyond-loopback", "let --host be any address of this machine; control and fault "
         "channels need the token printed with the endpoints")  # fmt: skip
-    parser.option("--profile", "the arm's controller, at 125 or 500 Hz",
-        choices=("cb3", "e-series"), default="cb3")  # fmt: skip
+    parser.option("--profile", "the arm's", choices=("cb3", "e-series"), default="cb3")
     parser.flag("--rtu", "put the gripper on a serial line (a pseudo-terminal) too")
     parser.option("--object NAME", OBJECT_HELP, default="can")
     share(parser, "seed config set")

@@ -21,8 +21,6 @@ from scenarios.rigs.calibration import own_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import check_read, trial_layers
 
-FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
-
 
 def config(args: argparse.Namespace) -> int:
     if not any(settings.by_path(word) for word in args.section):
@@ -46,7 +44,7 @@ def _checked(word: str, detector: str) -> str:
         raise UsageError(f"{word} is no .toml file", "give the path of one")
     path = Path(word)
     table = settings.read_toml(path).table
-    return f"{_kind(path, table, detector)}; fingerprint {settings.fingerprint(path.read_bytes())}"
+    return _kind(path, table, detector)
 
 
 def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
@@ -96,7 +94,7 @@ def _show(args: argparse.Namespace) -> int:
             lines.append(f"[{name}]")
             for key, value in table[name].items():
                 place = f"{name}.{key}"
-                told = FINGERPRINT if name == "files" else settings.allowed(type(config), place)
+                told = settings.allowed(type(config), place)
                 lines.append(f"{key} = {json.dumps(value)}  # {told}; {_from(sources.get(place))}")
             lines.append("")
         return "\n".join(lines)
@@ -105,7 +103,6 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _from(source: str | None) -> str:
-    """Who set a value; of a packaged file its path in `config`."""
     if source is None:
         return "default"
     path = Path(source)

@@ -61,7 +61,6 @@ def detector_evaluate(args: argparse.Namespace) -> int:
 
 
 def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
-    """Write the file of an evaluation."""
     from scenarios.benchmark.evaluation_file import EvaluationFile
 
     source = ["--data", *map(str, args.data)] if args.data else ["--recording", str(args.recording)]
@@ -161,7 +160,6 @@ def detector_card(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
-    """The packaged detectors, a line each."""
     default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
     for name in names("detectors"):
         kind, rule = "formula" if name in FORMULAS else "network", _packaged_rule(name)

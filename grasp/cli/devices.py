@@ -27,7 +27,6 @@ def status(args: argparse.Namespace) -> int:
 
 
 def _gripper_status(args: argparse.Namespace, config: Any) -> int:
-    """Print the registers, and what is strange in them."""
     where = gripper_address(config)
     if config.devices.gripper:
         raise UsageError(f"{where} is of another package", "look at it by that")
@@ -48,7 +47,6 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
 
 
 def _arm_status(args: argparse.Namespace, config: Any) -> int:
-    """Print modes, joints, tool position, and what prevents a run."""
     host, checks = arm_address(config), arm_checks(config)
     state = (
         []

@@ -41,10 +41,11 @@ def doctor(args: argparse.Namespace) -> int:
             if check.remedy:
                 lines.append(f"      {'':<{width}}  -> {check.remedy}")
         warned = sum(check.status == "warn" for check in checks)
-        well = f"nothing prevents a run; {warned} to look at" if warned else "all well"
+        end = f"nothing prevents a run; {warned} to look at" if warned else "all well"
         if args.rig is None:
-            well += " on this machine; no device was queried (--rig hardware queries a lab's)"
-        end = f"{len(failed)} to fix; first: {failed[0].name}" if failed else well
+            end += " on this machine; no device was queried (--rig hardware queries a lab's)"
+        if failed:
+            end = f"{len(failed)} to fix; first: {failed[0].name}"
         return "\n".join([*lines, end])
 
     found = [check._asdict() for check in checks]

@@ -24,8 +24,7 @@ from scenarios.campaign.config import load_for_devices
 from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import all_in_words
 from scenarios.rigs.emulated_cell import CellOrder, EmulatedCell, Listening, end_on_signals, serve
-from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import swing
+from scenarios.tap.mallet import TapConfig, swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 DIRECTIONS = ("top", "side", "closing")
@@ -77,7 +76,6 @@ class Console:
                 self._taps[direction] = none_found
 
     def listen(self, cell: EmulatedCell) -> None:
-        """Begin to execute; returns at once."""
         if not self._typed:
             return
         # sent to the background: reading from the terminal fails then, instead of stopping us
@@ -105,8 +103,10 @@ class Console:
             time.sleep(PRESS_S)  # done is who has let go
         if "error" in reply:
             return str(reply["error"])
-        if words[0] in ("look", "scale"):
-            return (_look_text if words[0] == "look" else _scale_text)(reply["truth"])
+        if words[0] == "look":
+            return _look_text(reply["truth"])
+        if words[0] == "scale":
+            return _scale_text(reply["truth"])
         return f"done: {reply['told']}" if "told" in reply else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:
@@ -133,13 +133,11 @@ class Console:
 
 
 def _scale_text(truth: dict[str, Any]) -> str:
-    """What scales under the fingertips would say."""
     fingers = zip("ABC", truth["normal_n"], strict=True)
     return "pressed with " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
 
 
 def _look_text(truth: dict[str, Any]) -> str:
-    """What a person sees of an object."""
     held = "held" if max(truth["normal_n"]) > 0 else "not touched"
     moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
     turned = turned_text(truth["turn_rad"])

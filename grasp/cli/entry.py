@@ -17,7 +17,6 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 
 
 def main() -> int:
-    """Run one command; returns its exit code."""
     from grasp.cli.main import main as command
 
     try:

@@ -21,17 +21,9 @@ SIGNALLED = 128
 MOST_SAID = 1_800  # characters of a message, and of its remedy, on a terminal
 
 _CODE_OF_KIND = {
-    "usage": USAGE,
-    "config": USAGE,
-    "bad_file": USAGE,
-    "link_lost": DEVICE,
-    "device_fault": DEVICE,
-    "refused": SAFETY_STOP,
-    "stale": SAFETY_STOP,
-    "implausible": SAFETY_STOP,
-    "safety_stop": SAFETY_STOP,
-    "could_not_record": INTERNAL,
-    "internal": INTERNAL,
+    **dict.fromkeys(("usage", "config", "bad_file"), USAGE),
+    **dict.fromkeys(("link_lost", "device_fault"), DEVICE),
+    **dict.fromkeys(("refused", "stale", "implausible", "safety_stop"), SAFETY_STOP),
     "interrupted": INTERRUPTED,
 }
 
@@ -63,17 +55,16 @@ def say_end(end: Any, remedy: str = "") -> None:
         say(line)
 
 
-def report_line(line: str) -> None:
-    """What went wrong with a verdict of its own, which has the exit code."""
+def report_line(line: str, begins: str = "grasp: ") -> None:
+    """Print a line on standard error, of what does not change the exit code."""
     with contextlib.suppress(OSError):
-        print(f"grasp: {one_line(line, MOST_SAID)}", file=sys.stderr)
+        print(f"{begins}{one_line(line, MOST_SAID)}", file=sys.stderr)
 
 
 def say(line: str) -> None:
     """A further line of an error; an empty one is none."""
     if line:
-        with contextlib.suppress(OSError):
-            print(f"       {one_line(line, MOST_SAID)}", file=sys.stderr)
+        report_line(line, 7 * " ")
 
 
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:

@@ -5,12 +5,11 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any, Self
 
-from drivers.errors import UsageError
 from grasp.cli import view
 from grasp.cli.output import aside
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import Onlooker
+from grasp.viewer_process import ViewerProcess
 from scenarios.report.run_view import facts, turned_text
 from scenarios.trial.result import spelt
 
@@ -25,10 +24,8 @@ COMPILING = "setting up: the world is compiled, a minute or so; the next run fin
 
 
 class Here:
-    """Draws in this process, with the methods of ``Onlooker``: in virtual time nothing waits. A
-    screen that is gone does not stop a run."""
-
-    lost = 0
+    """Draws in this process, with the methods of ``ViewerProcess``: in virtual time nothing waits.
+    A screen that is gone does not stop a run."""
 
     def __init__(self, panel: bool) -> None:
         self._drawn = view.Panel() if panel else view.Lines()
@@ -61,11 +58,11 @@ class Display:
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
-        self._shown: Onlooker | Here | None = None
+        self._shown: ViewerProcess | Here | None = None
         if not quiet and rig == "simulated":
             self._shown = Here(self._panel)
         elif not quiet:
-            self._shown = Onlooker(view)
+            self._shown = ViewerProcess(view)
             self._shown.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
@@ -85,13 +82,11 @@ class Display:
         self.tell(view.Busy(f"setting up: {SETTING_UP[self._rig]}{more}"))
 
     def trial(self, number: int, of: int) -> None:
-        """Which of several trials is shown from now on."""
         self._trial = f"trial {number} of {of}" if of > 1 else ""
         if self._page is not None:
             self._page.trial(number)
 
     def tick(self, tick: Tick) -> None:
-        """Show one tick, if it is time or something happened."""
         changed = tick.decision.state is not self._phase
         news = tick.decision.slip.event or (changed and not self._brief)
         every = REFRESH_TICKS if self._panel else STATUS_TICKS
@@ -102,7 +97,6 @@ class Display:
             self._shown.show(view.glimpse(tick, news, self._trial))
 
     def sample(self, sample: Any) -> None:
-        """Show one sample of ``scenarios.acquire.session``."""
         self._ticks += 1
         due = self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0
         if self._shown is not None and due:
@@ -125,9 +119,6 @@ class Display:
         self._until_closed.close()
         if self._shown is not None:
             self._shown.close()
-            if self._shown.lost:  # the run and its recording lack nothing
-                with contextlib.suppress(OSError):
-                    aside(f"{self._shown.lost} pictures of the run were not drawn in time")
             self._shown = None
 
 
@@ -137,19 +128,15 @@ def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
     if not args.view:
         yield None
         return
+    live = make()
+    aside(f"view: {live.feed.address}")
     try:
-        live = make()
-    except OSError as error:
-        raise UsageError(f"--view: no page can be served here: {error}", "leave it out") from None
-    try:
-        aside(f"view: {live.feed.address}")
         yield live
     finally:
         live.feed.close()
 
 
 def verdict(result: Any) -> str:
-    """The short verdict of a trial and the path of its recording."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     lines = [f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})"]
     lines += [f"  {text}" for text in facts(result)]
@@ -165,7 +152,6 @@ def verdict(result: Any) -> str:
 
 
 def trial_line(result: Any) -> str:
-    """One lift or tap of several in a line."""
     tap = result.scenario == "tap"
     moved_m = result.displacement_m if tap else result.slip_distance_m
     parts = [f"seed {result.seed:<4}{f' {result.direction:<7} ' if tap else ''} "

@@ -6,7 +6,6 @@ import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 
 from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
@@ -16,13 +15,6 @@ from grasp.cli.commands import build_parser
 from grasp.cli.output import guarded_streams, only_json, open_standard_streams
 from grasp.cli.parser import COMPLETING, complete
 from grasp.files import LEADS_NOWHERE
-
-NUMBA_CACHE = ("numba", "core", "caching.py")
-BAD_CACHE = (
-    "compiled functions cannot be kept or read",
-    "set NUMBA_CACHE_DIR to an empty folder that can be written",
-)
-
 
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
@@ -37,15 +29,6 @@ def module_of(command: str) -> ModuleType:
     return import_module(f"grasp.cli.{MODULES.get(command) or MODULES.get(group, group)}")
 
 
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("grasp-controller")
-    except PackageNotFoundError:
-        return "unknown (not installed)"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
     if COMPLETING in os.environ:
@@ -53,7 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     open_standard_streams()
     words = sys.argv[1:] if argv is None else argv
     if words[:1] == ["--version"]:
-        print(f"grasp {_version()}")
+        from importlib.metadata import version
+
+        print(f"grasp {version('grasp-controller')}")
         return exits.SUCCESS
     as_json = "--json" in words
     json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
@@ -99,11 +84,6 @@ def _failed(error: BaseException, as_json: bool) -> int:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
         return exits.report(*_of_the_system(error), as_json)
-    frames = traceback.extract_tb(error.__traceback__)
-    if isinstance(error, Exception) and any(
-        Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames
-    ):
-        return exits.report("config", *BAD_CACHE, as_json)
     if as_json:
         text = in_words(error)
         return exits.report("internal", text, "a bug: run without --json and report it", True)
@@ -112,15 +92,13 @@ def _failed(error: BaseException, as_json: bool) -> int:
 
 
 def _check_text(words: Sequence[str]) -> None:
-    """Raises UsageError for what no file can be called: a message that names it could not be
-    written either."""
+    """Raises UsageError for text that no file name or message can hold."""
     for word in words:
         if "\0" in word or word.encode(errors="replace").decode() != word:
             raise UsageError(f"{word}: no text in UTF-8 without NUL", "name it otherwise")
 
 
 def _of_the_system(error: OSError) -> tuple[str, str, str]:
-    """Kind, message and remedy."""
     where = f"{one_line(error.filename)}: " if error.filename else ""
     text = f"{where}{error.strerror or error}"
     if error.errno in LEADS_NOWHERE:

@@ -21,8 +21,6 @@ OBJECT_HELP = "one of config/objects, or a .toml file of your own"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
-    """Reads a whole number within bounds."""
-
     def number(text: str) -> int:
         if not text.isdecimal() or not least <= int(text) <= most:
             raise argparse.ArgumentTypeError(f"{text!r}: a whole number, {least} to {most}")
@@ -32,8 +30,6 @@ def whole(least: int, most: int) -> Callable[[str], int]:
 
 
 def decimal(least: float, most: float) -> Callable[[str], float]:
-    """Reads a number within bounds."""
-
     def number(text: str) -> float:
         try:
             value = float(text)
@@ -48,20 +44,20 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
 
 def file_to_write(text: str) -> Path:
     """Reads the name of a file, in a folder that is there and can be written."""
-    return _writable(text, _problem(Path(text), Path(text).parent))
+    return _checked(text, _problem(Path(text), Path(text).parent))
 
 
 def file_with_folders(text: str) -> Path:
     """As ``file_to_write``, where missing folders are made."""
-    return _writable(text, _problem(Path(text), nearest(Path(text).parent)))
+    return _checked(text, _problem(Path(text), nearest(Path(text).parent)))
 
 
 def folder_to_fill(text: str) -> Path:
-    """Reads the name of a folder, one that is there or can be made."""
-    return _writable(text, against_writing(nearest(Path(text))))
+    """Reads the name of a folder that is there or can be made."""
+    return _checked(text, against_writing(nearest(Path(text))))
 
 
-def _writable(text: str, problem: str) -> Path:
+def _checked(text: str, problem: str) -> Path:
     if problem:
         raise argparse.ArgumentTypeError(f"{text!r}: {problem}")
     return Path(text)
@@ -80,8 +76,8 @@ def _problem(path: Path, folder: Path) -> str:
 
 
 def check_writable(path: Path, begins: str = "") -> None:
-    """Raises UsageError where no file can be written, or one is there that does not begin as this
-    program's own files, before anything moves or is computed."""
+    """Raises UsageError where no file can be written, or one is there that does not begin with
+    ``begins``."""
     problem = _problem(path, path.parent)
     if begins and path.is_file() and not path.read_bytes().startswith(begins.encode()):
         problem = "is there already"
@@ -130,13 +126,11 @@ SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 def share(parser: Parser, names: str) -> None:
-    """Add shared options, in this order."""
     for option, text, given in (SHARED[name] for name in names.split()):
         parser.option(option, text, **given)
 
 
 def workers(args: argparse.Namespace) -> "Workers":
-    """Who works, by the shared options."""
     from scenarios.rigs.workers import Workers
 
     return Workers(args.jobs, args.cluster)

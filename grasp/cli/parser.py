@@ -3,6 +3,7 @@ words that a shell completes."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
@@ -107,13 +108,6 @@ class Parser(argparse.ArgumentParser):
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
-        for action in self._actions:
-            if action.nargs in ("+", "*"):
-                values = getattr(namespace, action.dest, None) or ()
-                for value in dict.fromkeys(values):
-                    if values.count(value) > 1:  # it would be counted twice
-                        name = "/".join(action.option_strings) or action.metavar or action.dest
-                        self.error(f"argument {name}: {value} twice")
         return namespace, unknown
 
     def error(self, message: str) -> NoReturn:
@@ -143,21 +137,16 @@ def complete(parser: Parser) -> None:
     for leaf in parser.leaves():
         for action in leaf.arguments():
             if action.dest in NAMED and action.choices is None:
-                action.completer = _names_of(NAMED[action.dest])  # type: ignore[attr-defined]
+                named = partial(_names_and_files, NAMED[action.dest])
+                action.completer = named  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
 
-def _names_of(kind: str) -> Callable[..., list[str]]:
+def _names_and_files(kind: str, prefix: str, **_: object) -> list[str]:
     """Names of config/<kind>, and files of the user's own."""
+    from argcomplete.completers import FilesCompleter
 
-    def names_and_files(prefix: str, **_: object) -> list[str]:
-        from argcomplete.completers import FilesCompleter
+    from grasp.settings import names
 
-        from detector.plugins import offered
-        from grasp.settings import names
-
-        more = kind == "detectors"
-        files = FilesCompleter(("toml", "py", "onnx") if more else ("toml",))(prefix)
-        return [*names(kind), *(offered() if more else ()), *files]
-
-    return names_and_files
+    suffixes = ("toml", "py", "onnx") if kind == "detectors" else ("toml",)
+    return [*names(kind), *FilesCompleter(suffixes)(prefix)]

@@ -16,8 +16,8 @@ from grasp.cli.output import show
 from grasp.cli.trials import is_asked, is_paced, run_trials, trials_of
 from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import motion
+from scenarios.acquire.session import counts_per_newton
 from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
 from scenarios.rigs.calibration import in_words
@@ -61,8 +61,7 @@ def run_lift(args: argparse.Namespace) -> int:
     return run_trials(args, scenario, permit, begin)
 
 
-def run_tap(args: argparse.Namespace) -> int:
-    return run_lift(args)
+run_tap = run_lift
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
@@ -94,7 +93,6 @@ def run_acquire(args: argparse.Namespace) -> int:
             config, course, args.seed, args.seconds, args.runs, is_paced(args), display.sample,
             permit,
         )  # fmt: skip
-        display.ended(done.in_short(), note=False)
     if done.failure is None:
         return show(args, done, done.as_text)
     if not args.json:

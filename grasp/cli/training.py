@@ -16,7 +16,7 @@ from grasp.cli import exits
 from grasp.cli.options import check_writable, need, workers
 from grasp.cli.output import progress, show
 from grasp.settings import file_of
-from scenarios.acquire.datasets import build, collect
+from scenarios.acquire.datasets import build
 from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
@@ -58,7 +58,7 @@ def dataset_build(args: argparse.Namespace) -> int:
 def dataset_collect(args: argparse.Namespace) -> int:
     for source in args.source:
         require_labelled(source)
-    made = collect.collect(args.source, args.out)
+    made = build.collect(args.source, args.out)
     counts = ", ".join(f"{n} for {split}" for split, n in made.counts.items())
     value = {"folder": args.out, "lacking": made.lacking} | dict[Any, Any](made.counts)
     show(args, value, f"{args.out}: {counts}")
@@ -113,7 +113,6 @@ def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
 
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
-    """The training, ready to run, and the validation recordings."""
     require_whole(args.data)  # before torch, which takes seconds
     from detector.recordings import read_dataset
     from detector.training.fit import Training
@@ -143,15 +142,16 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
     ):
         smooth: float | None = None
 
-        def report(p: Any) -> None:  # the bar is for a person, the log has a line a validation
+        def report(loss: float, s: Any) -> None:  # a log line for each validation's score
             nonlocal smooth
-            smooth = p.loss if smooth is None else 0.98 * smooth + 0.02 * p.loss
-            best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-            bar(p.step, int(p.steps), f"training, loss {smooth:.3f}{best}")
-            if (s := p.score) is not None:
+            smooth = loss if smooth is None else 0.98 * smooth + 0.02 * loss
+            best = f", best delay {training.best.delay_ms:.0f} ms" if training.best else ""
+            bar(training.step, training.settings.steps, f"training, loss {smooth:.3f}{best}")
+            if s is not None:
                 log.write(
-                    f"step {p.step} minutes {p.minutes:.2f} loss {smooth:.4f} validation loss "
-                    f"{s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
+                    f"step {training.step} minutes {training.minutes:.2f} loss {smooth:.4f} "
+                    f"validation loss {s.loss:.4f} accuracy {s.accuracy:.4f} "
+                    f"delay_ms {s.delay_ms:.1f}\n"
                 )
                 log.flush()
             signals.check()

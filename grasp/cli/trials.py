@@ -33,12 +33,10 @@ class _Ended(NamedTuple):
 
 
 def trials_of(args: argparse.Namespace) -> int:
-    """How many there are to be."""
     return args.trials or TRIALS[args.scenario]
 
 
 def is_single(args: argparse.Namespace) -> bool:
-    """One lift of which no row is kept."""
     return args.scenario == "lift" and args.trials is None and args.out is None
 
 
@@ -48,7 +46,6 @@ def is_asked(args: argparse.Namespace) -> bool:
 
 
 def is_paced(args: argparse.Namespace) -> bool:
-    """Whether virtual time goes at the wall's pace."""
     watched = args.view or (sys.stdout.isatty() and not args.json)
     return args.pace == "real" or (args.pace is None and watched)
 
@@ -86,7 +83,6 @@ def run_trials(
 def _follow(
     args: argparse.Namespace, experiment: Any, permit: Any, store: Any, single: bool
 ) -> _Ended:
-    """Run what the store lacks and show it."""
     config, of = experiment.config, experiment.trials
     operator = None
     if config.rig == "hardware" and is_asked(args):
@@ -137,7 +133,6 @@ def _say_reported(result: Any) -> None:
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
-    """A single lift."""
     with suppress(UnreadError):  # how arm and hand were left is reported all the same
         if not args.json:
             print(verdict(result))
@@ -158,7 +153,6 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
 def _report_series(
     args: argparse.Namespace, experiment: Any, ended: _Ended, out: Path | None
 ) -> int:
-    """Several: their results as the paper's Table IV, and how to go on."""
     from grasp.cli.campaign import print_summary
 
     rows, failure, config = ended.rows, ended.failure, experiment.config

@@ -9,7 +9,7 @@ import msgspec
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.states import State
-from grasp.watch import leave_signals_to_the_run
+from grasp.viewer_process import ignore_signals
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -59,21 +59,14 @@ Message = Begin | Busy | Note | Glimpse
 
 
 def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
-    """What is shown of a tick."""
     slip = tick.decision.slip
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
+    shown = f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-"
     return Glimpse(
-        t_s=tick.t_ns * 1e-9,
-        phase=tick.decision.state.value,
-        slip=f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-",
-        registered=slip.registered,
-        news=news,
-        measured_n=tick.measured_n,
-        probabilities=tick.observation.probabilities.tolist(),
-        positions=tick.gripper.positions,
-        arm_m=tick.arm.position_m[2],
-        trial=trial,
-    )
+        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, news, tick.measured_n,
+        tick.observation.probabilities.tolist(), tick.gripper.positions, tick.arm.position_m[2],
+        trial,
+    )  # fmt: skip
 
 
 def sample_line(sample: Any) -> str:
@@ -139,7 +132,6 @@ class Panel:
 
 
 def line(seen: Glimpse) -> str:
-    """One tick in at most 80 columns."""
     pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
     return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {forces} N  slip {seen.slip}"
@@ -180,7 +172,7 @@ def _bar(part: float, cells: int) -> str:
 
 def main() -> None:
     """Draw what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
     shown = Panel() if isinstance(first, Begin) and first.panel else Lines()

@@ -8,9 +8,8 @@ import math
 
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
-from grasp.lift_line import AT_HEIGHT_M
+from grasp.lift_progress import AT_HEIGHT_M, LEAST_PACE
 from grasp.monitors.settings import Data, MonitorSettings, too_often
-from grasp.state_clock import LEAST_PACE
 
 MOVED_M = 0.0001  # less is no motion; assumed: the slowest path covers 1 mm in arm_start_s
 THERE_M = AT_HEIGHT_M  # so close to its target it need not move

@@ -4,9 +4,9 @@ from drivers.interfaces import LEAST_SPEED_FRACTION
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
+from grasp.lift_progress import StateClock
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
-from grasp.state_clock import StateClock
 from grasp.states import AIRBORNE_STATES, END_STATES, LOWERING_STATES, OPEN_STATES, State
 
 OVERLOAD_NS = 30_000_000  # measured force may be so long above the limit in motion; assumed
@@ -29,7 +29,7 @@ class RunMonitor:
         """Why the run cannot go on: what the step found already, or the first check that fails."""
         if obs.faults:
             return obs.faults
-        if obs.tactile_stale and state not in OPEN_STATES:
+        if obs.frame is not None and obs.frame.stale and state not in OPEN_STATES:
             return (stale(FINGERTIPS, "no fresh fingertip sample"),)
         fault = (
             obs.device_fault(self._settings.stale_after_s * 1e9)

@@ -5,21 +5,18 @@ Beside them lie the labelled samples as training reads them (``detector.recordin
 """
 
 import math
-from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import StrEnum
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
-from detector.recordings import SUFFIX, Metadata, Recording, write
+from detector.recordings import SUFFIX, Metadata, write
 from drivers.errors import CouldNotRecord, GraspError
 from drivers.interfaces import PERIOD_S
 from grasp import signals
-from grasp.foxglove import INFO, FrameTransform, FrameTransforms, Grid, Log, Time
 from grasp.messages import (
     ARM,
     TACTILE,
@@ -36,9 +33,21 @@ from scenarios.acquire.labels import parts_of, recording
 from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
-from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.pictures import EVERY, LOG, TAXELS, TRANSFORMS, grid, point
+from scenarios.trial.foxglove import (
+    EVERY_TICKS,
+    INFO,
+    LOG,
+    TAXELS,
+    TRANSFORMS,
+    FrameTransform,
+    FrameTransforms,
+    Grid,
+    Log,
+    Time,
+    grid,
+    point,
+)
 from scenarios.trial.result import REPORT, Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 from scenarios.world.truth import PressedTruth
@@ -85,10 +94,6 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
         true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
         return f"{self.samples} samples, {self.slip} labelled slip{true}"
 
-    def in_short(self) -> str:
-        """One line, without a path of this machine."""
-        return f"{self.outcome}: {self._labelled}"
-
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:
@@ -100,23 +105,6 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
             f"fastest {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
             f"recording: {', '.join(self.recordings)}{cut}{session}"
         )
-
-
-def figures(samples: Sequence[Sample], made: Sequence[Recording]) -> dict[str, Any]:
-    """Those of the samples that went into the recordings ``made``, by the result's fields."""
-    force = np.array([sample.force_n for sample in samples])
-    fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
-    true = [int(r.slip_true.sum()) for r in made if r.slip_true is not None]
-    return {
-        "samples": len(samples),
-        "slip": sum(int(r.slip.sum()) for r in made),
-        "slip_true": sum(true) if true else None,
-        "repeated": sum(sample.frame.missed > 0 for sample in samples),
-        "force_mean_n": float(force.mean()) if samples else None,
-        "force_std_n": float(force.std()) if samples else None,
-        "speed_max_mps": float(max(fastest)) if fastest else None,
-        "recordings": [r.source for r in made],
-    }
 
 
 PRESS = "/press"
@@ -160,7 +148,7 @@ class PressPictures:
             self._phase = sample.phase
             write(LOG, sample.t_ns, Log(now, INFO, sample.phase.value, "phase"))
         self._samples += 1
-        if self._samples % EVERY != 1 or not all(map(math.isfinite, sample.arm.position_m)):
+        if self._samples % EVERY_TICKS != 1 or not all(map(math.isfinite, sample.arm.position_m)):
             return
         hand = FrameTransform(now, "world", "hand", point(*sample.arm.position_m))
         write(TRANSFORMS, sample.t_ns, FrameTransforms([hand]))
@@ -209,38 +197,29 @@ def run(
 
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / PERIOD_S)
-            ended, granted = _run_to_end(config, rig, session, samples)
+            with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+                ended = _run_to_end(session, samples)
             return _finish(config, motion, seed, session, folder, ended, granted)
 
 
-class _Ended(msgspec.Struct, frozen=True):
-    """How a session ended: by itself where nothing failed."""
-
-    outcome: AcquireOutcome = AcquireOutcome.COMPLETE
-    failure: Failure | None = None
-    bug: Bug | None = None
+Ended = tuple[AcquireOutcome, Failure | None, Bug | None]
 
 
-def _run_to_end(
-    config: AcquireConfig, rig: PressRig, session: Session, samples: int
-) -> tuple[_Ended, bool | None]:
-    """How it ended, with the arm at rest; and whether a real-time priority was granted (None in
-    virtual time)."""
-    with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
-        try:
-            session.run(samples)
-        except GraspError as error:
-            failure = Failure(error.kind, error.message, error.remedy, _left(session))
-            return _Ended(AcquireOutcome.FAULT, failure), granted
-        except KeyboardInterrupt as stop:
-            cause = f"{signals.cause(stop)} in phase {session.phase}"
-            failure = Failure("interrupted", cause, "", _left(session))
-            return _Ended(AcquireOutcome.INTERRUPTED, failure), granted
-        except BaseException as error:
-            bug = Bug.of(error)
-            failure = Failure("internal", bug.fault.line, REPORT, _left(session))
-            return _Ended(AcquireOutcome.INTERNAL_ERROR, failure, bug), granted
-    return _Ended(), granted
+def _run_to_end(session: Session, samples: int) -> Ended:
+    """How it ended, with the arm at rest."""
+    try:
+        session.run(samples)
+    except GraspError as error:
+        failure = Failure(error.kind, error.message, error.remedy, _left(session))
+        return AcquireOutcome.FAULT, failure, None
+    except KeyboardInterrupt as stop:
+        cause = f"{signals.cause(stop)} in phase {session.phase}"
+        return AcquireOutcome.INTERRUPTED, Failure("interrupted", cause, "", _left(session)), None
+    except BaseException as error:
+        bug = Bug.of(error)
+        failure = Failure("internal", bug.fault.line, REPORT, _left(session))
+        return AcquireOutcome.INTERNAL_ERROR, failure, bug
+    return AcquireOutcome.COMPLETE, None, None
 
 
 def _left(session: Session) -> End:
@@ -253,7 +232,7 @@ def _left(session: Session) -> End:
 
 def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
-    ended: _Ended, granted: bool | None,
+    ended: Ended, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
     """Label and write what was recorded: one of the two recordings is kept where the disk does not
     take the other."""
@@ -263,32 +242,40 @@ def _finish(
         speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
         seed=seed, commit=versions()["commit"],
     )  # fmt: skip
-    made = []
-    for k, part in enumerate(parts, start=1):
-        name = SAMPLES if len(parts) == 1 else f"{SAMPLES}-{k}"
-        made.append(recording(part, config, known, str(folder.path / f"{name}{SUFFIX}")))
-    result = AcquireResult(
-        **figures(list(chain(*parts)), made), scenario=SCENARIO, rig=config.rig,
-        surface=config.surface.name, direction=motion.direction, seed=seed, outcome=ended.outcome,
-        missed_periods=session.missed_periods, real_time=granted, recording=str(folder.recording),
-        versions=versions(), failure=ended.failure, bug=ended.bug,
-    )  # fmt: skip
-    kept: list[str] = []
+    stems = [SAMPLES] if len(parts) == 1 else [f"{SAMPLES}-{k + 1}" for k in range(len(parts))]
+    made = [
+        recording(part, config, known, str(folder.path / f"{stem}{SUFFIX}"))
+        for part, stem in zip(parts, stems, strict=True)
+    ]
+    kept, lost = [], None
     try:
         for each in made:
             write(each.source, each)
             kept.append(each.source)
     except OSError as error:
-        result = _without(result, could_not_record(folder.path, error), recordings=kept)
+        lost = could_not_record(folder.path, error)
+    samples = list(chain(*parts))
+    force = np.array([sample.force_n for sample in samples])
+    fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
+    true = [int(r.slip_true.sum()) for r in made if r.slip_true is not None]
+    outcome, failure, bug = ended
+    result = AcquireResult(
+        scenario=SCENARIO, rig=config.rig, surface=config.surface.name, direction=motion.direction,
+        seed=seed, outcome=outcome, samples=len(samples), slip=sum(int(r.slip.sum()) for r in made),
+        slip_true=sum(true) if true else None, missed_periods=session.missed_periods,
+        repeated=sum(sample.frame.missed > 0 for sample in samples), real_time=granted,
+        force_mean_n=float(force.mean()) if samples else None,
+        force_std_n=float(force.std()) if samples else None,
+        speed_max_mps=float(max(fastest)) if fastest else None, recording=str(folder.recording),
+        recordings=kept, versions=versions(), failure=failure or _failure(lost), bug=bug,
+    )  # fmt: skip
     try:
         folder.finish(result)
     except CouldNotRecord as error:
-        result = _without(result, error, recording=None)
+        failure = result.failure or _failure(error)
+        result = msgspec.structs.replace(result, failure=failure, recording=None)
     return result
 
 
-def _without(
-    result: AcquireResult, error: CouldNotRecord, **lost: list[str] | None
-) -> AcquireResult:
-    failure = result.failure or Failure(error.kind, error.message, error.remedy)
-    return msgspec.structs.replace(result, failure=failure, **lost)
+def _failure(error: CouldNotRecord | None) -> Failure | None:
+    return None if error is None else Failure(error.kind, error.message, error.remedy)

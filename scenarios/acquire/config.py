@@ -1,22 +1,26 @@
 """Settings of an acquisition, put together from layers."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
+from drivers.errors import ConfigError
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, load, not_chosen, thing_layer
+from grasp.settings import Layer, file_of, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.calibration import Files, own_layers, rig_layers
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.objects import within
 
+C = TypeVar("C", bound=msgspec.Struct)
+
 
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Of a simulated board; hardware has its own losses."""
 
-    lost_share: Annotated[float, within(0.0, 0.5, "of samples, repeated; clip: 1/400")] = 0.0025
+    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025  # of samples, repeated; clip: 1/400
 
 
 # The arm presses where a lift has its table, and follows strokes that accelerate themselves.
@@ -57,3 +61,19 @@ def load_acquire_config(
 def _of_this_scenario(layer: Layer) -> Layer:
     known = AcquireConfig.__struct_fields__
     return Layer(layer.source, {key: table for key, table in layer.table.items() if key in known})
+
+
+def layout_file(name: str) -> Path | None:
+    """Settings of a layout of taxels, by path or by a name in config/layouts; none: the kit's."""
+    return file_of("layouts", name) if name else None
+
+
+def with_values(config: C, values: Mapping[str, Any]) -> C:
+    """The configuration with some settings replaced, `section.key`; raises ConfigError."""
+    tree = msgspec.to_builtins(config)
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        if name not in tree.get(section, {}):
+            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
+        tree[section][name] = value
+    return load(type(config), [Layer("randomise", tree)])

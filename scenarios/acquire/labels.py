@@ -4,6 +4,7 @@ what is touched has moved against the fingertips since it last rested."""
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,26 +44,23 @@ def recording(
     velocity = np.array([_on_fingertip(sample.arm, config) for sample in samples])
     spin = np.array([sample.arm.spin_radps for sample in samples])
     truth = [sample.truth for sample in samples if sample.truth is not None]
-    speed, turn, slides = None, None, None
+    true: dict[str, NDArray[Any]] = {}
     if len(truth) == len(samples):
         speed = np.array([t.contact_speed_mps for t in truth])
         turn = np.array([t.contact_turn_radps for t in truth])
-        slides = slip_label(speed, turn)
+        true = {
+            "slip_true": slip_label(speed, turn), "contact_speed_mps": speed.astype(np.float32),
+            "contact_turn_radps": turn.astype(np.float32),
+        }  # fmt: skip
     t_s = np.array([(sample.t_ns - samples[0].t_ns) * 1e-9 for sample in samples])
     touched = np.array([sample.phase not in UNTOUCHED for sample in samples])
     return Recording(
-        t_s=t_s,
+        t_s=t_s, source=source, metadata=metadata,
         counts=np.stack([sample.frame.counts[config.finger] for sample in samples])[:, None, :],
         slip=slip_label(np.hypot(velocity[:, 0], velocity[:, 1]), abs(spin)),
-        slip_true=slides,
-        source=source,
-        metadata=metadata,
-        contact_speed_mps=None if speed is None else speed.astype(np.float32),
-        contact_turn_radps=None if turn is None else turn.astype(np.float32),
-        velocity_mps=velocity.astype(np.float32),
-        spin_radps=spin.astype(np.float32),
-        moved_m=moved(t_s, _places(samples), touched).astype(np.float32),
-    )
+        velocity_mps=velocity.astype(np.float32), spin_radps=spin.astype(np.float32),
+        moved_m=moved(t_s, _places(samples), touched).astype(np.float32), **true,
+    )  # fmt: skip
 
 
 def _places(samples: Sequence[Sample]) -> Floats:

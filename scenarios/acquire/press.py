@@ -37,44 +37,34 @@ DRIVE_MPS2 = 4.0  # and rad/s2, at which the arm follows: above that of the stro
 class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to press and how to stroke."""
 
-    force_n: Annotated[float, within(0.5, 15.0, "to be kept; the authors' clip: 3-12 N")] = 5.0
-    counts_per_newton: Annotated[
-        float, within(0.0, 5000.0, "calibration of this fingertip, sum of its taxels; 0: by press"
-                      "ing the simulated one. Hardware needs it")
-    ] = 0.0  # fmt: skip
-    residual_n: Annotated[
-        float, within(-10.0, 10.0, "load under which the rest counts are taken; 0 or less: in the "
-                      "air. Part of the authors' recordings, 0-6 N, by their means")
-    ] = 0.0  # fmt: skip
-    approach_mps: Annotated[float, within(0.001, 0.05, "downwards until touched; assumed")] = 0.01
-    proportional_mps_per_n: Annotated[
-        float, within(0.0, 0.02, "PID; default: 5 rad/s on 3.5 N/mm, clip 3-10")
-    ] = 0.0015
-    depth_m: Annotated[
-        float, within(0.0005, 0.01, "deepest below first touch, whatever the estimate; assumed")
-    ] = 0.005
-    stroke_m: Annotated[
-        float, within(0.001, 0.05, "length of a stroke, either way; assumed: with the acceleration "
-                      "it gives the clip's 0.65 s and real speeds to 6 cm/s")
-    ] = 0.017  # fmt: skip
-    acceleration_mps2: Annotated[float, within(0.02, 2.0, "of a stroke; assumed, see there")] = 0.2
-    braking_share: Annotated[
-        float, within(0.05, 1.0, "of that, with which a stroke ends; assumed, clip: 0.25-0.8")
-    ] = 1.0
-    stroking_share: Annotated[
-        float, within(0.0, 1.0, "of the PID's gains, from the first stroke on: a slow force loop "
-                      "leaves a stroke's load swing in, as the clip's does: 0.03-0.1")
-    ] = 1.0  # fmt: skip
-    turn_rad: Annotated[float, within(0.05, 2.0, "angle of a rotation stroke; assumed")] = 0.6
-    turn_radps2: Annotated[float, within(0.2, 10.0, "acceleration of a rotation; assumed")] = 3.5
-    pause_share: Annotated[
-        float, within(0.1, 20.0, "pauses over strokes, in time; with the slow ends of strokes it "
-                      "gives the paper's 143,584 static to 122,918 slip samples")
-    ] = 0.95  # fmt: skip
-    fingertip_x_deg: Annotated[
-        float,
-        within(-180.0, 180.0, "of its x in the tool frame at the start; the tool points down"),
-    ] = 0.0
+    force_n: Annotated[float, within(0.5, 15.0)] = 5.0  # to be kept; the authors' clip: 3-12 N
+    # calibration of this fingertip, sum of its taxels; 0: by pressing the simulated one. Hardware
+    # needs it
+    counts_per_newton: Annotated[float, within(0.0, 5000.0)] = 0.0
+    # load under which the rest counts are taken; 0 or less: in the air. Part of the authors'
+    # recordings, 0-6 N, by their means
+    residual_n: Annotated[float, within(-10.0, 10.0)] = 0.0
+    approach_mps: Annotated[float, within(0.001, 0.05)] = 0.01  # downwards until touched; assumed
+    # PID; default: 5 rad/s on 3.5 N/mm, clip 3-10
+    proportional_mps_per_n: Annotated[float, within(0.0, 0.02)] = 0.0015
+    # deepest below first touch, whatever the estimate; assumed
+    depth_m: Annotated[float, within(0.0005, 0.01)] = 0.005
+    # of a stroke, either way; assumed: with the acceleration it gives the clip's 0.65 s and real
+    # speeds to 6 cm/s
+    stroke_m: Annotated[float, within(0.001, 0.05)] = 0.017
+    acceleration_mps2: Annotated[float, within(0.02, 2.0)] = 0.2
+    # of that, with which a stroke ends; assumed, clip: 0.25-0.8
+    braking_share: Annotated[float, within(0.05, 1.0)] = 1.0
+    # of the PID's gains, from the first stroke on: a slow force loop leaves a stroke's load swing
+    # in, as the clip's does: 0.03-0.1
+    stroking_share: Annotated[float, within(0.0, 1.0)] = 1.0
+    turn_rad: Annotated[float, within(0.05, 2.0)] = 0.6  # angle of a rotation stroke; assumed
+    turn_radps2: Annotated[float, within(0.2, 10.0)] = 3.5  # its acceleration; assumed
+    # pauses over strokes, in time; with the slow ends of strokes it gives the paper's 143,584
+    # static to 122,918 slip samples
+    pause_share: Annotated[float, within(0.1, 20.0)] = 0.95
+    # of its x in the tool frame at the start; the tool points down
+    fingertip_x_deg: Annotated[float, within(-180.0, 180.0)] = 0.0
 
 
 class StrokeMotion(msgspec.Struct, frozen=True):

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from drivers.errors import GraspError, Stale, in_words
-from drivers.interfaces import PERIOD_NS, ArmState, TactileFrame
+from drivers.errors import ConfigError, GraspError, Stale, in_words
+from drivers.interfaces import PERIOD_NS, PERIOD_S, ArmState, TactileFrame
 from grasp import signals
 from grasp.clock import Deadlines
 from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import (
     DRIVE_MPS2,
     PressCommand,
@@ -54,6 +53,37 @@ class Sample(msgspec.Struct, frozen=True):
 
 OnTick = Callable[[Sample], None]
 Script = Callable[[float, PressController, "PressedCell | None"], None]
+
+
+def counts_per_newton(config: AcquireConfig, seed: int) -> float:
+    """Calibration of the force estimate. Raises ConfigError on hardware that names none."""
+    known = config.control.counts_per_newton
+    if known:
+        return known
+    if config.rig == "hardware":
+        raise ConfigError(
+            "control", "counts_per_newton", "must be measured on this rig",
+            "sum of a fingertip's counts under a known weight, over that weight in newtons",
+        )  # fmt: skip
+    return pressed_gain(config, seed)
+
+
+def pressed_gain(config: AcquireConfig, seed: int) -> float:
+    """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
+    weight on this very one, tilted as it is, would show."""
+    from scenarios.rigs.simulated import make_pressed_cell
+
+    still = msgspec.structs.replace(
+        config.fingertip, wander_mm=0.0, vibration_mm=0.0, sway_mm=0.0, noise_counts=0.0
+    )
+    cell = make_pressed_cell(msgspec.structs.replace(config, fingertip=still), seed)
+    tips, load_n = cell.pad.tips, config.control.force_n
+    nothing = np.zeros((1, 2))
+    for i in range(100):
+        load = np.array([load_n * min(1.0, i / 50)])
+        tips.advance((i + 1) * PERIOD_S, load, nothing, np.zeros(1), nothing, False)
+    fall = (tips.rest - tips.codes()[0]).sum()
+    return max(1.0, float(fall) / load_n)
 
 
 @contextmanager

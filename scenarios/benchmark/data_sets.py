@@ -11,11 +11,9 @@ import msgspec
 
 from detector.recordings import SUFFIX, Recording, Split, read, read_dataset
 from drivers.errors import BadFile, UsageError
-from scenarios.acquire.datasets.build import INDEX
-from scenarios.acquire.datasets.collect import SAMPLES
+from scenarios.acquire.datasets.build import INDEX, SAMPLES
 
 RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
-MCAP = ".mcap"
 GO_ON = "`grasp dataset build` goes on with it"
 Tell = Callable[[str], None]
 
@@ -72,11 +70,8 @@ def read_labelled(path: Path) -> list[Recording]:
 
 def require_labelled(path: Path) -> None:
     """Raises UsageError for the recording of a run, which has no labels."""
-    if path.suffix != MCAP:
-        return
-    beside = " ".join(str(file) for file in sorted(path.parent.glob(SAMPLES)))
-    raise UsageError(
-        f"{path} is the recording of a run, which has no labels",
-        f"its labelled samples are {beside}" if beside else
-        f"labelled are those of `grasp run acquire`, {SAMPLES} beside its recording",
-    )  # fmt: skip
+    if path.suffix == ".mcap":
+        raise UsageError(
+            f"{path} is the recording of a run, which has no labels",
+            f"labelled are those of `grasp run acquire`, {SAMPLES} beside its recording",
+        )

@@ -10,15 +10,7 @@ import numpy as np
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
-from detector.scores.blows import blows_of
-from detector.scores.evaluation import (
-    WARM_UP_SAMPLES,
-    Streamed,
-    events_by_label,
-    scored,
-    spoken,
-)
-from detector.scores.metrics import ReliabilityBin, reliability
+from detector.scores.evaluation import Streamed, scored, spoken
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
 from scenarios.benchmark.scoring import Contender, Scores
@@ -66,7 +58,6 @@ class Evaluated(msgspec.Struct, frozen=True):
     rule: RuleSettings
     sheet: dict[str, Any]
     choices: list[Choice]  # from few false events to many
-    reliability: list[ReliabilityBin]
     slips: list[ScoredSlip]
     worst: list[SlipTrace]
 
@@ -100,8 +91,6 @@ def no_evaluation(path: Path, why: Exception) -> BadFile:
 def evaluated(made: Contender, sheet: Scores) -> Evaluated:
     """What the file keeps of a detector; ``sheet`` is its evaluation."""
     rule, streams = made.config.rule, made.streams
-    parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
-    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     found = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
     return Evaluated(
@@ -112,7 +101,6 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
             Choice(c.false_per_min, *map(_known, (c.delay_ms, c.p90_delay_ms, c.p99_delay_ms)))
             for c in frontier(made.points())
         ],
-        reliability=reliability(p, labels),
         slips=[slip for _, slip in found],
         worst=[trace(s, slip, rule) for s, slip in worst],
     )
@@ -121,8 +109,7 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
 def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
     """Every slip of one recording that `evaluate_streams` counts."""
     recording = streamed.recording
-    how = events_by_label(streamed.label)
-    found = scored(streamed, how, WARM_UP_SAMPLES, blows_of(recording))
+    found = scored(streamed)
     delays_ms = found.judged(registered_events(streamed.probabilities, rule)).events.delays_ms
     slips = found.slips
     events = slips.truth[slips.counted[slips.truth[:, 0]]]

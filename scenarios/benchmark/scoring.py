@@ -6,20 +6,18 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from detector.decision import RuleSettings, registered_events
+from detector.decision import RuleSettings
 from detector.interface import SlipDetector
 from detector.network_file import is_weights
 from detector.plugins import is_code
 from detector.recordings import LabelName, Recording, Split
-from detector.scores.blows import blows_of
 from detector.scores.evaluation import (
     HAND_FINGERS,
     WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
     evaluate_streams,
-    events_by_label,
-    scored,
+    judge_stream,
     stream_recordings,
 )
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
@@ -135,12 +133,7 @@ class Evidence(msgspec.Struct, frozen=True):
 
 def evidence(streams: Sequence[Streamed], rule: RuleSettings) -> Evidence:
     """What some of the streams say of the rule."""
-    judged = [
-        scored(s, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording), apart=True)
-        .judged(registered_events(s.probabilities, rule))
-        .events
-        for s in streams
-    ]
+    judged = [judge_stream(s, rule, apart=True).events for s in streams]
     rest = zip(streams, judged, strict=True)
     hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
     slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)

@@ -6,7 +6,7 @@ from typing import Any
 from grasp.settings import load
 from scenarios.lift.lift import LiftConfig, lift
 from scenarios.rigs.calibration import Files, own_layers
-from scenarios.tap.config import TapConfig, TapSettings
+from scenarios.tap.mallet import TapConfig, TapSettings
 from scenarios.tap.tap import tap
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
 from scenarios.trial.experiment import Experiment

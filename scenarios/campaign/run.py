@@ -47,8 +47,7 @@ def run(
     KeyboardInterrupt passes through: every row that was reported is in the file.
     """
     places = combinations(spec)
-    open_store = CampaignStore.resume if resume else CampaignStore.create
-    with open_store(out, spec, places) as store:
+    with CampaignStore.create(out, spec, places, resume) as store:
         every = list(trials(spec, places))
         had = store.finished()
         todo = [trial for trial in every if trial.number not in had]

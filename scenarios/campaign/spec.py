@@ -100,7 +100,11 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         if called.setdefault(base.object.name, name) != name:
             both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
             raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
-        found.append(Combination(scenario, swept, _of(scenario, base)))
+        make_guard(base)
+        experiment = EXPERIMENTS[scenario]
+        own: TrialConfig = experiment.own(base)
+        experiment.configure(own)
+        found.append(Combination(scenario, swept, own))
     _check_detectors([each.config for each in found])
     return found
 
@@ -118,15 +122,6 @@ def _load(
             raise
         at = f" (at {', '.join(f'{k} = {_literal(v)}' for k, v in swept.items())})" if swept else ""
         raise ConfigError("campaign", key, f"{problem}{at}", allowed) from None
-
-
-def _of(scenario: str, whole: RunConfig) -> TrialConfig:
-    """The scenario's own part of the settings, checked."""
-    make_guard(whole)
-    experiment = EXPERIMENTS[scenario]
-    own: TrialConfig = experiment.own(whole)
-    experiment.configure(own)
-    return own
 
 
 def _check_axes(spec: CampaignSpec) -> None:
@@ -168,11 +163,7 @@ def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Task]:
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):
         for place in places:
             yield Task(
-                number=next(numbers),
-                scenario=place.scenario,
-                repetition=repetition,
-                seed=seed * SEEDS_APART + repetition,
-                swept=place.swept,
-                config=place.config,
+                number=next(numbers), scenario=place.scenario, repetition=repetition,
+                seed=seed * SEEDS_APART + repetition, swept=place.swept, config=place.config,
                 recordings=spec.recordings,
-            )
+            )  # fmt: skip

@@ -17,11 +17,12 @@ from drivers.errors import BadFile, ConfigError, CouldNotRecord, on_failure, one
 from grasp.files import (
     LEADS_NOWHERE,
     PRIVATE_FILE,
+    Holder,
+    locked,
     make_private_folder,
     partial_of,
     write_whole,
 )
-from grasp.lock import Holder, locked
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
@@ -32,11 +33,6 @@ DAMAGED = "restore it from a copy, or run the campaign again into another --out"
 FREE = "free the disk or the file, then go on with --resume"
 DISK_ERRORS = ("SQLITE_IOERR", "SQLITE_FULL", "SQLITE_BUSY")
 BEGINS = b"SQLite format 3\0"
-
-
-def of_the_disk(error: Exception) -> bool:
-    """Whether an error is of the disk, rather than of what is in the file."""
-    return getattr(error, "sqlite_errorname", "").startswith(DISK_ERRORS)
 
 
 @contextmanager
@@ -54,7 +50,7 @@ def _read(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as e:
-        if of_the_disk(e):
+        if getattr(e, "sqlite_errorname", "").startswith(DISK_ERRORS):
             raise CouldNotRecord(f"{path}: {e}", FREE) from None
         raise BadFile(path, f"cannot be read: {e}", DAMAGED) from None
 
@@ -75,8 +71,10 @@ class CampaignStore:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._held = ExitStack()
-        # reader and writer wait for each other this long
-        self._db = sqlite3.connect(_uri(path), uri=True, isolation_level=None, timeout=30.0)
+        # A reader opens it to write too: half of a killed writer's last row is taken back first.
+        # Reader and writer wait for each other for up to 30 s.
+        uri = f"{path.absolute().as_uri()}?mode=rw"
+        self._db = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)
         self._held.callback(self._db.close)
 
     def __enter__(self) -> Self:
@@ -86,23 +84,21 @@ class CampaignStore:
         self._held.close()
 
     @classmethod
-    def create(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """A new file. Raises ConfigError when there is one or another process makes one,
+    def create(
+        cls, path: Path, spec: CampaignSpec, places: Sequence[Combination], resume: bool = False
+    ) -> Self:
+        """A new file; with ``resume`` the one that is there, if it is of this campaign. Raises
+        ConfigError for another and while another process writes it, BadFile for a damaged one, and
         CouldNotRecord when it cannot be made."""
         with _claimed(path) as lock:
-            if path.exists():
+            if not path.exists():
+                with _written(path):
+                    write_whole(path, _new_file(spec, places), private=True)
+                return cls.open(path)._keeping(lock)
+            if not resume:
                 raise ConfigError(
                     str(path), "--out", "exists already", "a new file, or --resume to go on with it"
                 )
-            return cls._begun(path, spec, places)._keeping(lock)
-
-    @classmethod
-    def resume(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """The file, if it is of this campaign, else ConfigError; a new one if there is none. Raises
-        BadFile for a damaged one."""
-        with _claimed(path) as lock:
-            if not path.exists():
-                return cls._begun(path, spec, places)._keeping(lock)
             store = cls.open(path)
             store.rows()  # damage is found before anything is written
             if store.spec != spec or store.settings().keys() != {p.config.digest() for p in places}:
@@ -123,12 +119,6 @@ class CampaignStore:
             with on_failure(store._held.close):
                 store._check()
         return store
-
-    @classmethod
-    def _begun(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        with _written(path):
-            write_whole(path, _new_file(spec, places), private=True)
-        return cls.open(path)
 
     def _keeping(self, lock: ExitStack) -> Self:
         """Keep the lock until the file is closed; remove what a killed writer left of a
@@ -253,11 +243,6 @@ def _held(path: Path, holder: Holder | None) -> ConfigError:
         str(path), "--out", f"is being written by {by}",
         "another --out, or wait until that has ended",
     )  # fmt: skip
-
-
-def _uri(path: Path) -> str:
-    """Also a reader opens it to write: half of a killed writer's last row is taken back first."""
-    return f"{path.absolute().as_uri()}?mode=rw"
 
 
 def _plain(value: Any) -> Any:

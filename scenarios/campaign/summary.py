@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import msgspec
 
@@ -127,6 +127,7 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
     successes = sum(bool(row.success) for row in done)
     outcomes, counted = _outcomes(ran), {row.trial for row in done}
     split = scenario == "lift" and name in LONG
+    turned_deg = [_unless_lost(r, r.turned_rad, 180 / math.pi) for r in done]
     return Cell(
         object=name,
         trials=len(done),
@@ -138,22 +139,17 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=outcomes,
         apart=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=_of_a_world(registered_ms, done),
-        reaction_latency_ms=_of_a_world(_force_rises_ms, done),
+        detection_latency_ms=_of_a_world(
+            [_after_onset(r, r.detection_latency_ms) for r in done], done
+        ),
+        reaction_latency_ms=_of_a_world(
+            [_after_onset(r, r.reaction_latency_ms) for r in done], done
+        ),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
-        slip_distance_mm=quantiles([_slip_mm(row) for row in done]),
-        turned_deg=_of_a_world(_turned_deg, done),
+        slip_distance_mm=quantiles([_unless_lost(r, r.slip_distance_m, 1e3) for r in done]),
+        turned_deg=_of_a_world([None if t is None else abs(t) for t in turned_deg], done),
         paused_s=quantiles([row.paused_s for row in done]),
     )
-
-
-def registered_ms(row: Row) -> float | None:
-    """After the onset of slip; an alarm that came before there was any has not registered it."""
-    return None if row.outcome == LiftOutcome.FALSE_START else row.detection_latency_ms
-
-
-def _force_rises_ms(row: Row) -> float | None:
-    return None if row.outcome == LiftOutcome.FALSE_START else row.reaction_latency_ms
 
 
 def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
@@ -161,25 +157,24 @@ def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(str(row.outcome) for row in rows).most_common())
 
 
-def _of_a_world(figure: Callable[[Row], float | None], rows: Sequence[Row]) -> Quantiles | None:
-    """What a world alone knows, such as when slip began: None of real devices. None of a value is
-    one that never came."""
-    values = [(figure(row), row) for row in rows]
-    # true forces: a world knows
-    known = [v for v, row in values if v is not None or row.peak_force_n is not None]
+def _of_a_world(figures: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
+    """Of a figure of each row that only a simulation knows, as when slip began: None of real
+    devices. None of a value is one that never came."""
+    both = zip(figures, rows, strict=True)
+    # true forces: from a simulation
+    known = [v for v, row in both if v is not None or row.peak_force_n is not None]
     return quantiles(known) if known else None
 
 
-def _slip_mm(row: Row) -> float | None:
-    """A lifted object that was lost slipped for ever."""
-    lost = row.scenario == "lift" and not row.success
-    return None if row.slip_distance_m is None or lost else row.slip_distance_m * 1e3
+def _after_onset(row: Row, latency_ms: float | None) -> float | None:
+    """An alarm that came before there was any slip has not registered it."""
+    return None if row.outcome == LiftOutcome.FALSE_START else latency_ms
 
 
-def _turned_deg(row: Row) -> float | None:
-    """Rotation in the hand; of a lifted object that was lost as its slip distance."""
+def _unless_lost(row: Row, value: float | None, factor: float) -> float | None:
+    """Slip in other units; a lifted object that was lost slipped for ever."""
     lost = row.scenario == "lift" and not row.success
-    return None if row.turned_rad is None or lost else math.degrees(abs(row.turned_rad))
+    return None if value is None or lost else factor * value
 
 
 def paper_rate(scenario: str, name: str) -> float | None:

@@ -25,12 +25,6 @@ INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
 JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so; no device was to blame
 
 
-class Home(msgspec.Struct, frozen=True):
-    """What a result says of the arm's home."""
-
-    home_m: Vector3 | None = None
-
-
 class TrialSeries(msgspec.Struct, frozen=True):
     """One experiment with one set of settings, so many times, with seeds one after the other."""
 
@@ -63,9 +57,9 @@ class TrialSeries(msgspec.Struct, frozen=True):
         ]  # fmt: skip
 
     def store(self, out: Path, resume: bool) -> CampaignStore:
-        """Its file, to go on with or a new one; raises what ``CampaignStore`` raises."""
-        open_store = CampaignStore.resume if resume else CampaignStore.create
-        return open_store(out, self.spec(), [Combination(self.scenario, {}, self.config)])
+        """Its file, to go on with or a new one; raises what ``CampaignStore.create`` raises."""
+        places = [Combination(self.scenario, {}, self.config)]
+        return CampaignStore.create(out, self.spec(), places, resume)
 
 
 def run(
@@ -104,8 +98,8 @@ def run(
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
     """Of the arm, that the trials up to now began from; None where none of them has one."""
-    homes = (msgspec.json.decode(row.result, type=Home).home_m for row in rows if row.result)
-    return next((home for home in homes if home is not None), None)
+    homes = (msgspec.json.decode(row.result).get("home_m") for row in rows if row.result)
+    return next((msgspec.convert(home, Vector3) for home in homes if home is not None), None)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:

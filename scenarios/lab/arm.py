@@ -11,8 +11,8 @@ from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say, retry
-from scenarios.rigs.opening import open_arm
 from scenarios.rigs.permission import MotionPermit, arm_address, arm_of, driving, require
+from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
 
 MOST_STEP_M = 0.005

@@ -14,8 +14,8 @@ from drivers.takktile.driver import TakkTileDriver
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.config import AnyRigConfig
-from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import board_address
+from scenarios.rigs.wired import open_board
 
 REST_S = 5.0  # within which the rest is taken
 A_SECOND = 100  # samples

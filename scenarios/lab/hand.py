@@ -39,7 +39,6 @@ from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
 from scenarios.lab.fingertips import Touch, open_touch
 from scenarios.rigs.device_checks import read_gripper
-from scenarios.rigs.opening import open_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
     activate,
@@ -51,6 +50,7 @@ from scenarios.rigs.rig import (
     to_open,
     until_active,
 )
+from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
@@ -304,9 +304,9 @@ class Hand:
         """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; a tick without a
         frame repeats the last one. Ctrl-C as in ``move``."""
         felt: list[NDArray[np.int16]] = []
+        ticks, touch = round(seconds * 1e9 / PERIOD_NS), self._touch
         with on_failure(lambda: self.stand(say)):
-            ticks = round(seconds * 1e9 / PERIOD_NS)
-            for _ in () if (touch := self._touch) is None else touch.ticks(self.clock, ticks):
+            for _ in () if touch is None else touch.ticks(self.clock, ticks):
                 self._gripper.pump(self.clock.now_ns)
                 if touch is not None and (counts := touch.counts) is not None:
                     felt.append(counts)
@@ -370,11 +370,8 @@ def open_active_gripper(
     config: TrialConfig, clock: Clock, closing: bool, again: str = "", activating: bool = False
 ) -> Iterator[Gripper]:
     """The gripper of real devices, driven by this process alone. ``activating``: one that is not
-    active is activated, whatever it holds; ``again``: the command that does that.
-
-    Raises Refused for one that is not active, that another process drives or that is to close in
-    scissor mode, DeviceFault for one that is to close and reports a fault, and the driver's errors.
-    """
+    active is activated, whatever it holds; ``again``: the command that does that. Raises Refused
+    and DeviceFault for one that cannot do what is asked, and the driver's errors."""
     with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
         with suppress(DeviceFault):  # checked below
             gripper.pump(clock.now_ns)
@@ -393,18 +390,15 @@ def open_active_gripper(
 def open_hand(
     config: TrialConfig, permit: MotionPermit | None, closing: bool, activating: bool = False
 ) -> Iterator[Hand]:
-    """The hand of real devices, with its fingertips where it is to close. ``activating``: it is
-    activated first, if it is not active, and drops what it holds.
-
-    Raises UsageError without a permit, ConfigError where a run would be refused, and what
-    ``open_active_gripper`` and the board raise.
-    """
+    """The hand of real devices, with its fingertips where it is to close. ``activating``: as
+    ``open_active_gripper``. Raises UsageError without a permit, ConfigError where a run would be
+    refused, and what the gripper and the board raise."""
     allowed = require(permit)
-    config = config if closing else to_open(config)
-    clock = WallClock(WallClock().now_ns)
+    clock, again = WallClock(WallClock().now_ns), ""
     if closing:
         guard_of(config)
-    again = "" if closing else f"`{allowed.release} --activate`"
+    else:
+        config, again = to_open(config), f"`{allowed.release} --activate`"
     with (
         open_active_gripper(config, clock, closing, again, activating) as gripper,
         ExitStack() as stack,

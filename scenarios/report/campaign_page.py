@@ -48,8 +48,6 @@ def campaign_page(file: Path, out: Path) -> str:
     errors = sum(row.status == "error" for row in rows)
     versions = dict.fromkeys(row.versions for row in rows if row.versions)
     remarks = [f"{errors} trials ended with an error and are in no rate."] if errors else []
-    if len(versions) > 1:
-        remarks.append(f"The rows come from {len(versions)} different versions.")
     seeds = ", ".join(map(str, spec.seeds))
     origins = [
         f"{sum(row.cpu_s or 0.0 for row in rows):.0f} s of processor time; {spec.repetitions} "

@@ -1,7 +1,4 @@
-"""A recorded trial for other programs: a table, or pictures (`grasp export`).
-
-Pictures need the extra `charts`.
-"""
+"""A recorded trial as a table, or as a picture (extra `charts`), for `grasp export`."""
 
 import csv
 import io
@@ -41,11 +38,9 @@ def as_csv(path: Path) -> str:
 
 
 def _columns(run: RunRecord) -> dict[str, Floats]:
-    """In their order; what nobody knows on that rig is no column."""
+    """In order; without what the rig does not know."""
     found: dict[str, Floats] = {
-        "armed": run.armed.astype(np.float64),
-        "masked": run.masked.astype(np.float64),
-        "registered": run.registered.astype(np.float64),
+        **{name: getattr(run, name).astype(float) for name in ("armed", "masked", "registered")},
         **_by_finger("probability", run.known(run.probabilities)),
         **_by_finger("felt_n", run.known(run.felt_n)),
         **_by_finger("position_counts", run.fingers_counts),

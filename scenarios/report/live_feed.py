@@ -1,5 +1,5 @@
 """Sends a run to its live page, which a process of its own serves, without ever waiting: what it
-cannot take in time is lost (`grasp.watch.Onlooker`)."""
+cannot take in time is lost (`grasp.viewer_process`)."""
 
 import secrets
 import socket
@@ -13,12 +13,12 @@ from detector.interface import motion_told_by
 from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from grasp.watch import Onlooker
+from grasp.viewer_process import ViewerProcess
 from scenarios.report import live_server as server
 from scenarios.report.live_server import Begin, Row, Said, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.pictures import taxel_places
+from scenarios.trial.foxglove import taxel_places
 from scenarios.world.truth import Truth
 
 Values = list[float | None]
@@ -41,7 +41,7 @@ class LiveTrials:
         self._motion = _reports_motion(config)
         self._fused = bound.probable and config.rule.fusion == "mean"
         view = View(self._truth, self._motion, config.guard.force_limit_n, bound)
-        self.feed = Feed(title, FINGER_NAMES, view, of)
+        self.feed = Feed(title, view, of)
         self._controller: GraspController | None = None
         self._phase = ""
         self._number = 1
@@ -126,14 +126,14 @@ TOKEN_BYTES = 16
 class Feed:
     """One page for all trials of a call. ``address`` is where it is."""
 
-    def __init__(self, title: str, fingers: tuple[str, ...], view: View, of: int) -> None:
+    def __init__(self, title: str, view: View, of: int) -> None:
         """``of``: number of trials. Raises OSError where no socket can listen."""
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
-            self._onlooker = Onlooker(server, STDERR, (listening.fileno(),))
-            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, view))
+            self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
+            self._viewer.tell(Serve(listening.fileno(), host, token, title, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._ticks = 0
@@ -142,20 +142,20 @@ class Feed:
     @property
     def pid(self) -> int:
         """Of the process that serves."""
-        return self._onlooker.pid
+        return self._viewer.pid
 
     @property
     def lost(self) -> int:
         """Messages that were not taken."""
-        return self._onlooker.lost
+        return self._viewer.lost
 
     def say(self, text: str) -> None:
         """A line between two trials."""
-        self._onlooker.tell(Said(text))
+        self._viewer.tell(Said(text))
 
     def close(self) -> None:
         """The page stays as it is in a browser; safe to call twice."""
-        self._onlooker.close()
+        self._viewer.close()
 
     def begin(self, data: dict[str, Any], number: int = 1) -> None:
         """Another trial, whose rows follow; ``number`` counts from 1."""
@@ -170,7 +170,7 @@ class Feed:
     def show(self, phase: str, values: list[float | None]) -> None:
         """One instant. A trial whose begin was lost is begun first."""
         if self._begin is not None:
-            if not self._onlooker.show(self._begin):
+            if not self._viewer.show(self._begin):
                 return
             self._begin = None
-        self._onlooker.show(Row(phase, values))
+        self._viewer.show(Row(phase, values))

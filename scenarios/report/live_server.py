@@ -1,7 +1,7 @@
 """The process that serves a live page: on loopback, to who knows the token.
 
-Started by `grasp.watch`; reads one `Message` a line from standard input until that ends. A viewer
-is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
+Started by `grasp.viewer_process`; reads one `Message` a line from standard input until that ends.
+A viewer is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
 """
 
 import asyncio
@@ -20,7 +20,8 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
-from grasp.watch import leave_signals_to_the_run
+from drivers.interfaces import FINGER_NAMES
+from grasp.viewer_process import ignore_signals
 from scenarios.report.page import render
 from scenarios.report.run_view import View
 
@@ -32,7 +33,6 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
     address: str  # host and port
     token: str
     title: str
-    fingers: tuple[str, ...]
     view: View
 
 
@@ -110,7 +110,7 @@ class Server:
         self._told, self._story = told, story
         self._page = render(
             "live.html", SCRIPTS, connect=f"ws://{told.address}", title=told.title,
-            fingers=told.fingers, view=told.view, data={"live": True, "phases": [], "marks": []},
+            fingers=FINGER_NAMES, view=told.view, data={"live": True, "phases": [], "marks": []},
         ).encode()  # fmt: skip
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -165,7 +165,7 @@ async def _serve(told: Serve, source: BinaryIO) -> None:
 
 def main() -> None:
     """Serve what comes on standard input until it ends."""
-    leave_signals_to_the_run()
+    ignore_signals()
     os.nice(NICE)
     # more viewers than there are descriptors: no tracebacks on the terminal of a run
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)

@@ -23,11 +23,8 @@ STYLES = ("uplot/uPlot.min.css", "page.css")
 
 
 def render(template: str, scripts: Sequence[str], connect: str = "'none'", **context: Any) -> str:
-    """The page of a template in `page/`, with these scripts of there; most need `data.js` first.
-
-    ``connect``: the one address that they may speak to. ``context`` goes to the template; `data` of
-    it becomes JSON for the scripts (`data.js`).
-    """
+    """The page of a template in `page/`, with scripts of that folder. ``connect``: the one address
+    that they may contact. ``context`` goes to the template; its `data` becomes JSON for scripts."""
     style = "\n".join(_part(name) for name in STYLES)
     script = "\n".join(_part(name) for name in scripts)
     policy = (
@@ -47,7 +44,6 @@ def _part(name: str) -> str:
 
 
 def _fingerprint(text: str) -> str:
-    """As a content security policy names an inline style or script."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
@@ -92,8 +88,8 @@ class Axis(msgspec.Struct, frozen=True):
             first, last = math.ceil(math.log10(self.low)), math.floor(math.log10(self.high))
             return [10.0**i for i in range(first, last + 1)]
         rough = (self.high - self.low) / TICKS
-        magnitude = 10.0 ** math.floor(math.log10(rough))
-        step = next(m * magnitude for m in (1.0, 2.0, 5.0, 10.0) if m * magnitude >= rough * 0.999)
+        unit = 10.0 ** math.floor(math.log10(rough))
+        step = next(m * unit for m in (1.0, 2.0, 5.0, 10.0) if m * unit >= rough * 0.999)
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
         return [i * step for i in range(first, last + 1)]
 

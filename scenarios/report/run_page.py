@@ -16,7 +16,7 @@ from scenarios.report.page import render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
 from scenarios.report.run_settings import command_of, object_file, settings_of
 from scenarios.report.run_view import Bound, View, bound_of, decided, facts, scene
-from scenarios.trial.pictures import taxel_places
+from scenarios.trial.foxglove import taxel_places
 from scenarios.trial.result import spelt
 from scenarios.trial.run_folder import RECORDING, find_recording
 

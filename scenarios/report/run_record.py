@@ -162,11 +162,11 @@ def _settings(recording: RunRecording) -> tuple[TrialConfig, dict[str, Any]]:
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__}
         return load(TrialConfig, [Layer("config", known)]), table
     except (KeyError, msgspec.MsgspecError, RecursionError, ConfigError) as error:
-        raise BadFile(
-            recording.path,
-            f"its settings do not fit this version: {error}",
-            f"make the page with grasp {recording.metadata.get('version.grasp', 'of its time')}",
-        ) from error
+        remedy = (
+            f"make the page with grasp {recording.metadata.get('version.grasp', 'of its time')}"
+        )
+        told = f"its settings do not fit this version: {error}"
+        raise BadFile(recording.path, told, remedy) from error
 
 
 def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]:
@@ -175,7 +175,7 @@ def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]
     kept = recording.parent.suffix == ".recordings" and campaign.is_file()
     place = campaign if kept else recording.with_name(RESULT)
     try:
-        content = _of_a_row(campaign, recording) if kept else place.read_bytes()
+        content = _kept_in(campaign, recording) if kept else place.read_bytes()
         return msgspec.json.decode(content, type=kind), ""
     except FileNotFoundError:
         return None, (
@@ -186,8 +186,8 @@ def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]
         return None, f"The {place.name} beside the recording cannot be read: {error}."
 
 
-def _of_a_row(campaign: Path, recording: Path) -> str:
-    """The result of the row that kept a recording; empty where it has none."""
+def _kept_in(campaign: Path, recording: Path) -> str:
+    """The result in a campaign's row; empty where it has none."""
     with CampaignStore.open(campaign) as store:
         name = f"{recording.parent.name}/{recording.name}"
         return next((row.result or "" for row in store.rows() if row.recording == name), "")

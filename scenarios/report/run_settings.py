@@ -12,7 +12,7 @@ from drivers.errors import ConfigError
 from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
-from scenarios.tap.config import TapSettings
+from scenarios.tap.mallet import TapSettings
 from scenarios.tap.tap import tap
 from scenarios.trial import person
 from scenarios.trial.config import DEFAULT_PROFILE
@@ -46,7 +46,7 @@ def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     return [
         Setting(key, toml(value), toml(usual.get(key)) if known else None)
         for key, value in _leaves(told)
-        if key not in NAMED and not key.startswith("files.")
+        if key not in NAMED
     ]
 
 
@@ -86,8 +86,8 @@ def _packaged(body: str) -> bool:
 
 def _detector_of(profile: str) -> str:
     try:
-        return str(named_layer("profiles", profile).table["detector_name"])
-    except (ConfigError, KeyError):
+        return str(named_layer("profiles", profile).table.get("detector_name", ""))
+    except ConfigError:
         return ""
 
 

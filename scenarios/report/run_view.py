@@ -12,6 +12,7 @@ from detector.decision import RuleSettings, cusum, fused
 from drivers.interfaces import KIT_TAXELS
 from grasp.guard import limit_in_words
 from scenarios.trial.config import TrialConfig
+from scenarios.world.settings import HALF_APERTURE_M, PAD_HALF_LENGTH_M
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -94,8 +95,8 @@ def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
     known = config.calibration
     return {
         "object": msgspec.to_builtins(config.object),
-        "half_aperture_m": config.contact.half_aperture_m,
-        "pad_half_m": config.contact.pad_half_length_m,
+        "half_aperture_m": HALF_APERTURE_M,
+        "pad_half_m": PAD_HALF_LENGTH_M,
         "m_per_count": None if known is None else known.m_per_count,
         "grip_m": grip_m, "top_m": top_m,
     }  # fmt: skip

@@ -31,20 +31,11 @@ def own_files_of(files: Files) -> list[Path]:
 def own_layers(files: Files, assignments: Sequence[str]) -> list[Layer]:
     """The user's files, then the assignments.
 
-    Raises ConfigError for a file that cannot be read or says nothing, and for a name that the
-    command line alone may choose.
+    Raises ConfigError for a file that cannot be read, and for a name that the command line alone
+    may choose.
     """
-    read = [says_something(read_toml(file)) for file in own_files_of(files)]
+    read = map(read_toml, own_files_of(files))
     return [not_chosen(layer) for layer in (*read, assignment_layer(assignments))]
-
-
-def says_something(layer: Layer) -> Layer:
-    """The layer, if there is a setting in it: what a command that failed should have written is
-    empty, and would pass for the settings there are without it. Raises ConfigError."""
-    if any(table != {} for table in layer.table.values()):
-        return layer
-    remedy = f"settings (a rule: `grasp detector tune ... > {layer.source}`), or no such file"
-    raise ConfigError(layer.source, "-", "says nothing: there is no setting in it", remedy)
 
 
 def rig_layers(word: str) -> tuple[str, list[Layer]]:
@@ -58,7 +49,7 @@ def rig_layers(word: str) -> tuple[str, list[Layer]]:
         said = "missing" if like is None else f"{like!r} is none"
         raise ConfigError(word, "rig", said, " or ".join(names("rigs")))
     rest = {key: value for key, value in file.table.items() if key != "rig"}
-    own = Layer(file.source, rest, file.digest)
+    own = Layer(file.source, rest)
     return str(like), [not_chosen(named_layer("rigs", str(like))), not_chosen(own)]
 
 

@@ -20,6 +20,7 @@ from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
+    HALF_APERTURE_M,
     ContactSettings,
     DamageSettings,
     FingertipSettings,
@@ -59,17 +60,17 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     @property
     def chosen(self) -> dict[str, str]:
         """Names of the devices that are not ours, by kind."""
-        named = {device: getattr(self, device) for device in GROUPS}
-        return {device: name for device, name in named.items() if name}
+        named = zip(GROUPS, (self.gripper, self.arm, self.fingertips), strict=True)
+        return {device: name for device, name in named if name}
 
     def settings(self, device: str) -> dict[str, Scalar]:
-        given: dict[str, Scalar] = getattr(self, f"{device}_settings")
-        return given
+        given = (self.gripper_settings, self.arm_settings, self.fingertips_settings)
+        return dict(zip(GROUPS, given, strict=True))[device]
 
     def called(self, device: str) -> str:
         """The name and settings of a device, for locks and messages."""
         given = ",".join(f"{key}={value}" for key, value in sorted(self.settings(device).items()))
-        return f"{getattr(self, device)}({given})"
+        return f"{self.chosen[device]}({given})"
 
     def check_offered(self) -> None:
         """Raises ConfigError for a name that no installed package offers."""
@@ -164,11 +165,10 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     def __post_init__(self) -> None:
         super().__post_init__()
         half_m = wider(self.object, self.variation).half_width_m
-        open_m = self.contact.half_aperture_m
-        if not self.real and not 0.0 < half_m < open_m:
+        if not self.real and not 0.0 < half_m < HALF_APERTURE_M:
             raise ValueError(
                 f"object.half_width_m with variation.width_error_m: {half_m * 1e3:g} mm, and the "
-                f"hand opens {open_m * 1e3:g} mm a side (contact.half_aperture_m)"
+                f"hand opens {HALF_APERTURE_M * 1e3:g} mm a side"
             )
 
 

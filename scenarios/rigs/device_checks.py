@@ -26,7 +26,6 @@ from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
-from scenarios.rigs.opening import open_board
 from scenarios.rigs.permission import (
     HARDWARE,
     arm_address,
@@ -36,6 +35,7 @@ from scenarios.rigs.permission import (
     gripper_address,
 )
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
+from scenarios.rigs.wired import open_board
 
 Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
 APART_S = 0.1  # between two looks at the gripper

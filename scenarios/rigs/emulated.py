@@ -17,8 +17,8 @@ from grasp.clock import WallClock
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
-from scenarios.rigs.opening import acknowledgements, wired_devices
 from scenarios.rigs.rig import Rig, Stalls, connect
+from scenarios.rigs.wired import acknowledgements, wired_devices
 from scenarios.world.settings import Blow
 from scenarios.world.truth import PressedTruth, Truth
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import ConfigError, Refused, UsageError
-from grasp.lock import Holder, locked
+from grasp.files import Holder, locked
 from scenarios.rigs.calibration import Files, own_files_of
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import calibration
@@ -112,13 +112,13 @@ def board_address(config: AnyRigConfig) -> str:
 
 
 def _given(key: str, value: str, allowed: str) -> str:
-    if not value:
-        section, _, name = key.partition(".")
-        raise ConfigError(
-            section, name, "real devices have no default: say which one is meant",
-            f"{allowed}; in a file for --config, or --set {key}=...",
-        )  # fmt: skip
-    return value
+    if value:
+        return value
+    section, _, name = key.partition(".")
+    raise ConfigError(
+        section, name, "real devices have no default: say which one is meant",
+        f"{allowed}; in a file for --config, or --set {key}=...",
+    )  # fmt: skip
 
 
 # One process drives a device at a time
@@ -131,13 +131,13 @@ def devices_of(config: AnyRigConfig) -> list[str]:
 
 
 def arm_of(config: AnyRigConfig) -> str:
-    """The arm, by its address; raises ConfigError where nobody has said it."""
+    """The arm, by its address."""
     address = arm_address(config)
     return f"arm {address}" if config.devices.arm else f"arm at {_resolved(address)}"
 
 
 def gripper_of(config: GraspRigConfig) -> str:
-    """The gripper, by its address; raises ConfigError where nobody has said it."""
+    """The gripper, by its address."""
     address = gripper_address(config)
     if config.devices.gripper:
         return f"gripper {address}"

@@ -98,12 +98,16 @@ def draw(
     Normal: friction, mass, start height, weight aside and each finger's stop; uniform: latency,
     refresh phase and force stop.
     """
-    friction, mass = np.clip(rng.standard_normal(2), -CUT, CUT).tolist()
-    scatter = np.clip(rng.standard_normal(3), -CUT, CUT)
+
+    def normal(count: int) -> NDArray[np.float64]:
+        return np.clip(rng.standard_normal(count), -CUT, CUT)
+
+    friction, mass = normal(2).tolist()
+    scatter = normal(3)
     latency, phase = rng.uniform(size=2).tolist()
-    height = float(np.clip(rng.standard_normal(), -CUT, CUT))
+    height = normal(1).item()
     weak = float(rng.uniform())
-    aside = float(np.clip(rng.standard_normal(), -CUT, CUT))
+    aside = normal(1).item()
     rub = 1 + settings.friction_cv * friction
     varied_body = msgspec.structs.replace(
         wider(body, settings),
@@ -130,18 +134,10 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
     trial = draw(config.variation, config.object, config.hand, varied)
     level, blow_level = _levels(config)
     settings = CellSettings(
-        body=trial.body,
-        contact=config.contact,
-        fingertip=config.fingertip,
-        hand=trial.hand,
-        board=config.board,
-        arm=config.arm_model,
-        finger_offset_m=trial.finger_offset_m,
-        level=level,
-        blow_level=blow_level,
-        pull=config.pull,
-        damage=config.damage,
-    )
+        body=trial.body, contact=config.contact, fingertip=config.fingertip, hand=trial.hand,
+        board=config.board, arm=config.arm_model, finger_offset_m=trial.finger_offset_m,
+        level=level, blow_level=blow_level, pull=config.pull, damage=config.damage,
+    )  # fmt: skip
     return settings, world
 
 
@@ -159,13 +155,6 @@ def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> Simulated
     return SimulatedCell(*cell_settings(config, seed), start_ns)
 
 
-def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell | PressedCell:
-    """The cell that the settings are of."""
-    if isinstance(config, GraspRigConfig):
-        return make_cell(config, seed, start_ns)
-    return make_pressed_cell(config, seed, start_ns)
-
-
 def make_pressed_cell(config: PressRigConfig, seed: int, start_ns: int = 0) -> PressedCell:
     """The pressed fingertip that a seed stands for; equal on every rig."""
     settings = PressedCellSettings(
@@ -173,3 +162,10 @@ def make_pressed_cell(config: PressRigConfig, seed: int, start_ns: int = 0) -> P
         board=config.board, arm=config.arm_model, finger=config.finger,
     )  # fmt: skip
     return PressedCell(settings, np.random.default_rng([seed, 0]), start_ns)
+
+
+def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell | PressedCell:
+    """The cell that the settings are of."""
+    if isinstance(config, GraspRigConfig):
+        return make_cell(config, seed, start_ns)
+    return make_pressed_cell(config, seed, start_ns)

@@ -1,4 +1,4 @@
-"""The mallet's blow: which way, where it lands, and how hard, searched as the paper's operator did.
+"""The mallet's blow and its settings: which way, where, and how hard, as the paper's operator did.
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
 search bisects the impulse on the contact law alone, for the object as configured and held as firmly
@@ -10,17 +10,18 @@ blow to blow: what a trial's tap really moves is measured, not assumed.
 import copy
 import math
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.rigs.config import CUT
-from scenarios.tap.config import TapConfig, TapSettings
+from scenarios.trial.config import TrialConfig
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import HALF_APERTURE_M, Blow, ContactSettings, Level
 
 if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
     from scenarios.world.contact import Contact, Floats
@@ -33,6 +34,39 @@ OFFSET_SPREAD_M = 0.005  # deviation of where a blow lands; assumed, 2-10 mm
 WAIT_S = 0.3  # the hand waits 0 to this long, drawn
 MALLET_KG = 0.454  # 16 oz (paper)
 RESTITUTION = 0.3  # rubber on the object; assumed, 0.2-0.5
+
+
+class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One tap. The search for the impulse follows the paper (section V-B): hard enough to move the
+    object, too weak to knock it out."""
+
+    # alternate: even seeds on top, odd ones on the side, across the closing axis; closing: along
+    # it, onto the thumb, which the paper did not try
+    direction: Literal["top", "side", "alternate", "closing"] = "alternate"
+    aim_m: Annotated[float, Meta(ge=0.001, le=0.03, description="m that the tape mark moves")] = (
+        0.007  # assumed, 2-20 mm
+    )
+    impulse_n_s: Annotated[float, Meta(ge=0.0, le=2.0, description="N s; 0: searched")] = 0.0
+    spread: Annotated[float, Meta(ge=0.0, le=0.5, description="of the hand, relative")] = 0.2
+    side_offset_m: Annotated[float, Meta(ge=-0.2, le=0.3, description="above the grip")] = 0.04
+    duration_s: Annotated[float, Meta(ge=0.001, le=0.05, description="of the impact")] = 0.008
+    follow_fraction: Annotated[float, Meta(ge=0.0, le=0.5, description="of the impulse")] = 0.1
+    follow_s: Annotated[float, Meta(ge=0.001, le=0.2, description="s of follow-through")] = 0.03
+
+
+class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Resolved settings of one tap."""
+
+    tap: TapSettings = TapSettings()
+
+    def direction(self, seed: int) -> str:
+        """Of the tap with that seed."""
+        if self.tap.direction != "alternate":
+            return self.tap.direction
+        return "top" if seed % 2 == 0 else "side"
+
+    def scene(self, seed: int) -> str:
+        return self.direction(seed)
 
 
 class Swing(msgspec.Struct, frozen=True):
@@ -138,7 +172,7 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     kept = 1 - hand.relaxation_fraction
     pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
-    touch_m = hand.half_aperture_m - width_m
+    touch_m = HALF_APERTURE_M - width_m
     held = Held(contact, touch_m + pressed_m)
     held.waits(0.0, SETTLE_S)
     return held

@@ -7,6 +7,7 @@ slip, and it could not, because a thumb that stands at the cap is latched at tha
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,8 +18,7 @@ from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
-from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import Swing, mallet_speed_mps, swing
+from scenarios.tap.mallet import Swing, TapConfig, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     UNMOVED,
     UNSTRUCK,
@@ -47,6 +47,7 @@ PATIENCE_S = 10.0  # to wait for that before the trial is given up; assumed
 WATCH_S = 3.0  # the status is watched so long after a blow; longer than any window of the verdict
 FELT_FACTOR = 3.0  # a felt blow: the first change of counts so many times the largest before
 MOTION_BOUND_S = 0.15  # it has ended so long after a felt blow: slip lasts 13-140 ms in a model
+MEASURED = ("displacement_m", "down_m", "across_m", "turned_rad", "struck_s")  # of the motion
 SIDES = {
     "top": "on the TOP, downwards",
     "side": "on the SIDE, across the closing axis",
@@ -279,28 +280,22 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
         facts = _facts(config, trial)
         outcome = TapOutcome(trial.outcome_of(verdict(facts)))
         judged = trial.bug is None and not trial.interrupted
-        motion, before, impulse_n_s = (
-            facts.motion,
-            trial.sequence.before,
-            trial.sequence.impulse_n_s,
-        )
+        motion, before = facts.motion, trial.sequence.before
+        impulse_n_s = trial.sequence.impulse_n_s
         registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
         again_s = None
         if motion is not None and registered_s is not None:
             again_s = nominal_again_s(facts, last_motion_s(motion))
+        measured: dict[str, Any] = {name: getattr(motion, name, None) for name in MEASURED}
         return TapResult(
             **trial.figures(config, self.name, seed),
             direction=config.direction(seed),
             success=outcome is TapOutcome.REGISTERED if judged else None,
             outcome=outcome.value,
             moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
-            displacement_m=motion.displacement_m if motion else None,
-            down_m=motion.down_m if motion else None,
-            across_m=motion.across_m if motion else None,
-            turned_rad=motion.turned_rad if motion else None,
+            **measured,
             impulse_n_s=impulse_n_s,
             mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
-            struck_s=motion.struck_s if motion else None,
             slip_onset_s=motion.from_s if motion else None,
             slip_end_s=motion.until_s if motion else None,
             slip_duration_ms=later_ms(motion.from_s, motion.until_s) if motion else None,

@@ -14,9 +14,8 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,28 +42,6 @@ BOARD_FAULTS = (
 )  # fmt: skip
 
 
-class Later:
-    """Actions put off; those still outstanding are forgotten at the end."""
-
-    def __init__(self) -> None:
-        self._timers: list[threading.Timer] = []
-
-    def do(self, after_s: float, action: Callable[[], object]) -> None:
-        """At once without a delay, in a thread of its own otherwise."""
-        if after_s <= 0.0:
-            action()
-            return
-        timer = threading.Timer(after_s, action)
-        self._timers.append(timer)
-        timer.start()
-
-    def close(self) -> None:
-        for timer in self._timers:
-            timer.cancel()
-        for timer in self._timers:
-            timer.join(END_S)
-
-
 class EmulatedGripper:
     """A Robotiq 3-Finger Gripper on Modbus TCP. Not yet activated, as after power-up."""
 
@@ -74,15 +51,14 @@ class EmulatedGripper:
         self.emulator = emulator
         self.host, self.port = emulator.address
 
-    def fault(self, name: str, *, after_s: float = 0.0, **arguments: Any) -> None:
+    def fault(self, name: str, **arguments: Any) -> None:
         """Plan trouble for coming requests: a name of ``Trouble``, arguments of ``WireFault``.
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """
         from drivers.robotiq.emulator import Trouble, WireFault  # noqa: PLC0415
 
-        from_ns = time.monotonic_ns() + round(after_s * 1e9)
-        self.emulator.faults.add(WireFault(trouble=Trouble(name), from_ns=from_ns, **arguments))
+        self.emulator.faults.add(WireFault(trouble=Trouble(name), **arguments))
 
 
 class EmulatedBoard:
@@ -95,7 +71,6 @@ class EmulatedBoard:
         self.model = model
         self._lock = lock
         self._codes = codes
-        self._later = Later()
 
     @property
     def url(self) -> str:
@@ -112,18 +87,12 @@ class EmulatedBoard:
         with self._lock:
             self._codes[row, column] = REST_CODE - counts
 
-    def fault(self, name: str, *arguments: int, after_s: float = 0.0) -> None:
+    def fault(self, name: str, *arguments: int) -> None:
         """One of ``BOARD_FAULTS`` with its arguments, such as ``("time_out", 3)``: three reads."""
         if name not in BOARD_FAULTS:
             raise ValueError(f"unknown fault {name!r}: one of {', '.join(BOARD_FAULTS)}")
-        self._later.do(after_s, lambda: self._strike(name, arguments))
-
-    def _strike(self, name: str, arguments: tuple[int, ...]) -> None:
         with self._lock:
             getattr(self.model, name)(*arguments)
-
-    def close(self) -> None:
-        self._later.close()
 
 
 class EmulatedArm:
@@ -131,7 +100,6 @@ class EmulatedArm:
 
     def __init__(self) -> None:
         """Raises OSError when it does not start on any of several addresses."""
-        self._later = Later()
         for _ in range(ADDRESS_TRIES):
             self.host = _some_address()
             self._process = _start_arm(self.host)
@@ -143,9 +111,9 @@ class EmulatedArm:
             self.close()
         raise OSError(f"no emulated arm in {ADDRESS_TRIES} tries: see its messages above")
 
-    def fault(self, name: str, *, after_s: float = 0.0, **arguments: Any) -> None:
+    def fault(self, name: str, **arguments: Any) -> None:
         """A verb of ``drivers.ur.emulator.dashboard``; raises ValueError when it is refused."""
-        self._later.do(after_s, lambda: self._ask(do=name, **arguments))
+        self._ask(do=name, **arguments)
 
     def state(self) -> dict[str, Any]:
         """Position, modes and messages, as the emulator knows them."""
@@ -162,7 +130,6 @@ class EmulatedArm:
         return answer
 
     def close(self) -> None:
-        self._later.close()
         self._process.terminate()
         try:
             self._process.wait(END_S)
@@ -174,7 +141,7 @@ class EmulatedArm:
 
 
 def _start_arm(host: str) -> subprocess.Popen[str]:
-    from drivers.ur import emulator  # noqa: PLC0415  # noqa: PLC0415
+    from drivers.ur import emulator  # noqa: PLC0415
 
     # -P: a folder called `drivers` where the user happens to stand must not shadow ours
     assert emulator.__spec__ is not None  # noqa: S101  (it was imported)
@@ -240,21 +207,15 @@ def emulated_board() -> Iterator[EmulatedBoard]:
     warm = np.full(codes.size, 500, np.int16)
     lock = threading.Lock()
     model = BoardModel(BoardModelSettings(), lambda t_ns: lambda: (codes.ravel().copy(), warm))
-    with ExitStack() as stack:
-        server = stack.enter_context(BoardServer(model, lock, _some_address()))
-        board = EmulatedBoard(server, model, lock, codes)
-        stack.callback(board.close)
-        yield board
+    with BoardServer(model, lock, _some_address()) as server:
+        yield EmulatedBoard(server, model, lock, codes)
 
 
 @pytest.fixture
 def emulated_arm() -> Iterator[EmulatedArm]:
     """A UR10 controller on a loopback address of its own."""
-    arm = EmulatedArm()
-    try:
+    with closing(EmulatedArm()) as arm:
         yield arm
-    finally:
-        arm.close()
 
 
 @pytest.fixture

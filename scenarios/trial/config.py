@@ -23,9 +23,8 @@ from detector.network import NetworkSettings
 from detector.network_file import is_weights
 from detector.plugins import Scalar, is_code
 from detector.psd import PsdFairSettings, PsdSettings
-from grasp.controller_settings import ControllerSettings
+from grasp.controller_settings import ControllerSettings, LoopSettings
 from grasp.guard import GuardSettings
-from grasp.loop_settings import LoopSettings
 from grasp.monitors.settings import MonitorSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import config_dir, load, read_toml
@@ -38,10 +37,10 @@ DEFAULT_PROFILE = "default"
 
 # No result depends on these: names of settings that are resolved here, texts for people, and how
 # the machine is asked to be quick; figures that a calibration was made from are hashed themselves.
-UNHASHED = ("profile", "files", "source", "usb", "realtime")
+UNHASHED = ("profile", "source", "usb", "realtime")
 UNHASHED_KEYS = {
     "gripper": ("calibration",),
-    "calibration": ("name", "pressed_bytes", "presses", "reason"),
+    "calibration": ("name", "pressed_bytes", "presses"),
     "object": ("description",),
     "modbus": ("host", "port", "serial_port", "slave"),
     "ur": ("host",),
@@ -75,7 +74,6 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     profile: str = DEFAULT_PROFILE
-    files: dict[str, str] = msgspec.field(default_factory=dict)  # one's own, and a fingerprint
     detector_name: str
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
@@ -128,34 +126,27 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
             return None
         table, world, contact = contact_table(), self.world, self.contact
         rows: list[ContactLevels] = [getattr(table, scene)]
-        if self.object.centre_aside_m != 0.0:
-            rows.append(table.aside)
-        if self.pull.force_n > 0.0:
-            rows.append(table.pull)
+        rows += [table.aside] if self.object.centre_aside_m != 0.0 else []
+        rows += [table.pull] if self.pull.force_n > 0.0 else []
         level, blow_level = max(row.level for row in rows), max(row.blow_level for row in rows)
         if world.level != "auto":
             level = blow_level = world.level
         if world.blow_level != "auto":
             blow_level = world.blow_level
+        step_s = min(contact.step_s, *(row.step_s for row in rows))
+        blow_step_s = min(contact.blow_step_s, *(row.blow_step_s for row in rows))
         return ContactLevels(
-            level=level,
-            step_s=min(contact.step_s, *(row.step_s for row in rows)),
-            blow_level=max(level, blow_level),
-            blow_step_s=min(contact.blow_step_s, *(row.blow_step_s for row in rows)),
+            level=level, step_s=step_s, blow_level=max(level, blow_level), blow_step_s=blow_step_s
         )
 
     def built_for(self, seed: int) -> Self:
         """The settings that a rig is opened with: those levels and steps put in."""
-        found = self.physics(seed)
+        found, replace = self.physics(seed), msgspec.structs.replace
         if found is None:
             return self
-        replace = msgspec.structs.replace
-        steps = {"step_s": found.step_s, "blow_step_s": found.blow_step_s}
-        return replace(
-            self,
-            world=replace(self.world, level=found.level, blow_level=found.blow_level),
-            contact=replace(self.contact, **steps),
-        )
+        world = replace(self.world, level=found.level, blow_level=found.blow_level)
+        contact = replace(self.contact, step_s=found.step_s, blow_step_s=found.blow_step_s)
+        return replace(self, world=world, contact=contact)
 
     def digest(self) -> str:
         """Hash of all that a result depends on: equal digests and seeds mean equal runs."""

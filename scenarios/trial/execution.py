@@ -244,7 +244,6 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "versions": versions(),
             "config_hash": config.digest(),
             "detector_hash": config.detector_hash(),
-            "files": config.files,
             "end": self.end(config),
             "faults": self.faults,
             "reported": self.trace.reported,

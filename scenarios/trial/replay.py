@@ -83,27 +83,22 @@ class WriteCheck:
             return None
         self.compared += new
         candidates = self._sent[-1:] if due else self._sent
-        written, bounds = _bytes(state.written), []
+        written, bounds = _bytes(state.written), (b"", b"")
         for i, command in enumerate(candidates, len(self._sent) - len(candidates)):
             bounds = self._bounds(command, before, state)
-            if any(_within(written, each) for each in bounds):
+            if _within(written, bounds):
                 self._unconfirmed = i < len(self._sent) - 1
                 del self._sent[:i]
                 return None
-        if self._troubled and self._stops(written, before, state):
-            return None
-        self._unconfirmed, expected = False, f"{_as_hex(bounds[0])} ({describe(self._sent[-1])})"
-        return written.hex(" "), expected
+        if self._troubled:  # the driver resets or holds the hand after it lost it
+            held = self._bounds(HoldFingers(), before, state)
+            if not any(written) or _within(written, held):
+                return None
+        self._unconfirmed, (low, high) = False, bounds
+        return written.hex(" "), f"{low.hex(' ')} to {high.hex(' ')} ({describe(self._sent[-1])})"
 
-    def _stops(self, written: bytes, before: GripperState, state: GripperState) -> bool:
-        """Whether the bytes reset or hold the hand, as the driver does after it lost the hand."""
-        held = self._bounds(HoldFingers(), before, state)
-        return not any(written) or any(_within(written, bounds) for bounds in held)
-
-    def _bounds(
-        self, command: GripperCommand, before: GripperState, state: GripperState
-    ) -> list[Bounds]:
-        """Allowed ranges of the bytes for a command; the usual one first."""
+    def _bounds(self, command: GripperCommand, before: GripperState, state: GripperState) -> Bounds:
+        """Allowed range of each byte for a command."""
         written, known = _bytes(before.written), [before.positions, state.positions]
         if before.written:
             known.append(_counts(written[_TARGETS]))
@@ -111,14 +106,11 @@ class WriteCheck:
         most = _counts([max(each) + MISREAD_COUNTS for each in zip(*known, strict=True)])
         if isinstance(command, HoldFingers):
             low, high = self._image(command, least, 0), self._image(command, most, 0)
-            return [(bytes((low[0] & ~8, *low[1:])), high)]  # it may stop by clearing rGTO instead
-        speeds = [self._calibration.speed_byte_at_most(command.speed_mps)]
+            return bytes((low[0] & ~8, *low[1:])), high  # it may stop by clearing rGTO instead
+        slowest = speed = self._calibration.speed_byte_at_most(command.speed_mps)
         if isinstance(command, CloseFast):  # implausible status: the driver keeps it or lowers it
-            speeds.append(min(*speeds, written[_SPEED]))
-        return [
-            (self._image(command, least, speed), self._image(command, most, speed))
-            for speed in speeds
-        ]
+            slowest = min(speed, written[_SPEED])
+        return self._image(command, least, slowest), self._image(command, most, speed)
 
     def _image(self, command: GripperCommand, held: Counts3, speed: int) -> bytes:
         """The bytes for a command; fingers that stay get the targets ``held``."""
@@ -141,12 +133,9 @@ def _counts(values: Sequence[int]) -> Counts3:
 
 
 def _bytes(text: str) -> bytes:
-    """All 16 bytes of a write. A write may leave out an unchanged first register. Text that is no
-    write gives bytes that match no command."""
-    try:
-        data = bytes.fromhex(text)
-    except ValueError:
-        data = b""
+    """All 16 bytes of a write, which may leave out an unchanged first register; where there was no
+    write, bytes that match no command."""
+    data = bytes.fromhex(text)
     whole = data if len(data) == BYTES else _FIRST + data
     return whole if len(whole) == BYTES else bytes([FULL_BYTE] * BYTES)
 
@@ -156,11 +145,6 @@ def _within(written: bytes, bounds: Bounds) -> bool:
         low <= byte & compared <= high
         for byte, compared, low, high in zip(written, _COMPARED, *bounds, strict=True)
     )
-
-
-def _as_hex(bounds: Bounds) -> str:
-    pairs = zip(*bounds, strict=True)
-    return " ".join(f"{low:02x}" if low == high else f"{low:02x}-{high:02x}" for low, high in pairs)
 
 
 class Difference(msgspec.Struct, frozen=True):

@@ -37,7 +37,7 @@ from grasp.commands import (
 )
 from grasp.monitors.checks import Monitors
 from grasp.observation import StepInput
-from grasp.slip_response.base import CLOSED_COUNTS
+from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step

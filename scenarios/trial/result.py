@@ -110,7 +110,6 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     config_hash: str
     detector_hash: str  # of weights or formula, and rule
-    files: dict[str, str] = {}  # one's own that settings came from, each with a fingerprint
     end: End | None = None  # where it ended in a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
     reported: tuple[Fault, ...] = ()  # what would have ended it, had `monitors.mode` been stop

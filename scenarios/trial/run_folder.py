@@ -1,7 +1,7 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -11,32 +11,25 @@ import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord, UsageError
 from drivers.interfaces import Vector3
-from grasp import signals
-from grasp.clock import VIRTUAL_EPOCH_NS, Clock
+from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
 from grasp.files import LEADS_NOWHERE, make_private_folder, write_whole
 from grasp.loop import Tick
-from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
+from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
-from grasp.states import PhaseChange
-from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
-from scenarios.trial.pictures import Pictures
+from scenarios.trial.foxglove import CHANNELS as VIEWER_CHANNELS
+from scenarios.trial.foxglove import ViewerMessages
 from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
 from scenarios.world.truth import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
-OF_THE_MACHINE = ("timing", "recording", "recordings")  # of a result
 TRIED_BYTES = 65_536  # a second of a run
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
-WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **pictures.CHANNELS}
-EPOCHS = {
-    True: "virtual: 2000-01-01T00:00:00Z is when the rig was switched on",
-    False: "wall clock",
-}
+WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
 
 def find_recording(path: Path) -> Path:
@@ -46,7 +39,7 @@ def find_recording(path: Path) -> Path:
 
 def open_trial(path: Path) -> RunRecording:
     """The recording of a trial, given its folder or the file itself; raises BadFile for others."""
-    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    recording = RunRecording(find_recording(path), RUN_CHANNELS)
     if next(recording.of(CONTROL), None) is None:
         raise BadFile(
             recording.path,
@@ -65,7 +58,6 @@ class RunFolder:
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
         self._empty = True
-        self._virtual = known.get(UNIX_NS) == str(VIRTUAL_EPOCH_NS)
 
     def __enter__(self) -> Self:
         return self
@@ -86,15 +78,12 @@ class RunFolder:
 
     def finish(self, result: msgspec.Struct) -> None:
         """Close the recording, write the result; raises CouldNotRecord, and leaves neither."""
-        told: dict[str, Any] = msgspec.to_builtins(result)
-        if self._virtual:  # without what is this machine's, so that equal runs give equal files
-            told = {key: value for key, value in told.items() if key not in OF_THE_MACHINE}
-        self._recorder.attach(RESULT, "application/json", _pretty(told))
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
             try:
-                write_whole(self.path / RESULT, _pretty(result), private=True)
+                text = msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
+                write_whole(self.path / RESULT, text, private=True)
             except OSError as error:
                 failure = error
         if failure is not None:
@@ -137,7 +126,7 @@ class Record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, lambda: judge(config, seed, trial, record.path))
 
-    Left by an exception it keeps what there is, without a result. A signal never cuts it in two.
+    Left by an exception it keeps what there is, without a result. Entered where signals wait.
     """
 
     def __init__(
@@ -149,32 +138,25 @@ class Record:
         self._config, self._seed, self._home = config, seed, home
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
         self._clock = clock
-        self._pictures = Pictures(config, clock.unix_ns)
+        self._viewer_messages = ViewerMessages(config, clock.unix_ns)
         self._phases_written = 0
         self._watch = watch
-        self._uncut = ExitStack()
 
     def __enter__(self) -> Self:
         """Raises CouldNotRecord if there can be no folder."""
-        with ExitStack() as uncut:
-            uncut.enter_context(signals.deferred())
-            if self._runs is not None:
-                self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
-            self._uncut = uncut.pop_all()
+        if self._runs is not None:
+            self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with self._uncut:
-            if kind is not None:
-                self._abandon()
+        if kind is not None:
+            self._abandon()
 
     def _metadata(self) -> dict[str, str]:
         config, seed, home = self._config, self._seed, self._home
         known = {**metadata(config, seed, self._clock), "config_hash": config.digest()}
         if home is not None:  # another trial's
             known["home_m"] = _json(home)
-        if (physics := config.physics(seed)) is not None:
-            known["physics"] = _json(physics)
         return known
 
     def _abandon(self) -> None:
@@ -191,22 +173,14 @@ class Record:
         if self._folder is not None:
             changes = controller.machine.log[self._phases_written :]
             self._phases_written += len(changes)
-            self._write(self._folder.write, tick, truth, changes)
+            write = self._folder.write
+            write_tick(write, tick)
+            for change in changes:
+                write(PHASES, change.t_ns, change)
+            if truth is not None:
+                write(TRUTH, tick.t_ns, truth)
+            self._viewer_messages.write(write, tick, truth, changes)
         self._watch(tick, truth, controller)
-
-    def _write(
-        self, write: Write, tick: Tick, truth: Truth | None, changes: Sequence[PhaseChange]
-    ) -> None:
-        """One tick, with the phase changes that it brought, and what viewers draw of it."""
-        write_tick(write, tick)
-        for change in changes:
-            write(PHASES, change.t_ns, change)
-        if truth is not None:
-            write(TRUTH, tick.t_ns, truth)
-        try:
-            self._pictures.write(write, tick, truth, changes)
-        except Exception as error:  # no run shall end for a picture
-            self._pictures.end(write, tick.t_ns, error)
 
     def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
         """Judge, close the recording and write the result. Whatever raises on the way, of arm and
@@ -248,7 +222,6 @@ def metadata(config: msgspec.Struct, seed: int, clock: Clock) -> dict[str, str]:
         "seed": str(seed),
         **{f"version.{name}": text for name, text in versions().items()},
         UNIX_NS: str(clock.unix_ns),
-        "epoch": EPOCHS[clock.virtual],
     }
 
 
@@ -262,10 +235,6 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
         f"{path}: the run could not be recorded: {text}",
         "free disk space or choose another folder with --runs",
     )
-
-
-def _pretty(result: msgspec.Struct | dict[str, Any]) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
 
 
 def _new_folder(runs: Path, name: str) -> Path:

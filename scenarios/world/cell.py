@@ -35,7 +35,11 @@ from scenarios.world.truth import Truth
 
 EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
+PULL_AFTER_S = 0.2  # that the arm has stood in the air; assumed
 CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
+
+
+Newtons = Annotated[float, within(0.0, 50.0)]
 
 
 class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,7 +63,7 @@ class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     finger: Literal["A", "B", "C"]
     taxel: Annotated[int, within(0, 10_000)]
-    newtons: Annotated[float, within(0.0, 50.0)] = 1.0
+    newtons: Newtons = 1.0
     seconds: Annotated[float, within(0.0, 60.0)] = 1.0
 
 
@@ -68,7 +72,7 @@ class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     object; it lies there until another is laid, 0 N: none."""
 
     finger: Literal["A", "B", "C"]
-    newtons: Annotated[float, within(0.0, 50.0)]
+    newtons: Newtons
 
 
 class SimulatedCell:
@@ -171,13 +175,9 @@ class SimulatedCell:
     def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
         motion, turn, centre = self.contact.felt(s, self._frames)
         self.fingertips.advance(
-            (t_ns - self._start_ns) * 1e-9,
-            s[laws.NORMAL : laws.NORMAL + FINGERS] + self._laid_n,
-            motion * 1e3,
-            self._turn + turn,
-            centre * 1e3,
-            arm_moves,
-        )
+            (t_ns - self._start_ns) * 1e-9, s[laws.NORMAL : laws.NORMAL + FINGERS] + self._laid_n,
+            motion * 1e3, self._turn + turn, centre * 1e3, arm_moves,
+        )  # fmt: skip
         pressure, temperature = self.fingertips.codes()
         return self._damage.felt(pressure).ravel(), temperature.ravel()
 
@@ -193,24 +193,15 @@ class SimulatedCell:
         """The state of the world at the time that it was last advanced to."""
         s = self.contact.state.tolist()
         return Truth(
-            t_ns=self._now_ns,
-            height_m=s[laws.HEIGHT],
-            speed_mps=s[laws.SPEED],
-            slip_distance_m=s[laws.SLIP],
-            slip_speed_mps=s[laws.SLIP_SPEED],
-            normal_n=_three(s, laws.NORMAL),
-            shear_n=_three(s, laws.SHEAR),
-            peak_n=_three(s, laws.PEAK),
-            slip_onset_s=_time(s[laws.ONSET_S]),
-            force_rise_s=_time(s[laws.RISE_S]),
-            flank_slope=s[laws.SLOPE],
-            across_m=s[laws.ACROSS],
+            t_ns=self._now_ns, height_m=s[laws.HEIGHT], speed_mps=s[laws.SPEED],
+            slip_distance_m=s[laws.SLIP], slip_speed_mps=s[laws.SLIP_SPEED],
+            normal_n=_three(s, laws.NORMAL), shear_n=_three(s, laws.SHEAR),
+            peak_n=_three(s, laws.PEAK), slip_onset_s=_time(s[laws.ONSET_S]),
+            force_rise_s=_time(s[laws.RISE_S]), flank_slope=s[laws.SLOPE], across_m=s[laws.ACROSS],
             struck_s=s[laws.TAP_START_S] if s[laws.TAP_S] > 0.0 else None,
-            moved_from_s=_time(s[laws.MOVED_FROM_S]),
-            moved_until_s=_time(s[laws.MOVED_UNTIL_S]),
-            turn_rad=s[laws.TURN],
-            turn_speed_radps=s[laws.SPIN],
-        )
+            moved_from_s=_time(s[laws.MOVED_FROM_S]), moved_until_s=_time(s[laws.MOVED_UNTIL_S]),
+            turn_rad=s[laws.TURN], turn_speed_radps=s[laws.SPIN],
+        )  # fmt: skip
 
 
 class Pull:
@@ -227,7 +218,7 @@ class Pull:
             return False
         if rise_mps != 0.0 or height_m < self.settings.above_m:
             self._since_ns = now_ns
-        self._over = now_ns - self._since_ns >= self.settings.after_s * 1e9
+        self._over = now_ns - self._since_ns >= PULL_AFTER_S * 1e9
         return self._over
 
 
@@ -267,11 +258,9 @@ def surface_of(body: GraspObject) -> Surface:
         curvature = (body.half_width_m / body.half_height_m**2 * 1e-3, 1e-3 / body.half_width_m)
     return Surface(
         curvature_per_mm=curvature,
-        texture_rms_mm=body.texture_rms_m * 1e3,
-        texture_length_mm=body.texture_length_m * 1e3,
-        friction_static=body.friction_static,
-        friction_kinetic=body.friction_kinetic,
-    )
+        texture_rms_mm=body.texture_rms_m * 1e3, texture_length_mm=body.texture_length_m * 1e3,
+        friction_static=body.friction_static, friction_kinetic=body.friction_kinetic,
+    )  # fmt: skip
 
 
 def _three(state: list[float], at: int) -> Vector3:

@@ -17,6 +17,8 @@ from scenarios.world.settings import (
     GRAVITY_MPS2,
     GROSS_SLIP_MPS,
     GROSS_TURN_RADPS,
+    HALF_APERTURE_M,
+    PAD_HALF_LENGTH_M,
     Blow,
     ContactSettings,
     Level,
@@ -31,6 +33,7 @@ MOUNT_STIFFNESS_NPM, PAD_STIFFNESS_NPM = 5000.0, 15000.0
 RELAXATION_TIME_S = 0.2  # of the fraction that relaxes; real clip 0.1-0.3 s
 FORCE_RISE_N = 0.2  # truth: a grip force has increased by this much; a few deviations of wander
 FINGER_SPACING_M = 0.06  # of B and C; assumed, 40-75 mm
+PULL_RAMP_S, PULL_S = 0.1, 0.3  # to full strength and back, and at it; assumed
 RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
@@ -58,7 +61,7 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
         body.total_kg, body.friction_static, body.friction_kinetic,
         contact.shear_stiffness_npm, contact.shear_damping_nspm,
         contact.relaxation_fraction, RELAXATION_TIME_S,
-        contact.half_aperture_m, contact.pad_half_length_m,
+        HALF_APERTURE_M, PAD_HALF_LENGTH_M,
         0.0 if body.shape == "straight" else 1.0,
         body.half_width_m, body.half_height_m, body.grip_height_m, body.body_above_grip_m,
     )  # fmt: skip
@@ -92,9 +95,9 @@ def let_along(p: Floats, state: Floats, normal_n: Floats) -> None:
 FINGER_PLACES_M = FINGER_SPACING_M * np.array([[0.0, 0.0], [-0.5, 0.0], [0.5, 0.0]])
 
 
-def elements(contact: ContactSettings, level: Level, brush_points: int = BRUSH_POINTS) -> Floats:
+def elements(level: Level, brush_points: int = BRUSH_POINTS) -> Floats:
     """Elements (E, 9) of unstretched pads at that level."""
-    half = contact.pad_half_length_m
+    half = PAD_HALF_LENGTH_M
     grid = np.zeros((1, 2))
     if level is Level.BRUSH:
         line = (2 * np.arange(brush_points) + 1 - brush_points) / brush_points * half
@@ -142,7 +145,7 @@ class Contact:
         self.state = initial_state(present=False)
         self._settings = settings
         self._parameters = parameters(settings, body, level)
-        self._elements = elements(settings, level)
+        self._elements = elements(level)
         self._places_m = FINGER_PLACES_M[:, 0]
         self._moved_s = 0.0  # when a blow was last seen to move the object
 
@@ -162,7 +165,7 @@ class Contact:
         """Another level from now on: each element takes over its finger's stretch."""
         if level is self.level:
             return
-        old, new = self._elements, elements(self._settings, level)
+        old, new = self._elements, elements(level)
         for finger in range(FINGERS):
             was = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
             new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = was
@@ -206,7 +209,7 @@ class Contact:
         """A force downwards from start_s on, with a ramp at either end."""
         s = self.state
         s[laws.PULL_START_S], s[laws.PULL_N] = start_s, settings.force_n
-        s[laws.PULL_RAMP_S], s[laws.PULL_S] = settings.ramp_s, settings.lasts_s
+        s[laws.PULL_RAMP_S], s[laws.PULL_S] = PULL_RAMP_S, PULL_S
 
     def wet(self, share: float) -> None:
         """From now on the pads have so much of their friction left."""

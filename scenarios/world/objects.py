@@ -25,9 +25,10 @@ def within(low: float, high: float, text: str = "") -> Meta:
 
 
 Counts = Annotated[int, within(0, 255)]  # of a finger's motor
-Kilograms = Annotated[float, within(1e-4, 3.0, "assumed")]
-Friction = Annotated[float, Meta(gt=0.0, le=2.0, description="of rubber on it; assumed")]
-Stiffness = Annotated[float, within(100.0, 1e5, "to be measured with this hand")]
+Friction = Annotated[float, Meta(gt=0.0, le=2.0)]  # of rubber; assumed
+Aside = Annotated[float, within(-0.2, 0.2)]
+TextureRms = Annotated[float, within(0.0, 1e-3)]
+TextureLength = Annotated[float, within(0.2e-3, 10e-3)]
 
 
 class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,36 +37,26 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     name: Name
     description: str = ""
     long_body: bool = False  # judged by the 6 and 12 cm marks (paper, table IV)
-    grip_counts: Annotated[
-        tuple[Counts, Counts, Counts], Meta(description="motor counts of the first, weak grasp")
-    ]
-    mass_kg: Kilograms  # of the object alone
-    added_mass_kg: Annotated[float, within(0.0, 3.0, "weights added for the lift (paper)")] = 0.0
+    grip_counts: tuple[Counts, Counts, Counts]  # of the motors, in the first, weak grasp
+    mass_kg: Annotated[float, within(1e-4, 3.0)]  # of the object alone
+    added_mass_kg: Annotated[float, within(0.0, 3.0)] = 0.0  # weights added for the lift (paper)
     friction_static: Friction  # 0.5-1.2
     friction_kinetic: Friction  # sliding; 0.6-0.95 of static
-    wall_stiffness_npm: Annotated[float, within(200.0, 1e7, "of one side, N/m")]
-    # force rise a metre of thumb travel; without one, guard.contact_stiffness_npm
-    contact_stiffness_npm: Stiffness | None = None
+    wall_stiffness_npm: Annotated[float, within(200.0, 1e7)]  # of one side
+    # force rise a metre of thumb travel, to be measured with this hand; without one,
+    # guard.contact_stiffness_npm
+    contact_stiffness_npm: Annotated[float, within(100.0, 1e5)] | None = None
     shape: Literal["straight", "ellipsoid"] = "straight"
-    half_width_m: Annotated[float, within(0.005, 0.07, "half of the widest width, closing axis")]
-    half_height_m: Annotated[float, within(0.005, 0.3, "vertical semi-axis of an ellipsoid")] = 0.1
-    grip_height_m: Annotated[
-        float, within(-0.1, 0.1, "grip above the widest point of an ellipsoid")
-    ] = 0.0
-    body_above_grip_m: Annotated[
-        float, within(0.0, 0.5, "straight body above the pads' centre")
-    ] = 0.15
-    radius_of_gyration_m: Annotated[
-        float, within(0.005, 0.3, "about the closing axis, 0.04-0.12: 0.09 is 0.3 m tall")
-    ] = 0.09
-    centre_aside_m: Annotated[
-        float, within(-0.1, 0.1, "centre of mass beside the grip's middle")
-    ] = 0.0
-    centre_above_m: Annotated[float, within(-0.2, 0.2, "and above it")] = 0.0
-    texture_rms_m: Annotated[float, within(0.0, 1e-3, "irregularity, 0.01-0.45 mm")] = 0.1e-3
-    texture_length_m: Annotated[float, within(0.2e-3, 10e-3, "its correlation length, 1-2 mm")] = (
-        1.5e-3
-    )
+    half_width_m: Annotated[float, within(0.005, 0.07)]  # of the widest width, closing axis
+    half_height_m: Annotated[float, within(0.005, 0.3)] = 0.1  # vertical, of an ellipsoid
+    grip_height_m: Aside = 0.0  # grip above the widest point of an ellipsoid
+    body_above_grip_m: Annotated[float, within(0.0, 0.5)] = 0.15  # straight, above the pads' centre
+    # about the closing axis, 0.04-0.12: 0.09 is 0.3 m tall
+    radius_of_gyration_m: Annotated[float, within(0.005, 0.3)] = 0.09
+    centre_aside_m: Aside = 0.0  # centre of mass beside the grip's middle
+    centre_above_m: Aside = 0.0  # and above it
+    texture_rms_m: TextureRms = 0.1e-3  # irregularity, 0.01-0.45 mm
+    texture_length_m: TextureLength = 1.5e-3  # its correlation length, 1-2 mm
 
     def __post_init__(self) -> None:
         if self.friction_kinetic > self.friction_static:

@@ -20,13 +20,20 @@ from drivers.interfaces import FINGERS, PERIOD_NS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip import REST_HIGH, REST_LOW, Fingertips
-from scenarios.world.settings import FingertipSettings, FixedSurface, PressSettings, Surface
+from scenarios.world.settings import (
+    WALL_STIFFNESS_NPM,
+    FingertipSettings,
+    FixedSurface,
+    PressSettings,
+    Surface,
+)
 from scenarios.world.truth import PressedTruth
 
 STROKE_MPS, STROKE_RADPS = 0.001, 0.02  # from here on the arm's mode is excited
 SPAN_S = 0.005  # the least that a speed is the mean of: a step to a sample may take a microsecond
 STEP_S = 0.015  # motion between two board samples, jitter included, is taken as straight
 KNOCK_STEP_S = 0.001
+GAP_M = 0.006  # from the start down to the apex; assumed
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
@@ -110,20 +117,20 @@ class PressedPad:
     ) -> None:  # fmt: skip
         self._stiffness_npm = 1 / (
             1 / press.finger_stiffness_npm + 1 / press.arm_stiffness_npm
-            + 1 / surface.wall_stiffness_npm
+            + 1 / WALL_STIFFNESS_NPM
         )  # fmt: skip
         self._mount_npmm = np.array([1e-3 * self._stiffness_npm])
         self._slope = np.array([press.slope_x, press.slope_y])
         self._from_axis_m = np.array([press.axis_x_m, press.axis_y_m])
         self._start_m = np.array(start_m)
-        self._apex_m = start_m[2] - press.gap_m
+        self._apex_m = start_m[2] - GAP_M
         self._off_apex_m = np.array([press.off_apex_x_m, press.off_apex_y_m])
         self.tips = Fingertips(fingertip, [_touched(surface)], rng)
         self._start_s = self._t_s = start_s
         self._motion_mm = np.zeros(2)
         self._at_m = np.zeros(2)
         self._height_m, self._angle_rad = start_m[2], 0.0
-        self._knock = (math.inf, 1.0, 0.0)  # start, duration, impulse
+        self._knock = (-math.inf, 1.0, 0.0)  # start, duration, impulse
 
     def knock(self, impulse_n_s: float, duration_s: float) -> None:
         """Something strikes the table now: a half sine added to the load, sideways nothing."""
@@ -139,8 +146,7 @@ class PressedPad:
         if span <= 0.0:
             return
         knocked = self._knock[0] + self._knock[1] > self._t_s - KNOCK_STEP_S
-        shaken = knocked and self._knock[2] > 0.0 and math.isfinite(self._knock[0])
-        steps = math.ceil(span / (KNOCK_STEP_S if shaken else STEP_S) - 1e-6)
+        steps = math.ceil(span / (KNOCK_STEP_S if knocked else STEP_S) - 1e-6)
         from_at, from_z, from_angle, from_s = self._at_m, self._height_m, self._angle_rad, self._t_s
         for i in range(1, steps + 1):
             part = i / steps
@@ -179,9 +185,7 @@ class PressedPad:
 
 def _touched(surface: FixedSurface) -> Surface:
     return Surface(
-        curvature_per_mm=(
-            1e-3 * _curvature(surface.radius_x_m), 1e-3 * _curvature(surface.radius_y_m)
-        ),
+        curvature_per_mm=(_per_mm(surface.radius_x_m), _per_mm(surface.radius_y_m)),
         texture_rms_mm=surface.texture_rms_m * 1e3,
         texture_length_mm=surface.texture_length_m * 1e3,
         friction_static=surface.friction_kinetic * surface.friction_ratio,
@@ -189,8 +193,8 @@ def _touched(surface: FixedSurface) -> Surface:
     )  # fmt: skip
 
 
-def _curvature(radius_m: float) -> float:
-    return 1.0 / radius_m if radius_m else 0.0
+def _per_mm(radius_m: float) -> float:
+    return 1e-3 * (1.0 / radius_m) if radius_m else 0.0
 
 
 def _turned(vector: Floats, angle: float) -> Floats:

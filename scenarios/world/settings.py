@@ -6,12 +6,29 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from scenarios.world.objects import Name, within
+from scenarios.world.objects import Name, TextureLength, TextureRms, within
 
 GRAVITY_MPS2 = 9.81
+HALF_APERTURE_M = 0.0775  # open hand, pad to centre plane; manual: 155 mm
+PAD_HALF_LENGTH_M = 0.010  # flat pad, along the slip; assumed, 8-12 mm
+WALL_STIFFNESS_NPM = 1e6  # of a fixed surface, printed ABS; assumed
 GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
 GROSS_TURN_RADPS = 0.2  # and of that label in rotation
 
+
+Share = Annotated[float, within(0.0, 1.0)]
+RelaxedShare = Annotated[float, within(0.0, 0.5)]
+Stiffness = Annotated[float, within(500.0, 1e6)]
+LongestStep = Annotated[float, within(1e-6, 0.05)]
+Slope = Annotated[float, within(-0.4, 0.4)]
+Memory = Annotated[float, within(0.002, 10.0)]  # s, time constant
+Motion = Annotated[float, within(0.0, 0.5)]  # mm, rms
+Hertz = Annotated[float, within(2.0, 45.0)]
+Damping = Annotated[float, within(0.005, 2.0)]  # of critical
+Lever = Annotated[float, within(-1.0, 1.0)]
+Radius = Annotated[float, within(0.0, 1.0)]
+Offset = Annotated[float, within(-0.03, 0.03)]
+Impulse = Annotated[float, within(0.0, 15.0)]
 
 # Contact levels
 
@@ -85,27 +102,17 @@ def _check_levels(level: str, blow_level: str) -> None:
 
 
 class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Compliances of hand and pads; those that nobody varies are constants of ``contact``."""
+    """Compliances of the pads; those that nobody varies are constants of ``contact``."""
 
-    half_aperture_m: Annotated[
-        float, within(0.02, 0.1, "open, pad to centre plane; manual: 155 mm")
-    ] = 0.0775
-    pad_half_length_m: Annotated[
-        float, within(0.0, 0.02, "flat pad, along the slip; assumed, 8-12 mm")
-    ] = 0.010
-    shear_stiffness_npm: Annotated[float, within(500.0, 1e6, "tangential; derived, 6-12 N/mm")] = (
-        8000.0
-    )
-    shear_damping_nspm: Annotated[float, within(0.0, 200.0, "tangential; assumed, 5-16 N s/m")] = (
-        12.0
-    )
-    # damping over stiffness along the closing axis, of what a blow along it has struck
-    normal_loss_s: Annotated[float, within(0.0, 0.01, "as in shear; assumed, 0.5-3 ms")] = 1.5e-3
-    relaxation_fraction: Annotated[
-        float, within(0.0, 0.5, "of the normal force; clip 0.05-0.15")
-    ] = 0.1
-    step_s: Annotated[float, within(1e-5, 0.05, "largest integration step")] = 5e-4
-    blow_step_s: Annotated[float, within(1e-6, 0.05, "and while a blow moves the object")] = 1e-4
+    shear_stiffness_npm: Stiffness = 8000.0  # tangential; derived, 6-12 N/mm
+    # tangential; assumed, 5-16 N s/m
+    shear_damping_nspm: Annotated[float, within(0.0, 200.0)] = 12.0
+    # damping over stiffness along the closing axis, of what a blow along it has struck; as in
+    # shear; assumed, 0.5-3 ms
+    normal_loss_s: Annotated[float, within(0.0, 0.01)] = 1.5e-3
+    relaxation_fraction: RelaxedShare = 0.1  # of the normal force; clip 0.05-0.15
+    step_s: LongestStep = 5e-4  # of the integration
+    blow_step_s: LongestStep = 1e-4  # and while a blow moves the object
 
 
 class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -130,69 +137,50 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     # place of each barometer on the pad, x and y; none: two rows of three, as in the kit. As many
     # as `tactile.cells` has a finger
     taxels_mm: tuple[tuple[float, float], ...] = ()
-    depth_mm: Annotated[
-        float, within(2.0, 10.0, "effective depth of the rubber; CLIP, 2.8-3.5")
-    ] = 3.15
-    crown_radius_mm: Annotated[float, within(10.0, 1000.0, "of the pad's face; CLIP, 18-50")] = 34.0
-    tilt_rad: Annotated[float, within(0.0, 0.2, "deviation, both axes; CLIP, 0.02-0.05")] = 0.035
-    tilt_x_rad: Annotated[
-        float, within(-0.4, 0.4, "mean, rising along x, as the authors' finger leaned")
-    ] = 0.0
-    tilt_y_rad: Annotated[float, within(-0.4, 0.4, "likewise along y")] = 0.0
-    foundation_n_per_mm3: Annotated[float, within(0.02, 2.0, "bed, normal; CLIP, 0.35-0.8")] = 0.575
-    relaxation_share: Annotated[float, within(0.0, 0.5, "of a spring's load; CLIP, 0.04-0.11")] = (
-        0.075
-    )
-    relaxation_s: Annotated[float, within(0.01, 5.0, "time constant of that; CLIP, 0.1")] = 0.1
-    # relaxes ten times slower, and as much again 100 times: rubber relaxes in log time
-    relaxation_slow_share: Annotated[float, within(0.0, 0.3, "of that load; CLIP, 0.04-0.11")] = (
-        0.075
-    )
-    # rms of how much deeper or shallower the pad is held than asked for
-    wander_mm: Annotated[float, within(0.0, 0.1, "CLIP, 0.009-0.022")] = 0.0155
-    wander_fast_s: Annotated[
-        float, within(0.005, 1.0, "memory of its fast half; CLIP, 0.005-0.015")
-    ] = 0.01
-    wander_slow_s: Annotated[float, within(0.05, 10.0, "and of its slow half; CLIP, 0.5-1.5")] = 1.0
-    vibration_mm: Annotated[
-        float, within(0.0, 0.1, "by the mode of an arm that moves; CLIP, 0.002-0.01")
-    ] = 0.006
-    vibration_hz: Annotated[float, within(2.0, 45.0, "of that mode; CLIP, 10-25")] = 17.5
-    vibration_damping: Annotated[float, within(0.005, 1.0, "of that mode; CLIP, 0.04-0.15")] = 0.095
-    sway_mm: Annotated[float, within(0.0, 0.5, "rms of that mode sideways; assumed, 0-0.05")] = 0.01
+    depth_mm: Annotated[float, within(2.0, 10.0)] = 3.15  # effective, of the rubber; CLIP, 2.8-3.5
+    crown_radius_mm: Annotated[float, within(10.0, 1000.0)] = 34.0  # of the face; CLIP, 18-50
+    tilt_rad: Annotated[float, within(0.0, 0.2)] = 0.035  # deviation, both axes; CLIP, 0.02-0.05
+    tilt_x_rad: Slope = 0.0  # mean, rising along x, as the authors' finger leaned
+    tilt_y_rad: Slope = 0.0
+    foundation_n_per_mm3: Annotated[float, within(0.02, 2.0)] = 0.575  # bed, normal; CLIP, 0.35-0.8
+    relaxation_share: RelaxedShare = 0.075  # of a spring's load; CLIP, 0.04-0.11
+    relaxation_s: Memory = 0.1  # time constant of that; CLIP, 0.1
+    # relaxes ten times slower, and as much again 100 times: rubber relaxes in log time; CLIP,
+    # 0.04-0.11
+    relaxation_slow_share: RelaxedShare = 0.075
+    # rms of how much deeper or shallower the pad is held than asked for; CLIP, 0.009-0.022
+    wander_mm: Motion = 0.0155
+    wander_fast_s: Memory = 0.01  # of its fast half; CLIP, 0.005-0.015
+    wander_slow_s: Memory = 1.0  # and of its slow half; CLIP, 0.5-1.5
+    vibration_mm: Motion = 0.006  # by the mode of an arm that moves; CLIP, 0.002-0.01
+    vibration_hz: Hertz = 17.5  # of that mode; CLIP, 10-25
+    vibration_damping: Damping = 0.095  # of that mode; CLIP, 0.04-0.15
+    sway_mm: Motion = 0.01  # rms of that mode sideways; assumed, 0-0.05
     # how restless arm and hand are with an object in them, over how restless while they press; what
     # of it reaches the pads follows from the object's inertia. Nobody has measured it: the middle
     # of 0.1-1, over which results should be swept
-    holding_share: Annotated[
-        float, within(0.0, 2.0, "restlessness with an object, over pressing")
-    ] = 0.55
-    noise_counts: Annotated[float, within(0.0, 5.0, "rms before rounding; CLIP, 0.4-0.9")] = 0.65
-    warming_k: Annotated[float, within(-20.0, 20.0, "of the board in the end; assumed, 0-10")] = 5.0
-    warming_s: Annotated[float, within(10.0, 10000.0, "time constant of that; assumed")] = 600.0
+    holding_share: Annotated[float, within(0.0, 2.0)] = 0.55
+    noise_counts: Annotated[float, within(0.0, 5.0)] = 0.65  # rms before rounding; CLIP, 0.4-0.9
+    warming_k: Annotated[float, within(-20.0, 20.0)] = 5.0  # of the board in the end; assumed, 0-10
+    warming_s: Annotated[float, within(10.0, 10000.0)] = 600.0  # time constant of that; assumed
     # codes as the authors' driver read them: 512 + n comes out as 512 - n
     fold_above_512: bool = False
-    # assumed: bodies reach further above the pads than fingers are long, so the hand comes from the
-    # side and the weight hangs across its fingers. Of a hand from above, tips down: 180
-    slip_direction_deg: Annotated[
-        float, within(-180.0, 180.0, "upwards in the pad's frame, from x")
-    ] = 90.0
+    # upwards in the pad's frame, from x. Assumed: bodies reach further above the pads than fingers
+    # are long, so the hand comes from the side and the weight hangs across its fingers. Of a hand
+    # from above, tips down: 180
+    slip_direction_deg: Annotated[float, within(-180.0, 180.0)] = 90.0
     # load lost for each newton of friction that drags the pad along its x (the finger's length):
     # height over reach of its joint (a drum brake's shoe). Times friction below 1, or it jams
-    lever_x: Annotated[float, within(-1.0, 1.0, "load over friction along x; CLIP, 0.6-1")] = 0.8
-    lever_y: Annotated[float, within(-1.0, 1.0, "likewise along y; CLIP, -0.5-0.5")] = 0.0
-    lateral_npmm: Annotated[
-        float, within(0.0, 100.0, "sideways, of what presses; 0: rigid; CLIP, 3-10")
-    ] = 6.5
-    lateral_hz: Annotated[float, within(4.0, 40.0, "of what swings on it; CLIP, 8-18")] = 13.0
-    lateral_damping: Annotated[float, within(0.01, 2.0, "of that; CLIP, 0.1-0.3")] = 0.2
-    shift_mm: Annotated[
-        float, within(0.0, 0.1, "rms of small motions sideways; CLIP, 0.001-0.003")
-    ] = 0.002
-    rock_rad: Annotated[float, within(0.0, 0.02, "rms of small rocking; CLIP, 0.0005-0.0015")] = (
-        0.001
-    )
-    jitter_s: Annotated[float, within(0.002, 1.0, "memory of both; CLIP, 0.005-0.03")] = 0.0175
-    spring_mm: Annotated[float, within(0.5, 4.0, "between springs; no finer texture is felt")] = 1.0
+    lever_x: Lever = 0.8  # CLIP, 0.6-1
+    lever_y: Lever = 0.0  # likewise along y; CLIP, -0.5-0.5
+    # sideways, of what presses; 0: rigid; CLIP, 3-10
+    lateral_npmm: Annotated[float, within(0.0, 100.0)] = 6.5
+    lateral_hz: Hertz = 13.0  # of what swings on it; CLIP, 8-18
+    lateral_damping: Damping = 0.2  # of that; CLIP, 0.1-0.3
+    shift_mm: Motion = 0.002  # rms of small motions sideways; CLIP, 0.001-0.003
+    rock_rad: Annotated[float, within(0.0, 0.02)] = 0.001  # rms; CLIP, 0.0005-0.0015
+    jitter_s: Memory = 0.0175  # of both; CLIP, 0.005-0.03
+    spring_mm: Annotated[float, within(0.5, 4.0)] = 1.0  # apart; no finer texture is felt
 
 
 def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
@@ -211,39 +199,25 @@ class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     name: Name
     description: str = ""
-    radius_x_m: Annotated[float, within(0.0, 1.0, "along the fingertip's x")] = 0.0
-    radius_y_m: Annotated[float, within(0.0, 1.0, "along its y")] = 0.0
-    wall_stiffness_npm: Annotated[float, within(1e3, 1e7, "printed ABS; assumed")] = 1e6
-    texture_rms_m: Annotated[float, within(0.0, 0.001, "sanded print; assumed, 0.05-0.3 mm")] = (
-        0.00015
-    )
-    texture_length_m: Annotated[float, within(0.0002, 0.01, "assumed, 1-2 mm")] = 0.0015
-    friction_kinetic: Annotated[float, within(0.0, 3.0, "urethane on ABS; assumed, 0.5-1.2")] = 0.82
-    friction_ratio: Annotated[float, within(1.0, 3.0, "static over kinetic; assumed, 1.1-1.35")] = (
-        1.2
-    )
+    radius_x_m: Radius = 0.0  # along the fingertip's x
+    radius_y_m: Radius = 0.0
+    texture_rms_m: TextureRms = 0.00015  # sanded print; assumed, 0.05-0.3 mm
+    texture_length_m: TextureLength = 0.0015  # assumed, 1-2 mm
+    friction_kinetic: Annotated[float, within(0.0, 3.0)] = 0.82  # of urethane; assumed, 0.5-1.2
+    friction_ratio: Annotated[float, within(1.0, 3.0)] = 1.2  # static over it; assumed, 1.1-1.35
 
 
 class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Stiffness between arm and surface, and where the surface is."""
+    """Stiffness between arm and surface, and where the surface is. All assumed."""
 
-    finger_stiffness_npm: Annotated[float, within(500.0, 1e6, "linkage; assumed, 3-10 N/mm")] = (
-        5000.0
-    )
-    arm_stiffness_npm: Annotated[float, within(1000.0, 1e6, "at the tool; assumed, 20-60 N/mm")] = (
-        40000.0
-    )
-    gap_m: Annotated[float, within(0.0, 0.05, "below the start, to the apex; assumed")] = 0.006
-    off_apex_x_m: Annotated[float, within(-0.02, 0.02, "of the start, tool x; assumed")] = 0.0
-    off_apex_y_m: Annotated[float, within(-0.02, 0.02, "likewise, tool y; assumed")] = 0.0
-    slope_x: Annotated[
-        float, within(-0.1, 0.1, "of the surface along tool x; assumed, -0.02-0.02")
-    ] = 0.0
-    slope_y: Annotated[float, within(-0.1, 0.1, "likewise along tool y")] = 0.0
-    axis_x_m: Annotated[
-        float, within(-0.03, 0.03, "contact from the axis of turns, tool x; assumed, 0-0.01")
-    ] = 0.0
-    axis_y_m: Annotated[float, within(-0.03, 0.03, "likewise, tool y")] = 0.0
+    finger_stiffness_npm: Stiffness = 5000.0  # linkage, 3-10 N/mm
+    arm_stiffness_npm: Stiffness = 40000.0  # at the tool, 20-60 N/mm
+    off_apex_x_m: Offset = 0.0  # of the start, tool x
+    off_apex_y_m: Offset = 0.0
+    slope_x: Slope = 0.0  # of the surface along tool x, -0.02-0.02
+    slope_y: Slope = 0.0
+    axis_x_m: Offset = 0.0  # contact from the axis of turns, tool x, 0-0.01
+    axis_y_m: Offset = 0.0
 
 
 # What a scene may add
@@ -258,11 +232,11 @@ class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     on the top, above it for one on the side.
     """
 
-    impulse_n_s: Annotated[float, within(0.0, 15.0, "assumed, 0.08-0.45 N s")]
-    duration_s: Annotated[float, Meta(gt=0.0, le=0.2, description="assumed, 2-16 ms")]
+    impulse_n_s: Impulse  # assumed, 0.08-0.45 N s
+    duration_s: Annotated[float, Meta(gt=0.0, le=0.2)]  # assumed, 2-16 ms
     direction: Literal["top", "side", "closing"] = "top"
     offset_m: Annotated[float, within(-0.5, 0.5)] = 0.0
-    follow_n_s: Annotated[float, within(0.0, 15.0)] = 0.0
+    follow_n_s: Impulse = 0.0
     follow_s: Annotated[float, within(0.0, 1.0)] = 0.0
     delay_s: Annotated[float, within(0.0, 10.0)] = 0.0
 
@@ -274,20 +248,14 @@ class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A downward force on the object once the arm stands still with it in the air."""
 
-    force_n: Annotated[float, within(0.0, 200.0, "downwards, beside the weight; 0: none")] = 0.0
-    after_s: Annotated[float, within(0.0, 60.0, "the arm has stood in the air; assumed")] = 0.2
-    # off the table; more than an arm that pauses to answer slip has risen, where the top is meant
-    above_m: Annotated[float, within(0.0, 1.0, "height of the object then at least")] = 0.005
-    ramp_s: Annotated[float, within(0.001, 10.0, "from nothing to all, and back; assumed")] = 0.1
-    lasts_s: Annotated[float, within(0.0, 60.0, "at its full strength; assumed")] = 0.3
+    force_n: Annotated[float, within(0.0, 200.0)] = 0.0  # beside the weight; 0: none
+    # height of the object then at least; more than an arm that pauses to answer slip has risen,
+    # where the top is meant
+    above_m: Annotated[float, within(0.0, 1.0)] = 0.005
 
 
 class DamageSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is wrong with every fingertip from the beginning of a trial."""
 
-    taxels_lost: Annotated[
-        float, within(0.0, 1.0, "of each fingertip, drawn: their first value stays")
-    ] = 0.0
-    gain_lost: Annotated[float, within(0.0, 1.0, "of every change from rest; the noise stays")] = (
-        0.0
-    )
+    taxels_lost: Share = 0.0  # of each fingertip, drawn: their first value stays
+    gain_lost: Share = 0.0  # of every change from rest; the noise stays

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from scenarios.world.contact import FINGER_PLACES_M, SQUARE_SPIN, Floats
+from scenarios.world.settings import PAD_HALF_LENGTH_M
 from studies.contact.reference import grip_forces
 from studies.contact.scene import Scene, hand_height, hand_speed, mark_of, wrenches
 
@@ -22,7 +23,7 @@ SETTLE_S = 0.2  # a held object first settles in its grip; the scene starts afte
 def xml(scene: Scene, step_s: float, impratio: float) -> str:
     """The model; x is the closing axis."""
     half = scene.body.half_width_m
-    spin = SQUARE_SPIN * scene.contact.pad_half_length_m
+    spin = SQUARE_SPIN * PAD_HALF_LENGTH_M
     table = '<geom type="plane" size="1 1 .1"/>' if scene.on_table else ""
     pads = "".join(
         f'<body pos="{side * (half + PAD_RADIUS_M)} {y} {HEIGHT_M}">'

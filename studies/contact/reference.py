@@ -208,7 +208,7 @@ def _run(
     ends = {scene.arm_mps / scene.arm_mps2, q[Q_TAP], q[Q_TAP] + q[Q_TAP_S], *knots_s.tolist()}
     times = np.array(sorted(t for t in ends if t <= scene.duration_s))
     normal = np.array([np.interp(times, knots_s, n) for n in forces_n.T]).T.copy()
-    table = elements(pads, level, points)
+    table = elements(level, points)
     finger, places = table[:, laws.E_FINGER].copy(), table[:, : laws.E_FINGER].copy()
     x, flags = np.zeros(6 + 3 * len(finger)), np.zeros(len(finger) + 1)
     x[4] = hand_speed(scene, np.zeros(1))[0]

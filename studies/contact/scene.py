@@ -22,7 +22,12 @@ from scenarios.world.contact import (
     parameters,
 )
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import (
+    HALF_APERTURE_M,
+    Blow,
+    ContactSettings,
+    Level,
+)
 
 MARK_M = 0.05  # tape mark above the grip, where slip is read
 Three = tuple[float, float, float]
@@ -72,10 +77,10 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
         return stretch
 
 
-def squeeze(body: GraspObject, contact: ContactSettings, b_n: float, c_n: float) -> Three:
+def squeeze(body: GraspObject, b_n: float, c_n: float) -> Three:
     """Finger travel, m, at which B and C press with b_n and c_n and the thumb with their sum."""
     k = finger_stiffness(body)
-    touch = contact.half_aperture_m - body.half_width_m
+    touch = HALF_APERTURE_M - body.half_width_m
     return touch + (b_n + c_n) / k, touch + b_n / k, touch + c_n / k
 
 
@@ -84,7 +89,7 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
     rise_npm = finger_stiffness(BODY) * 2 / 3
     return Scene(
         name="lift", duration_s=duration_s, contact=pads, on_table=True, arm_mps=0.1,
-        travel_m=squeeze(BODY, pads, 1.0, 1.0),
+        travel_m=squeeze(BODY, 1.0, 1.0),
         closing=Closing(start_s=0.3, speed_mps=110.0 / rise_npm, force_stop_n=10.0),
     )  # fmt: skip
 
@@ -92,12 +97,12 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 def tap() -> Scene:
     """A tap of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
     impact = Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
-    return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, PADS, 5.0, 5.0), tap=impact)
+    return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, 5.0, 5.0), tap=impact)
 
 
 def vibration() -> Scene:
     """A 10 N grip shaken at 20 Hz: the peak load is 0.82 of the kinetic cone, nothing may slip."""
-    travel_m = squeeze(BODY, PADS, 5.0, 5.0)
+    travel_m = squeeze(BODY, 5.0, 5.0)
     return Scene(name="vibration", duration_s=1.0, travel_m=travel_m, shake_mps2=12.0)
 
 
@@ -148,7 +153,7 @@ def simulate(scene: Scene, level: Level, step_s: float, points: int = BRUSH_POIN
     p, s = parameters(scene.contact, scene.body, level), initial_state()
     s[laws.HEIGHT] = 0.0 if scene.on_table else laws.IN_THE_AIR_M
     s[laws.SPEED] = hand_speed(scene, np.zeros(1))[0]
-    e, normal = elements(scene.contact, level, points), press(p, np.array(scene.travel_m))
+    e, normal = elements(level, points), press(p, np.array(scene.travel_m))
     e[:, laws.E_STRETCH_Z] = scene.initial_stretch(normal)[e[:, laws.E_FINGER].astype(int)]
     closing = scene.closing or Closing(math.inf, 0.0, 0.0)
     motion = np.array([closing.start_s, closing.speed_mps, closing.force_stop_n])

@@ -13,7 +13,7 @@ from drivers.takktile.link import ReadingThread
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs.opening import board_finder, wired_gripper
+from scenarios.rigs.wired import board_finder, wired_gripper
 from tests import conformance
 from tests.conformance import Bench
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import Metadata, Recording, read_csv, write
-from scenarios.acquire.datasets.named_settings import with_values
+from scenarios.acquire.config import with_values
 from scenarios.campaign.config import load_config
 from studies import fingertip_calibration as calibration
 from studies.fingertip_calibration import BOUNDS, JUDGE_SEED, STUDY, Setup, Task

@@ -6,7 +6,7 @@ import pytest
 
 from grasp.commands import CloseFast
 from grasp.guard import THUMB_ALONE
-from grasp.slip_response.base import CLOSED_COUNTS
+from grasp.slip_response.close import CLOSED_COUNTS
 from studies import runner
 from studies.lift_start import at_lift
 from studies.reaction import STUDY, Reaction, cliff, find_onset, react

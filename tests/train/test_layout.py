@@ -17,7 +17,7 @@ from detector.training.settings import TrainSettings  # noqa: E402
 from drivers.errors import UsageError  # noqa: E402
 from grasp.cli import exits  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
-from scenarios.acquire.datasets.named_settings import layout_file  # noqa: E402
+from scenarios.acquire.config import layout_file  # noqa: E402
 from scenarios.lift.scoring import LiftOutcome, LiftResult  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
@@ -45,7 +45,7 @@ def test_a_network_of_eight_taxels_is_trained_exported_and_refused_by_six(
     if name == "tcn-paper":
         settings = msgspec.structs.replace(QUICK, dense=False, balance="undersample", batch=32)
     made = Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
-    made.run(5.0, None, lambda progress: None)
+    made.run(5.0, None, lambda loss, score: None)
     path = tmp_path / "mine.onnx"
     export(made, VALIDATION, path, "here")
     detector = load_detector("mine", {"weights": str(path)}, 3, 8)

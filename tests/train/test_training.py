@@ -14,11 +14,11 @@ from detector.network_file import read_network  # noqa: E402
 from detector.recordings import write  # noqa: E402
 from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.export import export  # noqa: E402
-from detector.training.fit import Training, TrainingProgress  # noqa: E402
+from detector.training.fit import Training  # noqa: E402
 from detector.training.networks import odds_of  # noqa: E402
 from detector.training.sequences import Windows, digest, fingers_of  # noqa: E402
 from detector.training.settings import TrainSettings  # noqa: E402
-from detector.training.validation import calibration, likelihood  # noqa: E402
+from detector.training.validation import Score, calibration, likelihood  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
@@ -36,7 +36,7 @@ def training(name: str = "tcn", **changes: object) -> Training:
     return Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
 
 
-def ignore(progress: TrainingProgress) -> None:
+def ignore(loss: float, score: Score | None) -> None:
     """No one watches."""
 
 
@@ -60,11 +60,12 @@ def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: P
     whole = training(name)
     whole.run(5.0, None, ignore)
 
-    def interrupt(progress: TrainingProgress) -> None:
-        if progress.step == 17:
+    first = training(name)
+
+    def interrupt(loss: float, score: Score | None) -> None:
+        if first.step == 17:
             raise KeyboardInterrupt
 
-    first = training(name)
     with pytest.raises(KeyboardInterrupt):
         first.run(5.0, tmp_path / "c", interrupt)
     second = training(name)

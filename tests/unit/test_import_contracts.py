@@ -152,7 +152,6 @@ LATE = (
     "scenarios/rigs/doctor.py",
     "scenarios/testing/plugin.py",
     # what a device is driven with imports the compiled world only where there is one
-    "scenarios/acquire/force_calibration.py",
     "scenarios/acquire/session.py",
     "scenarios/rigs/opening.py",
     "scenarios/rigs/rig.py",

@@ -26,7 +26,7 @@ from grasp.settings import config_dir
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.emulated import ControlClient
-from scenarios.rigs.opening import open_arm
+from scenarios.rigs.wired import open_arm
 from tests.calibrations import OF_A_LAB
 
 ROOT = Path(__file__).parents[2]

@@ -22,10 +22,9 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.settings import Layer, load
 from grasp.states import OPEN_STATES
-from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.config import AcquireConfig, layout_file, with_values
 from scenarios.acquire.datasets.disturbances import Disturbances, Done, GripTrials, Performer
 from scenarios.acquire.datasets.drawn_objects import relaxed_n
-from scenarios.acquire.datasets.named_settings import layout_file, with_values
 from scenarios.acquire.labels import TURN_LEVER_M, Floats, moved, recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.session import Script, Session, open_acquire_rig
@@ -169,16 +168,11 @@ def _of_lift(
     return Recording(
         t_s=t_s,
         counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
-        slip=as_felt(slides, places),
-        slip_true=slides,
-        source=source,
-        metadata=metadata,
-        contact_speed_mps=speed.astype(np.float32),
-        contact_turn_radps=turn.astype(np.float32),
-        velocity_mps=velocity.astype(np.float32),
-        spin_radps=spin.astype(np.float32),
+        slip=as_felt(slides, places), slip_true=slides, source=source, metadata=metadata,
+        contact_speed_mps=speed.astype(np.float32), contact_turn_radps=turn.astype(np.float32),
+        velocity_mps=velocity.astype(np.float32), spin_radps=spin.astype(np.float32),
         moved_m=moved(t_s, places, held).astype(np.float32),
-    )
+    )  # fmt: skip
 
 
 def _of_thumb(steps_mps: Floats, frames: PadFrames) -> tuple[Floats, Floats]:
@@ -200,12 +194,16 @@ def as_felt(slides: NDArray[np.bool_], places_m: Floats) -> NDArray[np.bool_]:
     A blow is over within one or two samples, which reach the detector when the object is at rest.
     """
     label = np.zeros_like(slides)
-    edges = np.flatnonzero(np.diff(slides, prepend=False, append=False))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in _spans(slides):
         before, after = places_m[max(first - 1, 0)], places_m[min(end, len(places_m) - 1)]
         if np.linalg.norm(after - before) >= LEAST_SLIP_M:
             label[first : max(end, first + FELT_SAMPLES)] = True
     return label
+
+
+def _spans(label: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """First sample of each span of True, and the one after its last (spans, 2)."""
+    return np.flatnonzero(np.diff(label, prepend=False, append=False)).reshape(-1, 2)
 
 
 # Pressed on what is fixed
@@ -248,32 +246,22 @@ def make_pressed(
 def _script(cause: str, rng: np.random.Generator) -> Script:
     """What happens on the way; a cause that is all in the parameters has no script."""
 
-    def lift_off(controller: PressController, cell: PressedCell) -> None:
-        controller.lift_off()
+    def act(controller: PressController, cell: PressedCell) -> None:
+        if cause == "contact_made_and_broken":
+            controller.lift_off()
+        elif cause == "force_steps":
+            controller.target_n = float(rng.uniform(*STEPS_N))
+        elif cause == "tap":
+            cell.pad.knock(float(rng.uniform(*KNOCKS_N_S)), float(rng.uniform(*KNOCKS_S)))
+        else:
+            cell.shaken = not cell.shaken
 
-    def step_force(controller: PressController, cell: PressedCell) -> None:
-        controller.target_n = float(rng.uniform(*STEPS_N))
-
-    def knock(controller: PressController, cell: PressedCell) -> None:
-        cell.pad.knock(float(rng.uniform(*KNOCKS_N_S)), float(rng.uniform(*KNOCKS_S)))
-
-    def shake(controller: PressController, cell: PressedCell) -> None:
-        cell.shaken = not cell.shaken
-
-    acts = {
-        "contact_made_and_broken": lift_off,
-        "force_steps": step_force,
-        "tap": knock,
-        "arm_vibration": shake,
-    }
-    if cause not in acts:
-        return lambda t_s, controller, cell: None
-    act, pauses_s = acts[cause], PAUSES_S[cause]
+    pauses_s = PAUSES_S.get(cause)
     due_s = SETTLED_S
 
     def script(t_s: float, controller: PressController, cell: PressedCell | None) -> None:
         nonlocal due_s
-        if t_s >= due_s and cell is not None:
+        if pauses_s is not None and t_s >= due_s and cell is not None:
             due_s = t_s + float(rng.uniform(*pauses_s))
             act(controller, cell)
 
@@ -288,7 +276,6 @@ def _by_truth(made: Recording) -> Recording:
     speed_mps = np.hypot(made.contact_speed_mps, TURN_LEVER_M * made.contact_turn_radps)
     way_m = speed_mps * np.diff(made.t_s, prepend=made.t_s[0] - PERIOD_S)
     label = made.slip_true.copy()
-    edges = np.flatnonzero(np.diff(label, prepend=False, append=False))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in _spans(made.slip_true):
         label[first:end] = way_m[first:end].sum() >= LEAST_SLIP_M
     return msgspec.structs.replace(made, slip=label)

@@ -20,7 +20,12 @@ from drivers.interfaces import Counts3
 from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
 from scenarios.world import contact, laws
 from scenarios.world.objects import GraspObject, Name
-from scenarios.world.settings import ContactSettings, FixedSurface
+from scenarios.world.settings import (
+    HALF_APERTURE_M,
+    WALL_STIFFNESS_NPM,
+    ContactSettings,
+    FixedSurface,
+)
 
 Range = tuple[float, float]
 Forces = tuple[float, float, float]  # of each finger, N
@@ -120,6 +125,7 @@ def of_surface(surface: FixedSurface) -> dict[str, Range]:
     """Those of a fixed surface; upwards is along the fingertip's x."""
     found = {name: getattr(surface, name) for name in SCALES if hasattr(surface, name)}
     radii = {"curved_up": surface.radius_x_m, "curved_around": surface.radius_y_m}
+    found["wall_stiffness_npm"] = WALL_STIFFNESS_NPM
     return _points(found | {name: 1.0 / r if r else 0.0 for name, r in radii.items()})
 
 
@@ -193,7 +199,7 @@ def first_grip(
     the pads press with once they have relaxed; None where none do."""
     p = contact.parameters(hand, body)
     width_m, _ = laws.width_and_slope(p, 0.0)
-    first = int((hand.half_aperture_m - width_m) / m_per_count)
+    first = int((HALF_APERTURE_M - width_m) / m_per_count)
     near = range(max(0, first - 1), min(255, first + NEAR_COUNTS) + 1)
     least_off, best = math.inf, None
     for a, b, c in itertools.product(near, near, near):

@@ -4,6 +4,7 @@ A recording's seed lies in the block of its split, so that nothing random of one
 objects, noise) comes again in another, whatever the set's size.
 """
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -18,18 +19,16 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Split
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import load, read_toml
-from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from grasp.settings import Layer, by_path, load, named_layer, read_toml, thing_layer
+from scenarios.acquire.config import (
+    AcquireConfig,
+    layout_file,
+    load_acquire_config,
+    with_values,
+)
 from scenarios.acquire.datasets import drawn_objects
 from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, bare_config
 from scenarios.acquire.datasets.disturbances import Disturbances
-from scenarios.acquire.datasets.named_settings import (
-    beside,
-    called,
-    fingerprints,
-    layout_file,
-    with_values,
-)
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.trial.result import versions
 from scenarios.world.objects import Name
@@ -151,6 +150,35 @@ class Job(msgspec.Struct, frozen=True):
 WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 
 
+class _Named(msgspec.Struct, frozen=True):
+    name: Name
+
+
+@cache
+def called(kind: str, word: str) -> str:
+    """The name of a surface or body; raises ConfigError for what is unknown or no such thing."""
+    if not by_path(word):
+        named_layer(kind, word)
+        return word
+    section = {"surfaces": "surface", "bodies": "body"}[kind]
+    return load(_Named, [Layer(word, thing_layer(kind, section, word).table[section])]).name
+
+
+def beside(value: Any, folder: Path) -> Any:
+    """A data set's settings, or a part of them, whose paths count from that folder."""
+    if isinstance(value, dict):
+        return {beside(key, folder): beside(each, folder) for key, each in value.items()}
+    if isinstance(value, list):
+        return [beside(each, folder) for each in value]
+    return str(folder / value) if isinstance(value, str) and by_path(value) else value
+
+
+def fingerprints(*words: str) -> dict[str, str]:
+    """Of the files among them."""
+    files = [word for word in words if by_path(word)]
+    return {file: hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] for file in files}
+
+
 def load_dataset_config(path: Path) -> DatasetConfig:
     """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
     layer = read_toml(path)
@@ -241,9 +269,8 @@ def _metadata(
     """Of the index-th recording, on what is called so, of a cause or (none) of Table I."""
     seed = config.seed * SEEDS + BLOCKS[split] + index
     part = part_of_job(config.parts, index)
-    ranges = config.randomise | part.ranges(word)
-    if row is not None:
-        ranges = config.randomise | config.on.get(word, {}) | part.ranges(word) | row.randomise
+    ranges = config.randomise | config.on.get(word, {}) | part.ranges(word)
+    ranges |= row.randomise if row is not None else {}
     grasped = row is not None and row.grasped
     return Metadata(
         set="confusers" if row is not None else "slide", split=split, surface=name,
@@ -330,12 +357,3 @@ def _draw(ranges: Mapping[str, Range], rng: np.random.Generator) -> dict[str, fl
 def pressing(surface: str, layout: str) -> AcquireConfig:
     """Settings of a session on that surface before anything is drawn."""
     return load_acquire_config(surface, "simulated", layout_file(layout))
-
-
-def first_of_each(jobs: Sequence[Job], share: float) -> list[Job]:
-    """So many of the recordings of every cause, the first in the plan."""
-    found: list[Job] = []
-    for cause in dict.fromkeys(job.metadata.cause for job in jobs):
-        its = [job for job in jobs if job.metadata.cause == cause]
-        found += its[: math.ceil(share * len(its))]
-    return found

@@ -21,7 +21,7 @@ function sampleAt(times, t) {
   let low = 0, high = times.length - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
-    if (times[middle] <= t + 1e-5) low = middle;
+    if (times[middle] <= t + 1e-3) low = middle;
     else high = middle - 1;
   }
   return low;

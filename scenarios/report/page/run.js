@@ -49,7 +49,7 @@ function makePlayer() {
     // the newest row of each table whose time has come
     rows.forEach(([row, from], n) => {
       const next = rows[n + 1];
-      const current = from <= times[i] + 1e-9 && (!next || next[0].parentElement !== row.parentElement || next[1] > times[i] + 1e-9);
+      const current = from <= times[i] + 1e-3 && (!next || next[0].parentElement !== row.parentElement || next[1] > times[i] + 1e-3);
       row.classList.toggle("current", current);
     });
   }
@@ -85,7 +85,7 @@ function makePlayer() {
 
   const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
   const digits = (value, n) => (Number.isFinite(value) ? value.toFixed(n) : "–");
-  const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-9 ? phase.name : name), "");
+  const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-3 ? phase.name : name), "");
 
   function start() {
     moved();
@@ -106,8 +106,8 @@ function makePlayer() {
     play.textContent = "play";
   }
   const step = (samples) => choose(times[Math.min(Math.max(index + samples, 0), last)]);
-  const next = () => choose((data.phases.find((p) => p.t > times[index] + 1e-9) || {t: times[last]}).t);
-  const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-9) || {t: times[0]}).t);
+  const next = () => choose((data.phases.find((p) => p.t > times[index] + 1e-3) || {t: times[last]}).t);
+  const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-3) || {t: times[0]}).t);
   const toggle = () => (playing ? stop() : start());
 
   function listen() {

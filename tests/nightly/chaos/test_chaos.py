@@ -17,7 +17,7 @@ import msgspec
 import pytest
 
 from drivers.errors import GraspError
-from grasp.loop_settings import STOP_S
+from grasp.loop import ControlLoop
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import SUCCESSES
@@ -94,7 +94,7 @@ def stated_s() -> float:
     ur, loop = SETTINGS.ur, SETTINGS.loop
     opening_s = READY_S + ACTIVATION_TIMEOUT_S + 3 * ur.step_timeout_s + ur.start_timeout_s
     closing_s = ur.leave_timeout_s + ur.step_timeout_s
-    return opening_s + loop.deadline_s + STOP_S + closing_s + SLACK_S
+    return opening_s + loop.deadline_s + ControlLoop.stop_s + closing_s + SLACK_S
 
 
 def takes_the_hand(trouble: Trouble) -> bool:

@@ -40,7 +40,6 @@ class Mine:
         self.buffer = np.full(self.fingers, min(1.0, self.gain * self.n / 100))
         return self.buffer
 
-ready = Mine(3)
 def factory(taxels, fingers):
     made = Mine(fingers)
     made.taxels = taxels
@@ -60,8 +59,8 @@ def load(word: str, fingers: int = 3, **arguments: float) -> SlipDetector:
     return load_detector(word, OwnSettings(tuple(arguments.items())), fingers)
 
 
-def test_a_class_a_factory_and_an_object_are_detectors(tmp_path: Path) -> None:
-    for name in ["Mine", "ready", "factory", "anything"]:
+def test_a_class_and_a_factory_are_detectors(tmp_path: Path) -> None:
+    for name in ["Mine", "factory", "anything"]:
         detector = load(f"{write(tmp_path, WHOLE)}:{name}")
         assert (detector.name, detector.threshold, detector.memory) == (name, 0.4, 3), name
         frame = np.zeros((3, 6), np.int16)
@@ -78,14 +77,6 @@ def test_it_is_made_for_the_fingers_and_with_the_settings_that_it_asks_for(tmp_p
     assert detector.update(np.zeros((1, 6), np.int16)).tolist() == [0.1]
 
 
-def test_two_made_of_one_object_do_not_share_it(tmp_path: Path) -> None:
-    word = f"{write(tmp_path, WHOLE)}:ready"
-    first, second = load(word), load(word)
-    frame = np.zeros((3, 6), np.int16)
-    first.update(frame)
-    assert second.update(frame).tolist() == [0.01] * 3
-
-
 def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
     text = WHOLE.replace("self.n += 1", "self.n += 1; counts[:] = 0")
     with pytest.raises(BadFile, match="read-only"):
@@ -94,22 +85,17 @@ def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
 
 def test_every_mistake_is_one_line_that_names_the_file(tmp_path: Path) -> None:
     for text, name, told in [
-        (WHOLE, "Other", "has no 'Other'"),
+        (WHOLE, "Other", "has no class or function 'Other'"),
         ("x = = 1", "Mine", "mine.py, line 1: importing it raised SyntaxError"),
         ("import nothing_of_this_name", "Mine", "line 1: importing it raised ModuleNotFoundError"),
         ("import sys\nsys.exit(3)", "Mine", "line 2: importing it raised SystemExit"),
         ("class Mine:\n  def update(self, c): return c", "Mine", "has no reset"),
-        ("Mine = 3", "Mine", "has no reset"),
+        ("Mine = 3", "Mine", "has no class"),
         (WHOLE.replace("gain=1.0", "gain"), "Mine", "raised TypeError"),
         (WHOLE.replace("self.n += 1", "1 / 0"), "Mine", "line 12: update raised ZeroDivisionError"),
         (WHOLE.replace("self.n = 0", "1 / 0"), "Mine", "line 10: reset raised ZeroDivisionError"),
         (WHOLE.replace("self.fingers, min", "2, min"), "Mine", r"shape \(2,\), not \(3,\)"),
         (WHOLE.replace("return self.buffer", "return None"), "Mine", "not a number a finger"),
-        (
-            WHOLE.replace("return self.buffer", "return np.ma.masked_all(3)"),
-            "Mine",
-            "a masked array",
-        ),
         (WHOLE.replace("return self.buffer", "return self.buffer + 0j"), "Mine", "complex128"),
         (WHOLE.replace("return self.buffer", "return ['0.5'] * 3"), "Mine", "not a number"),
         (WHOLE.replace("self.n += 1", "raise SystemExit(0)"), "Mine", "update raised SystemExit"),
@@ -148,7 +134,7 @@ def test_a_file_that_is_not_there_and_a_setting_that_it_does_not_take(tmp_path: 
     with pytest.raises(BadFile, match=r"takes no setting own\.window"):
         load(f"{write(tmp_path, WHOLE)}:Mine", window=3)
     with pytest.raises(BadFile, match=r"takes no setting own\.window"):
-        load(f"{write(tmp_path, WHOLE)}:ready", window=3)
+        load(f"{write(tmp_path, WHOLE)}:Mine", window=3)
 
 
 def test_a_changed_file_is_another_detector(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from typing import Any
 
 from grasp.clock import VirtualClock
 from grasp.commands import Command, HoldFingers, StopArm
+from grasp.controller_settings import LoopSettings
 from grasp.loop import ControlLoop, Devices, Tick
-from grasp.loop_settings import LoopSettings
 from grasp.safe_state import Missing
 from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, seen

@@ -6,7 +6,7 @@ from typing import Any
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard, GuardSettings
-from grasp.set_down import MARGIN_M
+from grasp.set_down import SLIP_MARGIN_M
 from grasp.states import State
 from tests.unit.grasp.builders import LOST, STOP, arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
@@ -78,7 +78,7 @@ def near(**settings: Any) -> Driver:
         d.climb()
     d.height_m = 0.2
     d.until(State.DESCEND)
-    d.height_m = 0.05 + MARGIN_M
+    d.height_m = 0.05 + SLIP_MARGIN_M
     d.until(State.FEEL)
     return d
 

@@ -9,10 +9,9 @@ from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
+from grasp.lift_progress import LiftLine
 from grasp.observation import Observation
-from grasp.slip_response.base import STAGE_NS
-from grasp.slip_response.close import Close
+from grasp.slip_response.close import STAGE_NS, SlipResponse
 from tests.unit.grasp.builders import gripper, seen
 
 S = ControllerSettings(closing_speed_mps=0.1)
@@ -30,10 +29,10 @@ def hand(t_ns: int = 0, thumb: int = 55, first: bool = False, **changes: Any) ->
     return seen(t_ns, last_close=FIRST if first else None, **told | changes)
 
 
-def response(**settings: Any) -> Close:
+def response(**settings: Any) -> SlipResponse:
     s = msgspec.structs.replace(S, **settings)
     plan = GripPlan((40, 55, 55), (55, 55, 55), CAP_N, Stiffness(1.9))
-    return Close(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
+    return SlipResponse(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
 
 
 def test_first_of_two_stages_goes_by_position_as_fast_as_the_hand_can() -> None:

@@ -47,13 +47,13 @@ def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_somet
 @pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])
 def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> None:
     forces = (GRIP, *[NOTHING] * 3, GRIP, NOTHING, GRIP)
-    assert after(*forces, airborne=airborne).estimate.longest_gap_ns == gap_ns
+    assert after(*forces, airborne=airborne).longest_gap_ns == gap_ns
 
 
 def test_level_of_the_grip_follows_a_step_within_the_time_in_which_pads_relax() -> None:
     """The thumb bears what all fingers measure, half of it."""
-    assert after(*[GRIP] * 4).estimate.grip_n == pytest.approx(1.05, abs=0.01)
-    assert after(*[GRIP] * 40).estimate.grip_n == pytest.approx(2.5, abs=0.02)
+    assert after(*[GRIP] * 4).grip_n == pytest.approx(1.05, abs=0.01)
+    assert after(*[GRIP] * 40).grip_n == pytest.approx(2.5, abs=0.02)
 
 
 def test_overload_lasts_since_force_was_last_within_the_limit() -> None:

@@ -51,7 +51,7 @@ def test_both_stages_are_one_answer_though_slip_ends_between_them() -> None:
     for _ in range(40):
         d.climb(0.0)
     assert d.commands == [FIRST, TOP_UP]
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
     assert len(d.controller.monitor.events) == 1
     assert d.controller.state is State.LIFT
 
@@ -201,7 +201,7 @@ def test_close_that_could_do_nothing_is_not_sent() -> None:
         d.climb(0.9)
     assert d.controller.state is State.COMPENSATE
     assert [type(c) for c in d.commands] == [StopArm]
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -> None:
@@ -211,7 +211,7 @@ def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -
     while d.controller.state is not State.DESCEND and d.t_ns - began < 10_000_000_000:
         d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
     assert d.t_ns - began < 3_500_000_000
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def test_alarms_under_a_force_that_admits_no_closing_cannot_prolong_the_hold_for_ever() -> None:
@@ -231,4 +231,4 @@ def test_slip_that_a_closing_can_still_answer_is_answered_however_long_it_comes_
         short = d.hand(detections=RESTING)  # of the cap
         d.step(0.9 if d.t_ns // TICK % 40 < 3 else 0.0, last_close=None, gripper=short)
     assert d.controller.state is not State.DESCEND
-    assert d.controller.closings > 5
+    assert d.controller.response.closings > 5

@@ -1,11 +1,12 @@
-"""Files that are whole or not there."""
+"""Files that are whole or not there, private, or held by one process."""
 
 import os
 from pathlib import Path
 
 import pytest
 
-from grasp.files import make_private_folder, write_whole
+from drivers.errors import GraspError, Refused
+from grasp.files import Holder, locked, make_private_folder, write_whole
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
@@ -31,3 +32,18 @@ def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) 
     assert modes == [0o755, 0o700, 0o700]
     with pytest.raises(FileExistsError):
         make_private_folder(tmp_path / "runs", exist_ok=False)
+
+
+def refused(holder: Holder | None) -> GraspError:
+    return Refused("somebody" if holder is None else f"{holder.pid}: {holder.command}", "wait")
+
+
+def test_who_comes_second_is_told_which_process_holds_it_and_later_gets_it(tmp_path: Path) -> None:
+    file = tmp_path / "cell.lock"
+    with locked(file, 0o600, refused):
+        assert file.stat().st_mode & 0o777 == 0o600
+        with pytest.raises(Refused, match=f"^{os.getpid()}: .*"), locked(file, 0o600, refused):
+            raise AssertionError("held twice")
+    assert not file.exists()
+    with locked(file, 0o644, refused):
+        assert file.stat().st_mode & 0o777 == 0o644

@@ -67,7 +67,7 @@ def record(path: Path, count: int = 100, chunk_size: int = 4096) -> list[tuple[s
 
 def test_what_goes_in_comes_out(tmp_path: Path) -> None:
     written = record(tmp_path / "run.mcap")
-    recording = RunRecording.open(tmp_path / "run.mcap", CHANNELS)
+    recording = RunRecording(tmp_path / "run.mcap", CHANNELS)
     assert list(recording) == written
     assert [message for _, message in recording.of("/event")] == [m for _, _, m in written[1::2]]
     assert recording.metadata == METADATA
@@ -123,7 +123,7 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path: Path) -> None:
     lengths = []
     for end in range(8, len(whole), 7):
         (tmp_path / "cut.mcap").write_bytes(whole[:end])
-        recording = RunRecording.open(tmp_path / "cut.mcap", CHANNELS)
+        recording = RunRecording(tmp_path / "cut.mcap", CHANNELS)
         messages = list(recording)
         assert messages == written[: len(messages)]
         lengths.append(len(messages))
@@ -139,7 +139,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     data[len(data) // 3] ^= 0xFF
     path.write_bytes(data)
     with pytest.raises(BadFile, match="damaged"):
-        RunRecording.open(path, CHANNELS)
+        RunRecording(path, CHANNELS)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\x89MCA", b"{}", b"x" * 1000])
@@ -150,7 +150,7 @@ def test_what_is_no_recording_is_refused_with_a_remedy(
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(BadFile, match=r"run\.mcap") as caught:
-        RunRecording.open(path, CHANNELS)
+        RunRecording(path, CHANNELS)
     assert ".mcap" in caught.value.remedy
 
 

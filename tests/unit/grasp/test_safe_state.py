@@ -8,11 +8,11 @@ from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import ARM, Fault
-from grasp.lift_line import LiftLine
+from grasp.lift_progress import LiftLine
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
 from grasp.safe_state import Pursuit, SafeState
-from grasp.slip_response.close import Close
+from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, seen
 
@@ -127,7 +127,9 @@ SETTINGS = ControllerSettings(stale_after_s=0.1)
 def pursuit(since_ns: int = 0) -> Pursuit:
     safe = SafeState(State.FAULT, State.LIFT, since_ns)
     plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
-    return Pursuit(safe, SETTINGS, Close(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0))))
+    return Pursuit(
+        safe, SETTINGS, SlipResponse(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0)))
+    )
 
 
 def unsafe(t_ns: int, **changes: object) -> Observation:

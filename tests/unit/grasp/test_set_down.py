@@ -10,7 +10,7 @@ from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
-SURE = "grasp.set_down.MOST_SHARE"  # of a grip that may tighten without an answer
+SURE = "grasp.set_down.MOST_RISE"  # of a grip that may tighten without an answer
 
 HOME_M = 0.4
 GRIP = bears(3.0)

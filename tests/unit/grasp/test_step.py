@@ -258,7 +258,7 @@ def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     seen = b.decide(frame(-1, stale=True))
     assert b.ears.inputs == ["reset"]
     assert seen.probabilities.tolist() == [0.0] * 3
-    assert seen.tactile_stale
+    assert seen.frame is not None and seen.frame.stale
 
 
 def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> None:
@@ -266,7 +266,7 @@ def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> 
     seen = b.decide(None)
     assert b.ears.inputs == []
     assert seen.probabilities.tolist() == [0.0] * 3
-    assert (seen.tactile_stale, seen.measured_n, seen.faults) == (False, (0.0,) * 3, ())
+    assert (seen.frame, seen.measured_n, seen.faults) == (None, (0.0,) * 3, ())
     assert seen.felt_n == (0.0,) * 3
 
 

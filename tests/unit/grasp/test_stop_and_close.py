@@ -78,7 +78,7 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     assert d.controller.state is State.DESCEND
     assert d.controller.cap_reached
     assert d.t_ns - began_ns < 10e9
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended() -> None:

@@ -6,7 +6,7 @@ import pytest
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_line import LiftLine
+from grasp.lift_progress import LiftLine
 from grasp.observation import Observation
 from grasp.slip_response.stop_and_step import StopAndStep
 from grasp.states import State
@@ -98,7 +98,7 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
     assert d.controller.state is State.COMPENSATE
     assert told(d, MoveFingers, CloseFast) == []
-    assert d.controller.closings == 1
+    assert d.controller.response.closings == 1
 
 
 def held_by(end: int, **settings: object) -> Driver:

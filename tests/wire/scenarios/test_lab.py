@@ -18,8 +18,8 @@ from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from drivers.ur.link.preflight import Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
-from scenarios.rigs.opening import open_arm
 from scenarios.rigs.permission import driving, gripper_of
+from scenarios.rigs.wired import open_arm
 from tests.wire.lab import CONFIRMED, HARDWARE, PATIENCE_S, Done, Lab, grasp, sets, until
 
 NOWHERE = ("--set", "usb.url=tcp://127.0.0.99:9")

@@ -26,7 +26,7 @@ LONG_S = 20.0
 def feed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Feed]:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with closing(Feed("a run", ("fingertip",), VIEW, of=2)) as made:
+    with closing(Feed("a run", VIEW, of=2)) as made:
         yield made
 
 

@@ -26,7 +26,7 @@ def test_a_blow_lasts_until_the_next_act_and_its_motion_is_found() -> None:
     first, second = blows_of(struck((2.0, 0.003), (2.3, 0.0)))
     assert (first.struck, first.onset, first.until) == (200, 203, 230)
     assert (second.struck, second.onset, second.until) == (230, 230, 280)
-    assert (first.moved, first.unmoved, second.moved, second.unmoved) == (True, False, False, True)
+    assert (first.moved_m, second.moved_m) == (0.003, 0.0)
 
 
 def test_a_blow_is_answered_by_what_begins_before_the_next_one() -> None:

@@ -20,18 +20,15 @@ from detector.scores.evaluation import (
 )
 from detector.scores.events import (
     EventMetrics,
-    EventSettings,
     pooled,
     slips_of,
 )
 from detector.scores.events import judge as judged
 from detector.scores.events import true_events as slips
 from detector.scores.metrics import (
-    accuracy_by_edge,
     auc,
     calibration_error,
     confusion,
-    edge_distance_ms,
 )
 from detector.scores.quantiles import Quantiles
 from drivers.errors import BadFile
@@ -39,8 +36,8 @@ from drivers.errors import BadFile
 JSON_FIELDS = {
     "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
     "auc", "event_recall", "event_precision", "false_events_per_min", "delay_ms", "delay_mm",
-    "release_delay_ms", "ece", "compute_us", "auc_interval", "threshold", "threshold_counts",
-    "by_edge_distance", "blows", "confusion", "true_events", "missed_events", "registered_events",
+    "release_delay_ms", "ece", "compute_us", "threshold", "blows", "confusion", "true_events",
+    "missed_events", "registered_events",
     "false_events", "label", "weighted_precision", "false_events_per_min_by_cause",
     "false_events_per_min_hand", "intervals", "recordings",
 }  # fmt: skip
@@ -61,9 +58,8 @@ def times(n: int) -> NDArray[np.float64]:
 
 
 def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
-    settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
     registered = np.array(events, np.intp).reshape(-1, 2)
-    found = slips_of(slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
+    found = slips_of(slip, times(len(slip)), **more)  # type: ignore[arg-type]
     return pooled([judged(registered, found)])
 
 
@@ -131,18 +127,6 @@ def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None
     assert calibration_error(np.array([0.25, 0.25, 0.95, 0.95]), labels) == pytest.approx(0.15)
     assert calibration_error(np.array([1.0, 1.0, 0.0, 0.0]), labels) == 1.0
     assert calibration_error(np.full(4, 0.5), labels) == 0.0
-
-
-def test_accuracy_is_binned_by_distance_from_the_edge() -> None:
-    labels = flags(30, 30)
-    verdicts = flags(33, 27)  # three samples late
-    bins = accuracy_by_edge(verdicts, labels, edge_distance_ms(times(60), labels))
-    assert [(b.from_ms, b.to_ms, b.n) for b in bins] == [
-        (0.0, 50.0, 10), (50.0, 100.0, 10), (100.0, 200.0, 20), (200.0, None, 20),
-    ]  # fmt: skip
-    assert [b.accuracy for b in bins] == [0.7, 1.0, 1.0, 1.0]
-    far = accuracy_by_edge(labels, labels, np.full(60, np.inf))
-    assert [(b.n, b.accuracy) for b in far] == [(0, None)] * 3 + [(60, 1.0)]
 
 
 # --- events
@@ -261,7 +245,7 @@ def test_a_scripted_detector_gets_the_score_that_can_be_counted() -> None:
     assert three(e.delay_ms) == (40.0, 40.0, 40.0)  # three late, and the second one registers
     assert three(e.release_delay_ms) == (50.0, 50.0, 50.0)  # three late, and the third releases
     assert three(e.compute_us) == (5.0, 5.0, 5.0)
-    assert (e.threshold, e.threshold_counts, e.auc_interval) == (0.5, None, None)
+    assert (e.threshold, "auc" in e.intervals) == (0.5, False)
     assert set(msgspec.json.decode(msgspec.json.encode(e))) == JSON_FIELDS
 
 

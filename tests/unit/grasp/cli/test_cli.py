@@ -214,4 +214,4 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
     _, table = run_json(capsys, "config", "--set", "guard.tip_mass_kg=0.3")
     assert table["guard"]["tip_mass_kg"] == 0.3
     out = call("config", capsys=capsys)[1]
-    assert "grip_counts = [55, 55, 55]  # 3 x int (motor counts" in out and "tuple[" not in out
+    assert "grip_counts = [55, 55, 55]  # 3 x int" in out and "tuple[" not in out

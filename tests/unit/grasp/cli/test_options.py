@@ -36,10 +36,8 @@ def test_every_number_of_the_command_line_has_bounds() -> None:
 
 def test_values_that_cannot_be_are_refused_with_what_is_allowed(capsys: Capture) -> None:
     for words, says in (
-        # what is listed twice would count twice
-        ("detector evaluate energy energy --recording x.csv", "argument NAME: energy twice"),
-        ("detector evaluate energy --data sets sets/", "argument --data: sets twice"),
-        ("detector tune energy --unlabelled a.csv ./a.csv", "argument --unlabelled: a.csv twice"),
+        ("run lift --trials 0", "1 to 10000"),
+        ("run acquire --speed 9", "0.004 to 0.2"),
     ):
         assert main(words.split()) == 2, words
         assert says in capsys.readouterr().err, words

@@ -49,7 +49,7 @@ def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
     seen: list[Sample] = []
     finished = acquired(tmp_path, seen.append)
     assert finished.recording is not None
-    recording = RunRecording.open(Path(finished.recording), CHANNELS)
+    recording = RunRecording(Path(finished.recording), CHANNELS)
     frames, arms, presses, truths = (list(recording.of(t)) for t in (TACTILE, ARM, PRESS, TRUTH))
     assert len(frames) == len(arms) == len(presses) == len(truths) == len(seen)
     assert presses[0][1].phase == PressPhase.APPROACH
@@ -76,7 +76,7 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
     assert finished.failure.message == f"told to end (SIGTERM) in phase {seen[-1].phase}"
     assert finished.failure.end.arm == "the arm stands"
     assert finished.recording is not None
-    recording = RunRecording.open(Path(finished.recording), CHANNELS)
+    recording = RunRecording(Path(finished.recording), CHANNELS)
     assert recording.complete
     assert len(list(recording.of(TACTILE))) == 500
     assert len(read(finished.recordings[0]).t_s) == finished.samples > 100

@@ -8,10 +8,9 @@ import pytest
 from detector.recordings import Metadata, Recording
 from drivers.errors import ConfigError, Stale
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import motion
-from scenarios.acquire.session import Session, open_acquire_rig
+from scenarios.acquire.session import Session, counts_per_newton, open_acquire_rig
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,

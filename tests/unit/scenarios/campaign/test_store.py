@@ -65,12 +65,12 @@ def test_a_second_writer_is_refused_with_the_name_of_the_first(tmp_path: Path) -
     out = tmp_path / "a.sqlite"
     places = combinations(SPEC)
     with CampaignStore.create(out, SPEC, places):
-        for begin in (CampaignStore.create, CampaignStore.resume):
+        for resume in (False, True):
             with pytest.raises(ConfigError, match=rf"written by process {os.getpid()}: ") as caught:
-                begin(out, SPEC, places)
+                CampaignStore.create(out, SPEC, places, resume)
             assert caught.value.key == "--out"
         assert everything(out)  # to read it is another matter
-    with CampaignStore.resume(out, SPEC, places):
+    with CampaignStore.create(out, SPEC, places, resume=True):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["a.sqlite"]
 

@@ -129,11 +129,11 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     words = (f"controller.answer={answer}", "controller.hold_s=1.0")
     controller, ticks, held = run(script, *words, object_name=name, detector=detector)
     assert held
-    assert controller.closings > 0
+    assert controller.response.closings > 0
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
     steps = 0 if answer == "stop_and_jump" else 5  # stop_and_step.STEP_TRIES
-    assert controller.closings <= 1 + steps  # and to the cap at last
+    assert controller.response.closings <= 1 + steps  # and to the cap at last
 
 
 @pytest.mark.parametrize("answer", ["stop_and_jump", "stop_and_step"])

@@ -35,7 +35,7 @@ def test_answer_goes_by_position_at_full_speed_and_from_rest_to_the_cap_at_the_s
     assert (second.more, second.speed_mps, second.limits_counts[0]) == (False, 0.022, 255)
     asked = next(t for t in staged.ticks if any(i.admitted == second for i in t.issued))
     assert asked.gripper.positions[0] == first.limits_counts[0]
-    assert trial.controller.closings == 1
+    assert trial.controller.response.closings == 1
     assert trial.controller.state is State.SET_DOWN
 
 

@@ -35,7 +35,7 @@ def changed(
     settings: Callable[[dict[str, Any]], None] = lambda settings: None,
 ) -> Path:
     """A copy of a run's folder, message by message (None leaves one out), with other settings."""
-    recording = RunRecording.open(run / "recording.mcap", RUN_CHANNELS)
+    recording = RunRecording(run / "recording.mcap", RUN_CHANNELS)
     told = json.loads(recording.metadata["config"])
     settings(told)
     metadata = {**recording.metadata, "config": json.dumps(told)}

@@ -38,7 +38,7 @@ class Listener:
 @pytest.fixture
 def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
     made = Listener()
-    monkeypatch.setattr("scenarios.report.live_feed.Onlooker", lambda *_, **__: made)
+    monkeypatch.setattr("scenarios.report.live_feed.ViewerProcess", lambda *_, **__: made)
     return made
 
 
@@ -46,7 +46,7 @@ def messages(runs: Path, watch: Any) -> list[Any]:
     """Of one lift, in virtual time."""
     (finished,) = lift.run_series(config(), [0], Bench(runs, watch=watch))
     assert finished.result is not None and finished.result.recording is not None
-    return list(RunRecording.open(Path(finished.result.recording), RUN_CHANNELS))
+    return list(RunRecording(Path(finished.result.recording), RUN_CHANNELS))
 
 
 @pytest.fixture(scope="module")

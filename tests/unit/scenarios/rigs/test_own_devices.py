@@ -14,8 +14,8 @@ from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs import config as rig_config
 from scenarios.rigs import opening
-from scenarios.rigs.opening import acknowledgements, wired_devices
 from scenarios.rigs.permission import MotionPermit, check_devices
+from scenarios.rigs.wired import acknowledgements, wired_devices
 
 OFFER = """
 from contextlib import contextmanager

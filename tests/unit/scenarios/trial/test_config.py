@@ -20,7 +20,6 @@ LEFT_OUT = {
     "realtime",
     "psd",
     "psd_fair",
-    "files",
     "network",
     "own",
 }  # `energy` is asked for

@@ -26,7 +26,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunRecording:
     delayed = config("loop.decision_delay_s=0.05", "controller.lift_height_m=0.03")
     result = lift.run(delayed, 0, tmp_path_factory.mktemp("runs")).result
     assert result is not None and result.recording is not None
-    return RunRecording.open(Path(result.recording), RUN_CHANNELS)
+    return RunRecording(Path(result.recording), RUN_CHANNELS)
 
 
 def written(out: Path, messages: Messages, metadata: dict[str, str]) -> Path:

@@ -28,7 +28,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def copy_changed(source: Path, out: Path, topic: str, at: int, **values: object) -> Path:
     """A copy of a recording in which one message differs."""
-    recording = RunRecording.open(source, RUN_CHANNELS)
+    recording = RunRecording(source, RUN_CHANNELS)
     seen = 0
     with RunRecorder(out, RUN_CHANNELS, recording.metadata) as writer:
         for name, t_ns, message in recording:

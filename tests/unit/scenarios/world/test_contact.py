@@ -14,7 +14,7 @@ from scenarios.world.contact import (
     parameters,
 )
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import ContactSettings, Level
+from scenarios.world.settings import HALF_APERTURE_M, ContactSettings, Level
 
 COUNT_M = 0.00077
 
@@ -28,17 +28,17 @@ def body(**changes: object) -> GraspObject:
 
 
 def fresh_pads() -> Floats:
-    return elements(ContactSettings(), Level.SLIDER)
+    return elements(Level.SLIDER)
 
 
 def travel(a: float, b: float, c: float) -> Floats:
     return np.array([a, b, c]) * COUNT_M
 
 
-def squeeze(what: GraspObject, pads: ContactSettings, b_n: float, c_n: float) -> Floats:
+def squeeze(what: GraspObject, b_n: float, c_n: float) -> Floats:
     """Travel (3,) at which B and C press with b_n and c_n and the thumb with their sum."""
     k = finger_stiffness(what)
-    return pads.half_aperture_m - what.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
+    return HALF_APERTURE_M - what.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
 
 
 def forces_at(p: Floats, positions: Floats, state: Floats | None = None) -> Floats:

@@ -35,7 +35,7 @@ def held(level: Level, blow_level: Level | None = None, **fields: object) -> tup
     contact = Contact(PADS, what, level, blow_level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
-    grip = np.array(squeeze(what, PADS, 5.0, 5.0))
+    grip = np.array(squeeze(what, 5.0, 5.0))
     contact.advance(0.0, 0.3, 0.0, 0.0, 0.0, grip, grip)
     return contact, grip
 

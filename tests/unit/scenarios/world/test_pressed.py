@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from scenarios.world.pressed_cell import PressedPad
+from scenarios.world.pressed_cell import GAP_M, PressedPad
 from scenarios.world.settings import FingertipSettings, FixedSurface, PressSettings
 
 START = (0.5, 0.1, 0.3)
 QUIET = FingertipSettings(crown_radius_mm=100.0)
-MOUNTED = PressSettings(gap_m=0.005)
+MOUNTED = PressSettings()
 STIFFNESS = 1 / (1 / 5000 + 1 / 40000 + 1 / 1e6)
 STILL: dict[str, float] = {
     "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0, "tilt_rad": 0.0,
@@ -53,7 +53,7 @@ def press_down(
     merged = FingertipSettings(**{**STILL, **settings})  # type: ignore[arg-type]
     pad = PressedPad(surface, MOUNTED, merged, np.random.default_rng(0), START, 0.0)
     for k in range(1, 101):
-        z = START[2] - MOUNTED.gap_m - down_m * min(1.0, k / 50)
+        z = START[2] - GAP_M - down_m * min(1.0, k / 50)
         pad.advance(0.01 * k, (START[0] + x_m, START[1], z), 0.0, moving=False)
     return pad
 

@@ -33,7 +33,7 @@ class Struck:
         self.p, self.s, self.n = parameters(pads, CAN), initial_state(), np.zeros(3)
         self.s[laws.HEIGHT] = 1.0
         self.k = finger_stiffness(CAN)
-        self.travel = np.array(squeeze(CAN, pads, 0.5 * GRIP_N, 0.5 * GRIP_N))
+        self.travel = np.array(squeeze(CAN, 0.5 * GRIP_N, 0.5 * GRIP_N))
         laws.normal_forces(self.p, CAN.half_width_m, self.travel, self.s, self.n)
         self.from_m = float(self.s[laws.LATERAL])
         let_along(self.p, self.s, self.n)
@@ -82,7 +82,7 @@ def held(level: Level) -> tuple[Contact, Floats]:
     contact = Contact(PADS, CAN, level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
-    grip = np.array(squeeze(CAN, PADS, 5.0, 5.0))
+    grip = np.array(squeeze(CAN, 5.0, 5.0))
     contact.advance(0.0, 0.3, 0.0, 0.0, 0.0, grip, grip)
     return contact, grip
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from grasp.settings import config_dir, names
+from scenarios.acquire.config import with_values
 from scenarios.acquire.datasets.causes import GRASPED, bare_config
 from scenarios.acquire.datasets.drawn_objects import (
     MARGIN,
@@ -15,7 +16,6 @@ from scenarios.acquire.datasets.drawn_objects import (
     of_object,
     of_surface,
 )
-from scenarios.acquire.datasets.named_settings import with_values
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pressing
 from scenarios.world.objects import GraspObject
 

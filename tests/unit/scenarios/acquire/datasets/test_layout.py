@@ -9,8 +9,8 @@ from detector.interface import load_detector
 from detector.recordings import read_dataset
 from drivers.errors import UsageError
 from grasp.settings import config_dir
+from scenarios.acquire.config import layout_file
 from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.named_settings import layout_file
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift

@@ -1,24 +1,55 @@
-"""StateClock: when the present state began, and all times that count from there.
+"""How far a lift has come: the arm's height on its vertical line, and time in the present state."""
 
-An arm whose speed slider is turned down takes longer, and is as far in its own time as it would be
-at full pace: where it is waited for, time-outs count that. It is waited for in the air too, since
-what is in the hand can come down no other way.
-"""
-
+from drivers.interfaces import Vector3
+from grasp.commands import MoveArm
+from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 from grasp.states import LOWERING_STATES, State
 
+AT_HEIGHT_M = 0.001  # the arm counts as there within this; assumed
 SLOWED_STATES = frozenset({State.HOME, State.LIFT, State.RETREAT}) | LOWERING_STATES
-# No arm is waited for without end: slower than this it counts as going at this, and once it has
-# been so for a while as one that stands.
-LEAST_PACE = 0.05
-STANDS_NS = 1_000_000_000
+LEAST_PACE = 0.05  # a slower arm counts as this fast, so that every wait for it ends; assumed
+STANDS_NS = 1_000_000_000  # an arm that is slower for so long counts as standing; assumed
 REPEAT_NS = 100_000_000  # between two equal requests; assumed
 
 
+class LiftLine:
+    """The vertical line through the arm's ``home``; heights are over that, in m."""
+
+    def __init__(self, settings: ControllerSettings, home: Vector3) -> None:
+        self._settings = settings
+        self.home = home
+
+    def height_m(self, obs: Observation) -> float:
+        return obs.arm.position_m[2] - self.home[2]
+
+    def stands_at(self, obs: Observation, height_m: float) -> bool:
+        """Whether the arm stands there, and no command is on its way."""
+        away_m = abs(self.height_m(obs) - height_m)
+        return not obs.pending and not obs.arm.moving and away_m < AT_HEIGHT_M
+
+    def move(
+        self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None
+    ) -> MoveArm:
+        """The arm to that height; by default with the acceleration of the lift."""
+        x, y, z = self.home
+        ramp_mps2 = acceleration_mps2 or self._settings.lift_acceleration_mps2
+        return MoveArm((x, y, z + height_m), speed_mps, ramp_mps2)
+
+    def down(self, height_m: float, speed_mps: float) -> MoveArm:
+        """To a height at which something may stand: the arm brakes no harder than a safe stop does,
+        so that one that is stopped on the way ends no lower."""
+        s = self._settings
+        gently_mps2 = min(s.lift_acceleration_mps2, s.stop_deceleration_mps2)
+        return self.move(height_m, speed_mps, gently_mps2)
+
+
 class StateClock:
-    """``update`` once a step, ``restart`` with every transition. Only here are times kept that
-    count from one.
+    """All times that count from the beginning of the present state. ``update`` once a step,
+    ``restart`` with every transition.
+
+    An arm whose speed slider is turned down takes longer: time-outs of states that wait for it
+    count its own time. It is waited for in the air too, since the object comes down no other way.
 
     ``entered_ns``: when the present state began. ``passed_ns``: since the step before.
     ``still_ns``: since when in this state the arm has stood, with no command on its way; None while

@@ -1,4 +1,4 @@
-"""What viewers draw by themselves: their own schemas, the run's own numbers, and little room."""
+"""What viewers draw by themselves: frames at the places of arm, fingers and object."""
 
 import json
 from collections import defaultdict
@@ -14,6 +14,7 @@ from grasp.messages import ARM, GRIPPER, TRUTH
 from grasp.recording import RunRecording
 from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RUN_CHANNELS
+from scenarios.world.settings import HALF_APERTURE_M
 from tests.unit.scenarios.conftest import config
 
 
@@ -40,7 +41,7 @@ def messages(path: Path) -> dict[str, list[tuple[str, int, dict[str, Any]]]]:
 
 
 def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
-    own = RunRecording.open(recording, RUN_CHANNELS)
+    own = RunRecording(recording, RUN_CHANNELS)
     arm, gripper = dict(own.of(ARM)), dict(own.of(GRIPPER))
     truth = dict(own.of(TRUTH))
     settings = config()
@@ -52,7 +53,7 @@ def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
         assert place["hand"]["z"] == pytest.approx(arm[t_ns].position_m[2], abs=1e-4)
         for i, (name, side) in enumerate({"A": -1.0, "B": 1.0, "C": 1.0}.items()):
             closed_m = gripper[t_ns].positions[i] * settings.calibration.m_per_count
-            reach_m = side * (settings.contact.half_aperture_m - closed_m)
+            reach_m = side * (HALF_APERTURE_M - closed_m)
             assert place[f"finger_{name}"].get("x", 0.0) == pytest.approx(reach_m, abs=1e-4)
         heights.append((place["object"]["z"], truth[t_ns].height_m))
     drawn, known = np.array(heights).T

@@ -1,8 +1,7 @@
-"""Who looks on: a process of its own that draws what it is handed, behind a queue that may spill.
+"""ViewerProcess: draws a run in a process of its own, fed through a pipe that never blocks the run.
 
-A picture drawn in this process, though in another thread, keeps the interpreter from the thread
-that talks to the gripper. So whoever draws does it elsewhere; what an onlooker cannot take in time
-is lost and counted, and a run never waits for one.
+Drawing in another thread of this process would keep the interpreter from the thread that talks to
+the gripper. Messages that the viewer cannot take in time are lost and counted.
 """
 
 import contextlib
@@ -17,24 +16,24 @@ from typing import Self
 
 import msgspec
 
-NOTE_S = 1.0  # that a line between two runs may wait for its reader
+TELL_S = 1.0  # that a message between two runs may wait for its reader
 END_S = 5.0
 
 
-class Onlooker:
+class ViewerProcess:
     """Runs ``module`` and writes one JSON line a message to its standard input, never waiting.
 
     A line is shorter than a pipe writes at once (4096 bytes), so it arrives whole or not at all.
     ``screen``: descriptor that it draws on; by default the standard output of this process.
+    ``inherited``: descriptors that it finds under the same numbers.
     """
 
     def __init__(
         self, module: ModuleType, screen: int | None = None, inherited: tuple[int, ...] = ()
     ) -> None:
-        """``inherited``: descriptors that it finds under the same numbers."""
         assert module.__spec__ is not None  # noqa: S101  (it was imported)
         home = str(Path(__file__).parents[1])
-        # -P: a folder called `grasp` where the user happens to stand must not shadow ours
+        # -P: a folder called `grasp` in the working directory must not shadow ours
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", module.__spec__.name],
             stdin=subprocess.PIPE,
@@ -43,15 +42,11 @@ class Onlooker:
             env={**os.environ, "PYTHONPATH": home},
         )
         assert self._child.stdin is not None  # noqa: S101
-        self._pipe = self._child.stdin.fileno()
-        os.set_blocking(self._pipe, False)
-        self._encode = msgspec.json.Encoder().encode
+        self._stdin = self._child.stdin
+        os.set_blocking(self._stdin.fileno(), False)
         self._gone = False
+        self.pid = self._child.pid
         self.lost = 0  # messages that were not taken
-
-    @property
-    def pid(self) -> int:
-        return self._child.pid
 
     def __enter__(self) -> Self:
         return self
@@ -60,15 +55,15 @@ class Onlooker:
         self.close()
 
     def show(self, message: msgspec.Struct) -> bool:
-        """Hand it over, or count it as lost; tells whether it was taken."""
+        """Send it, or count it as lost; returns whether it was taken."""
         taken = False
         if not self._gone:
             try:
-                os.write(self._pipe, self._encode(message) + b"\n")
+                os.write(self._stdin.fileno(), msgspec.json.encode(message) + b"\n")
                 taken = True
             except BlockingIOError:
                 pass
-            except OSError:  # the onlooker has ended: a run goes on unseen
+            except OSError:  # the viewer has ended: a run goes on without it
                 self._gone = True
         self.lost += not taken
         return taken
@@ -76,15 +71,14 @@ class Onlooker:
     def tell(self, message: msgspec.Struct) -> None:
         """As ``show``, but between two runs: waits a moment for a reader that is behind."""
         if not self._gone:
-            select.select([], [self._pipe], [], NOTE_S)
+            select.select([], [self._stdin], [], TELL_S)
         self.show(message)
 
     def close(self) -> None:
         """Let it draw what it has, and end it if that takes long; safe to call twice."""
-        if self._child.stdin is None or self._child.stdin.closed:
-            return
+        self._gone = True
         with contextlib.suppress(OSError):
-            self._child.stdin.close()
+            self._stdin.close()
         try:
             self._child.wait(END_S)
         except subprocess.TimeoutExpired:
@@ -92,7 +86,7 @@ class Onlooker:
             self._child.wait()
 
 
-def leave_signals_to_the_run() -> None:
-    """For an onlooker: it ends when its input does."""
+def ignore_signals() -> None:
+    """For a viewer: it ends when its input does."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.state_clock import LEAST_PACE, STANDS_NS
+from grasp.lift_progress import LEAST_PACE, STANDS_NS
 from grasp.states import State
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
