@@ -3,6 +3,8 @@
 Wire garbage is never raised: drivers count it and report it in their statistics.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 MOST_SHOWN = 400  # characters of what somebody else wrote, in a message of ours
@@ -16,7 +18,7 @@ def one_line(text: object, most: int = MOST_SHOWN) -> str:
 
 def text_of(error: BaseException) -> str:
     """What an exception says, fit for a file in UTF-8; its own text may raise as well."""
-    with SuppressBugs():
+    with suppress(Exception):
         return str(error).encode(errors="backslashreplace").decode()
     return "its text raises too"
 
@@ -26,22 +28,14 @@ def in_words(error: BaseException) -> str:
     return one_line(f"{type(error).__name__}: {text_of(error)}")
 
 
-class SuppressBugs:
-    """Whatever is raised inside goes no further, but for Ctrl-C: somebody's `sys.exit()`, or a task
-    that was cancelled, must not keep a device from being made safe."""
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
-        return kind is not None and not issubclass(kind, KeyboardInterrupt)
-
-
-class SuppressAll(SuppressBugs):
-    """Ctrl-C too, where several devices are made safe one after the other and within a bounded
-    time: what cuts one of them off must not keep the next one from its turn."""
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
-        return kind is not None
+@contextmanager
+def on_failure(undo: Callable[[], object]) -> Iterator[None]:
+    """Whatever is raised inside, Ctrl-C among it, runs ``undo`` and goes on."""
+    try:
+        yield
+    except BaseException:
+        undo()
+        raise
 
 
 class GraspError(Exception):

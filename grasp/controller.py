@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 import msgspec
 
-from drivers.errors import SuppressBugs
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
 from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.fault import TRIAL, Fault, lines
+from grasp.fault import LOST, TRIAL, Fault, lines
 from grasp.lift_progress import AT_HEIGHT_M, LiftLine, StateClock
 from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
@@ -87,7 +87,7 @@ class GraspController:
 
     @property
     def fault_cause(self) -> str:
-        """Why the run ended early, in one line; empty if it did not, or the object was lost."""
+        """Why the run ended early, in one line; empty if it did not."""
         return lines(self.faults)
 
     @property
@@ -132,7 +132,7 @@ class GraspController:
         """Commands for when no step can be taken any more: of the safe state that was entered, else
         of a fault's."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # where a bug prevents these
-        with SuppressBugs():
+        with suppress(Exception):
             hand = self._aborted.of_hand(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
@@ -342,7 +342,8 @@ class GraspController:
 
     def _lose(self, obs: Observation, cause: str) -> None:
         """The object is lost: the arm stops, and nothing is lowered."""
-        self._enter_safe_state(Trigger.LOSE, obs, cause=cause)
+        faults = (Fault(LOST, TRIAL, cause, kind=LOST),)
+        self._enter_safe_state(Trigger.LOSE, obs, faults, cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:
         """The grasp failed, though no device did."""

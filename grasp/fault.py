@@ -16,7 +16,8 @@ IMPLAUSIBLE = "implausible"  # a plausibility check failed: the device cannot be
 SAFETY_STOP = "safety_stop"
 INTERRUPTED = "interrupted"
 INTERNAL = "internal"
-NAMED = frozenset({IMPLAUSIBLE, Stale.kind, INTERNAL})  # kinds whose codes a user is shown
+LOST = "lost"  # the object; the verdict says what that means
+NAMED = frozenset({IMPLAUSIBLE, Stale.kind, INTERNAL, LOST})  # kinds whose codes a user is shown
 
 
 class Fault(msgspec.Struct, frozen=True):

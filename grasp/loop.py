@@ -203,7 +203,7 @@ class ControlLoop:
     def stop(self, why: Fault) -> None:
         """The run shall end now: forget what was queued, but a closing that answers slip, and tick
         until the safe state is reached in which a grip is kept. No signal cuts this short, but
-        where a device hangs in it: raises Interruption then.
+        where something hangs in it: raises Stuck then.
         """
         controller = self._step.controller
         if not controller.finished and not controller.in_safe_state:
@@ -229,48 +229,59 @@ class ControlLoop:
         self._prepare_fallback(None)
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is commanded by itself,
-        whatever becomes of the others, until it reports that it obeys. Returns how they were left;
-        None where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: arm and hand are commanded until both
+        are seen to obey. Returns how they were left; None where there was no step at all."""
         self._queue.clear()
-        end_ns = self._clock.now_ns + round(self.abort_s * 1e9)
-        stop, *hand = self._step.controller.aborted()
-        stop_due, hand_due, taken, began_ns = True, bool(hand), True, 0
-        while True:
-            if stop_due:
-                self._command_now(stop)
-            if hand_due:
-                taken = self._command_now(*hand)
-            began_ns = began_ns or self._clock.now_ns
+        start_ns = self._clock.now_ns
+        stop, *hand = due = self._step.controller.aborted()
+        while due and self._clock.now_ns < start_ns + round(self.abort_s * 1e9):
+            for command in due:
+                self._survives(partial(self._send_at_once, command))
             self._clock.sleep_until_ns(self._clock.now_ns + ABORT_REPEAT_NS)
             for pump in (self._pump_gripper, self._pump_arm):
-                signals.check(end=False)
-                with suppress(BaseException):
-                    pump(self._clock.now_ns)
-            arm, gripper, left = self._arm_now(), self._gripper_now(), self._left()
-            stands = arm is not None and arm.t_ns > began_ns and not arm.moving
-            rests = gripper is not None and gripper.t_ns > began_ns and gripper.at_rest
-            missing = bool(hand)
-            with suppress(BaseException):
-                seen = None if left is None else self._step.controller.missing(left.observation)
-                missing = missing and (seen is None or bool(seen.hand))
-            # a closing that was taken is not begun again while it lasts
-            again = rests or not taken or HoldFingers() in hand
-            stop_due, hand_due = not stands, missing and again
-            if (stands and rests and not hand_due) or self._clock.now_ns >= end_ns:
-                self._prepare_fallback(None)
-                return left
+                self._survives(partial(pump, self._clock.now_ns))
+            due = (stop, *hand)
+            with suppress(Exception):  # of the step, or of another package's device
+                due = self._unreached(due, start_ns)
+        self._prepare_fallback(None)
+        with suppress(Exception):
+            return self._left()
+        return self._last
 
-    def _command_now(self, command: Command) -> bool:
-        """Whether the device took it."""
+    def _unreached(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
+        """What is to be asked for again; nothing where arm and hand are seen to obey. A closing is
+        not begun again while it lasts."""
+        left = self._left()
+        if left is None or min(left.arm.t_ns, left.gripper.t_ns) <= start_ns:
+            return due
+        closes = not left.gripper.at_rest and HoldFingers() not in due
+        again = due[:1] if closes else due
+        return again if any(self._step.controller.missing(left.observation)) else ()
+
+    @staticmethod
+    def _survives(act: Callable[[], None]) -> None:
+        """One device that fails must not keep the next from its turn."""
         signals.check(end=False)
-        before = len(self._issued)
         with suppress(BaseException):
-            now_ns, admitted = self._clock.now_ns, command
-            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
-                admitted = self._step.admit(command, self._gripper_state())
-            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
-        return len(self._issued) > before and not self._issued[-1].refused
+            act()
+
+    def _send_at_once(self, command: Command) -> None:
+        now_ns, admitted = self._clock.now_ns, command
+        if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
+            admitted = self._step.admit(command, self._gripper_state())
+        self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
+
+    def _left(self) -> Tick | None:
+        """The last step, with what the devices say now."""
+        if self._last is None:
+            return None
+        last, devices = self._last.observation, self._devices
+        inputs = msgspec.structs.replace(
+            last.inputs, t_ns=self._clock.now_ns, gripper=devices.gripper.state or last.gripper,
+            arm=devices.arm.state or last.arm, gripper_lost=self._gripper_lost, pending=False,
+        )  # fmt: skip
+        observation = msgspec.structs.replace(last, inputs=inputs, last_close=self._step.last_close)
+        return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
         """What the hand's own thread is to do should no further step come."""
@@ -280,30 +291,6 @@ class ControlLoop:
             self._set_fallback(None, "")
         else:
             self._set_fallback(partial(_to_gripper, command), describe(command))
-
-    def _arm_now(self) -> ArmState | None:
-        with suppress(BaseException):  # it may be another package's
-            state = self._devices.arm.state
-            return state if isinstance(state, ArmState) else None
-        return None
-
-    def _gripper_now(self) -> GripperState | None:
-        with suppress(BaseException):
-            state = self._devices.gripper.state
-            return state if isinstance(state, GripperState) else None
-        return None
-
-    def _left(self) -> Tick | None:
-        """The last step, with what the devices say now."""
-        if self._last is None:
-            return None
-        last = self._last.observation
-        inputs = msgspec.structs.replace(
-            last.inputs, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
-            arm=self._arm_now() or last.arm, gripper_lost=self._gripper_lost, pending=False,
-        )  # fmt: skip
-        observation = msgspec.structs.replace(last, inputs=inputs, last_close=self._step.last_close)
-        return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _await_period(self) -> int:
         """Sleep to the next deadline, sending on the way what comes due; gives the time then."""

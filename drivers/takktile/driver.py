@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused
+from drivers.errors import DeviceFault, Refused, on_failure
 from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
 from drivers.takktile import protocol
 from drivers.takktile.board import Codes, Missed, Reading
@@ -247,11 +247,8 @@ class TakkTileDriver:
         """Open the board, check the map, begin to read; raises what stands against it."""
         layout = self._link.start()
         self._opens = self._link.take().opens
-        try:
+        with on_failure(self._link.stop):
             self._fingertips.arrange(layout)
-        except BaseException:
-            self._link.stop()
-            raise
         return self
 
     def stop(self) -> None:

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import msgspec
 
-from drivers.errors import DeviceFault, GraspError
+from drivers.errors import DeviceFault, GraspError, on_failure
 from drivers.takktile.board import Board, BoardLink, Missed, Reading
 from drivers.takktile.protocol import Layout
 
@@ -96,14 +96,11 @@ class Receiver:
     def open(self) -> Layout:
         """Find the board, check that it is as it was, start it; raises what stands against it."""
         self._usb = self._connect(self._serial)
-        try:
+        with on_failure(self._disconnect):
             board = Board(self._usb, self._conversion_ms)
             layout = board.open(self._clock())
             self._check_same(layout)
             board.start(self._clock())
-        except BaseException:
-            self._disconnect()
-            raise
         self._board, self._serial, self._layout = board, self._usb.serial, layout
         self._bad, self._pause_ns = 0, _FIRST_PAUSE_NS
         with self._lock:

@@ -141,7 +141,8 @@ def verdict(result: Any) -> str:
     lines = [f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})"]
     lines += [f"  {text}" for text in facts(result)]
     if result.success is not None and result.outcome != "fault" and result.end is not None:
-        where = f"{result.end.where}: " if result.end.where else ""  # that an object was lost
+        where = f"{result.end.where}: " if result.end.where else ""
+        lines += [f"  {fault.line}" for fault in result.faults]  # why an object was lost
         lines.append(f"  {where}{result.end.arm}; {result.end.hand}")
         if result.end.advice:
             lines.append(f"  {result.end.advice}")

@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     json = only_json() if as_json and not {"-h", "--help"} & set(words) else nullcontext()
     try:
         with (
-            signals.taken(lambda failure: exits.report_failure(failure, as_json)),
+            signals.taken(),
             guarded_streams(),
             json,
         ):

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drivers.interfaces import FINGERS, ArmState
-from grasp.commands import Command, GripperCommand, MoveArm, StopArm
+from grasp.commands import Command, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors import arm, fingertips, gripper
-from grasp.monitors.settings import Data, MonitorSettings
+from grasp.monitors.fingertips import RAIL_SAMPLES
+from grasp.monitors.settings import Data, MonitorSettings, named
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 
@@ -48,41 +49,39 @@ class Check(NamedTuple):
     vital: bool = False
 
 
-def late(inputs: StepInput, s: MonitorSettings) -> Data:
-    """This step began too late."""
-    late_s = inputs.late_ns * 1e-9
-    return {"seconds": round(late_s, 3)} if late_s > s.standstill_s else None
-
-
-def slow(inputs: StepInput, s: MonitorSettings) -> Data:
-    """The step before this one took too long."""
-    took_s = inputs.took_ns * 1e-9
-    return {"seconds": round(took_s, 3)} if took_s > s.detector_s else None
+def given(fails: bool, **data: float | str) -> Data:
+    """The fields of a message where a check fails."""
+    return data if fails else None
 
 
 CHECKS = {
-    "detector_late": Check(DETECTOR, slow, "a step took {seconds:g} s", CONTACT_STATES, vital=True),
-    STOOD_STILL: Check(LOOP, late, "for {seconds:g} s nobody was in control", STARTED, vital=True),
-    "arm_position_nan": Check(ARM, arm.position_nan, "position or speed is not a number",
-        vital=True),
-    "arm_jump": Check(ARM, arm.jumped, "{mm:g} mm further than it can have gone since it was read"),
-    "arm_wrong_way": Check(ARM, arm.off_line, "{mm:g} mm away from where it was commanded to be"),
-    "arm_goes_on": Check(ARM, arm.goes_on, "{mm:g} mm since it was commanded to stop"),
-    "arm_flickers": Check(ARM, arm.flickers, "reports by turns that it moves and that it stands"),
+    "detector_late": Check(DETECTOR,
+        lambda i, s: given(i.took_ns > s.detector_s * 1e9, seconds=round(i.took_ns * 1e-9, 3)),
+        "a step took {seconds:g} s", CONTACT_STATES, vital=True),
+    STOOD_STILL: Check(LOOP,
+        lambda i, s: given(i.late_ns > s.standstill_s * 1e9, seconds=round(i.late_ns * 1e-9, 3)),
+        "for {seconds:g} s nobody was in control", STARTED, vital=True),
+    "arm_position_nan": Check(ARM, lambda h, s: given(h.state is None),
+        "position or speed is not a number", vital=True),
+    "arm_wrong_way": Check(ARM, lambda h, s: given(h.strays, mm=round(h.stray_m * 1e3, 1)),
+        "{mm:g} mm away from where it was commanded to be"),
+    "arm_flickers": Check(ARM, lambda h, s: given(h.flickers),
+        "reports by turns that it moves and that it stands"),
     "arm_frozen": Check(ARM, arm.frozen, "{seconds:g} s at one place, though it has to move"),
-    "gripper_inactive": Check(GRIPPER, gripper.inactive,
+    "gripper_inactive": Check(GRIPPER,
+        lambda h, s: given(not h.state.active and not h.state.fault),  # a fault has its own text
         "the hand has lost its activation and obeys no motion", vital=True),
     "gripper_impossible": Check(GRIPPER, gripper.impossible, "finger {finger} {how}"),
     "gripper_silent": Check(GRIPPER, gripper.silent, "{seconds:g} s without an answer"),
     "gripper_stands": Check(GRIPPER, gripper.stands,
         "finger {finger} reports motion and does not move"),
-    "gripper_flickers": Check(GRIPPER, gripper.flickers,
+    "gripper_flickers": Check(GRIPPER, lambda h, s: named(h.flickers),
         "finger {finger} reports one thing of its motion and then another"),
-    "fingertips_absent": Check(FINGERTIPS, fingertips.absent,
+    "fingertips_absent": Check(FINGERTIPS, lambda h, s: given(h.codes is None),
         "there is no frame: the board came back without its rest", CONTACT_STATES, vital=True),
-    "fingertips_at_rail": Check(FINGERTIPS, fingertips.whole_at_rail,
+    "fingertips_at_rail": Check(FINGERTIPS, lambda h, s: named(h.at_rail >= RAIL_SAMPLES),
         "finger {finger} reads 0 or 1023 at every taxel", TOUCHING),
-    "fingertips_jump": Check(FINGERTIPS, fingertips.jumped,
+    "fingertips_jump": Check(FINGERTIPS, lambda h, s: given(h.jumped, counts=s.jump_counts),
         "every taxel changed by {counts:g} counts or more at once", TOUCHING),
     "fingertips_frozen": Check(FINGERTIPS, fingertips.frozen,
         "all codes have come {samples:g} times alike", TOUCHING),
@@ -116,7 +115,8 @@ class Monitors:
 
     def __init__(self, settings: MonitorSettings, checks: dict[str, Check] = CHECKS) -> None:
         self._settings = settings
-        self._checks = [(code, check, check.fails) for code, check in checks.items()]
+        self._checks = checks
+        self._stood_still = False  # nobody saw what the devices did: only vital checks go on
         self.arm = arm.ArmHistory(settings)
         self.gripper = gripper.GripperHistory()
         self.fingertips = fingertips.FingertipHistory(settings)
@@ -125,20 +125,20 @@ class Monitors:
         """What cannot be believed of this step's inputs."""
         if not self._checks:
             return ()
-        s = self._settings
-        if state in STARTED and late(inputs, s):  # nobody saw what the devices did
-            self.arm.restart(inputs.arm, inputs.late_ns)
-            self.gripper.restart(inputs.gripper)
         self.arm.update(inputs.arm, inputs.pending)
         self.gripper.update(inputs.gripper)
         self.fingertips.update(inputs.frame)
         of = {ARM: self.arm, GRIPPER: self.gripper, FINGERTIPS: self.fingertips}
         found = []
-        for code, check, fails in self._checks:
-            if fails is not None and state in check.states:
-                data = fails(of.get(check.device, inputs), s)
-                if data is not None:
-                    found.append(failed(code, **data))
+        for code, check in self._checks.items():
+            if check.fails is None or state not in check.states:
+                continue
+            if self._stood_still and not check.vital:
+                continue
+            data = check.fails(of.get(check.device, inputs), self._settings)
+            if data is not None:
+                found.append(failed(code, **data))
+                self._stood_still = self._stood_still or code == STOOD_STILL
         return tuple(found)
 
     def stops(self, fault: Fault) -> bool:
@@ -150,9 +150,7 @@ class Monitors:
         """These commands follow from the step; ``arm_state`` is as the arm was then."""
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
-                self.arm.command(command, arm_state)
-            elif isinstance(command, GripperCommand):
-                self.gripper.command()
+                self.arm.sent(command, arm_state)
 
 
 def no_probabilities(answer: object) -> Fault | None:

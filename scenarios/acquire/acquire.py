@@ -225,7 +225,7 @@ def _run_to_end(session: Session, samples: int) -> Ended:
 def _left(session: Session) -> End:
     try:
         arm = session.stand()
-    except BaseException:  # what ended the session, perhaps
+    except Exception:  # what ended the session, perhaps
         arm = "the arm may still move: it cannot be told to stand"
     return End(arm, "the hand was told nothing", "")
 

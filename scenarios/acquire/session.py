@@ -244,9 +244,7 @@ class Session:
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
                 arm.pump(clock.now_ns)
                 trouble, moving = "", self._moving
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:  # whatever it is, the stop is repeated
+            except Exception as error:  # whatever it is, the stop is repeated
                 said = error.message if isinstance(error, GraspError) else in_words(error)
                 trouble = f" when last heard: {said}"
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)

@@ -13,7 +13,7 @@ from typing import Any, Self, TextIO
 
 import msgspec
 
-from drivers.errors import BadFile, ConfigError, CouldNotRecord, one_line
+from drivers.errors import BadFile, ConfigError, CouldNotRecord, on_failure, one_line
 from grasp.files import (
     LEADS_NOWHERE,
     PRIVATE_FILE,
@@ -116,11 +116,8 @@ class CampaignStore:
             raise BadFile(path, "no such file", FOREIGN)
         with _read(path):
             store = cls(path)
-            try:
+            with on_failure(store._held.close):
                 store._check()
-            except BaseException:
-                store._held.close()
-                raise
         return store
 
     def _keeping(self, lock: ExitStack) -> Self:

@@ -2,8 +2,9 @@
 
 import math
 import time
+from contextlib import suppress
 
-from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
+from drivers.errors import DeviceFault, LinkLost, Refused, UsageError, on_failure
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import preflight as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
@@ -55,13 +56,9 @@ def step_arm(
         arm.pump(clock.now_ns)
         x, y, z = _place(arm)
         dx, dy, dz = step_m
-        try:
+        with on_failure(lambda: say(_stopped(arm, clock))):
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
             _until_stands(arm, clock, MOVE_S, interruptible=True)
-        except BaseException:
-            with signals.deferred(sealed=True):
-                say(_stopped(arm, clock))
-            raise
         return _place(arm)
 
 
@@ -90,9 +87,11 @@ def _stopped(arm: Arm, clock: Clock) -> str:
         arm.stop(STOP_MPS2)
         _until_stands(arm, clock, STAND_S, interruptible=False)
 
-    if retry(stand, clock):
+    with signals.deferred(sealed=True):
+        stands = retry(stand, clock)
+    if stands:
         return "the arm stands"
-    with SuppressBugs():
+    with suppress(Exception):
         if arm.state is not None and arm.state.stopped_by_safety:
             return "the arm is stopped by its own safety system"
     return f"NOT SEEN TO STAND: {PRESS}"

@@ -9,14 +9,14 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused, SuppressBugs, UsageError
+from drivers.errors import DeviceFault, Refused, UsageError, on_failure
 from drivers.interfaces import (
     CODE_MAX,
     FINGER_NAMES,
@@ -125,7 +125,7 @@ class Presser:
         def back() -> None:
             self.to(off)
 
-        with signals.deferred(sealed=True), SuppressBugs():
+        with signals.deferred(sealed=True), suppress(Exception):
             off = max(0, self.counts - BACK_COUNTS)
             there = retry(back, self._hand.clock)
         say(
@@ -156,11 +156,8 @@ def open_presser(
         check_open(known_state(gripper).positions)
         hand = Hand(measuring, gripper, None, clock, allowed.release)
         presser = Presser(hand, finger)
-        try:
+        with on_failure(lambda: presser.back_off(say, allowed.release)):
             yield presser
-        except BaseException:
-            presser.back_off(say, allowed.release)
-            raise
 
 
 # Counts of a fingertip

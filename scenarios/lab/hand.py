@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused, SuppressAll, SuppressBugs, UsageError
+from drivers.errors import DeviceFault, Refused, UsageError, on_failure
 from drivers.interfaces import (
     FINGER_NAMES,
     OPEN_COUNTS,
@@ -132,14 +132,14 @@ def lead_counts(m_per_count: float) -> int:
 def retry(action: Callable[[], object], clock: Clock) -> bool:
     """Whether it was done within a few tries; raises nothing."""
     begun_ns = clock.now_ns
-    for _ in range(TRIES):
-        with SuppressAll():
+    for attempt in range(TRIES):
+        with suppress(BaseException):  # Ctrl-C too
+            if attempt:
+                clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             action()
             return True
         if clock.now_ns - begun_ns > TRY_FOR_NS:
             break
-        with SuppressAll():
-            clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
     return False
 
 
@@ -197,12 +197,8 @@ class Hand:
         ``lightly``, until anything is felt. Ctrl-C makes the fingers stand, which ``say`` is
         told."""
         self._sent.clear()
-        try:
+        with on_failure(lambda: self.stand(say) if self._sent else None):
             return self.go(targets, lightly)
-        except BaseException:
-            if self._sent:
-                self.stand(say)
-            raise
 
     def go(self, targets: Counts3, lightly: bool = False) -> Moved:
         """As ``move``; whoever calls it makes the fingers stand where it raises."""
@@ -267,7 +263,7 @@ class Hand:
         something between them. Raises DeviceFault where they do not open."""
         moved = self.move((0, 0, 0), say)
         if self.mode == SCISSOR:
-            with self._standing(say):
+            with on_failure(lambda: self.stand(say)):
                 self._gripper.open(self._speed_mps)
                 self._until_rest(self._watch, SPREAD_S)
             moved = self._moved("", "")
@@ -309,7 +305,7 @@ class Hand:
         frame repeats the last one. Ctrl-C as in ``move``."""
         felt: list[NDArray[np.int16]] = []
         ticks, touch = round(seconds * 1e9 / PERIOD_NS), self._touch
-        with self._standing(say):
+        with on_failure(lambda: self.stand(say)):
             for _ in () if touch is None else touch.ticks(self.clock, ticks):
                 self._gripper.pump(self.clock.now_ns)
                 if touch is not None and (counts := touch.counts) is not None:
@@ -317,15 +313,6 @@ class Hand:
         if not felt:
             raise Refused("the rest of the fingertips is not known", "begin with an open hand")
         return np.stack(felt)
-
-    @contextmanager
-    def _standing(self, say: Say) -> Iterator[None]:
-        """Whatever ends this early makes the fingers stand."""
-        try:
-            yield
-        except BaseException:
-            self.stand(say)
-            raise
 
     def stand(self, say: Say) -> None:
         """Stop the fingers and look until they stand; raises nothing."""
@@ -337,7 +324,7 @@ class Hand:
         where: object = "unknown"
         with signals.deferred(sealed=True):
             seen = retry(rest, self.clock)
-            with SuppressBugs():
+            with suppress(Exception):
                 where = self.state.positions
         sent = f", told to go to {self._sent[-1]} counts and no further" if self._sent else ""
         say(
@@ -449,7 +436,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Take the activation back, and look until two looks in a row are alike; raises nothing."""
     seen = False
     if not config.devices.gripper:
-        with signals.deferred(sealed=True), SuppressBugs():
+        with signals.deferred(sealed=True), suppress(Exception):
             link = TCP if config.gripper.link == "tcp" else RTU
             with closing(ModbusTransport(config.modbus, config.gripper.link)) as transport:
                 transport.write(link.command_register, RESET.to_registers(), time.monotonic_ns())

@@ -23,7 +23,7 @@ from typing import Generic, TypeVar, cast
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost, UsageError
+from drivers.errors import GraspError, LinkLost, UsageError, on_failure
 from grasp import signals
 
 T = TypeVar("T")
@@ -137,11 +137,9 @@ def _pool(processes: int) -> Iterator[Executor]:
     executor = ProcessPoolExecutor(
         max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
     )
-    try:
+    # what is half done is of no use to anyone
+    with on_failure(lambda: executor.shutdown(wait=True, kill_workers=True)):
         yield executor
-    except BaseException:  # Ctrl-C among them: what is half done is of no use to anyone
-        executor.shutdown(wait=True, kill_workers=True)
-        raise
     executor.shutdown(wait=True)
 
 

@@ -3,20 +3,20 @@
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import msgspec
 
 from detector.decision import DecisionRule
 from detector.interface import SlipDetector, motion_told_by
-from drivers.errors import ConfigError, GraspError, SuppressBugs
+from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
 from grasp.contact_estimator import Stiffness
 from grasp.controller import GraspController
 from grasp.controller_settings import GripPlan
-from grasp.fault import INTERNAL, INTERRUPTED, SAFETY_STOP, TRIAL, WORLD, Fault, lines
+from grasp.fault import INTERNAL, INTERRUPTED, LOST, SAFETY_STOP, TRIAL, WORLD, Fault, lines
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.monitors.checks import STOOD_STILL, Monitors
@@ -155,8 +155,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
     @property
     def fault(self) -> str:
-        """Why it ended in the safe state, for people; empty if it did not, or was told to."""
-        return "" if self.interrupted else lines(self.faults)
+        """Why it cannot be judged, for people; empty where it can be, or was told to end."""
+        return lines(fault for fault in self.faults if fault.kind not in (INTERRUPTED, LOST))
 
     def outcome_of(self, verdict: str) -> str:
         """What it is called: the verdict of one that can be judged, or why it cannot."""
@@ -177,7 +177,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
         if self.bug is not None and trace.last is not None and not ended:
             unreached = ("what arm and hand shall do cannot be told",)
-            with SuppressBugs():
+            with suppress(Exception):
                 missing = controller.missing(trace.last.observation)
                 unreached = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
@@ -205,7 +205,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def failure(self, config: TrialConfig) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
         faults, end = self.faults, self.end(config)
-        if not faults:
+        if not faults or faults[0].kind == LOST:
             return None
         if self.bug is not None:
             return Failure(INTERNAL, faults[0].line, REPORT, end, faults)
@@ -281,7 +281,7 @@ def run_trial(
     def take(tick: Tick) -> None:
         if bugs:  # any of these may be what raised: the safe state does without them
             trace.add(tick, None)
-            with SuppressBugs():
+            with suppress(Exception):
                 watch(tick, None, controller)
             return
         truth = look()
@@ -289,25 +289,16 @@ def run_trial(
         loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
 
-    def given_up() -> Failure | None:
-        """In another thread, where this one does not come back from native code."""
-        bugs.append(Bug.of_stuck())
-        _aborted(loop, trace)
-        trial = FinishedTrial(
-            controller, loop, trace, None, Stalls(), (), None, bugs[0], rig.way_out
-        )
-        return trial.failure(config)
-
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with signals.guarded(given_up) if rig.on_wall else nullcontext():
+    with signals.guarded() if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
         )  # fmt: skip
     final, stalls = None, Stalls()
-    with SuppressBugs() if bugs else nullcontext():
+    with suppress(Exception) if bugs else nullcontext():
         final = look()
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
@@ -344,13 +335,15 @@ def _aborted(loop: ControlLoop, trace: Trace) -> None:
     left = loop.abort()
     if left is not None:
         trace.last = left
-        with SuppressBugs():
+        with suppress(Exception):
             trace.add(left, None)
 
 
 def _run_or_stop(loop: ControlLoop, deadline_s: float) -> None:
     try:
         loop.run(deadline_s)
+    except signals.Stuck:  # as a bug does: it may be anywhere in a step
+        raise
     except KeyboardInterrupt as stop:
         loop.stop(Fault(INTERRUPTED, TRIAL, signals.cause(stop), kind=INTERRUPTED))
 

@@ -2,10 +2,9 @@
 
 import platform
 import subprocess
-import sys
-import threading
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Generic, Self, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from drivers.errors import SuppressBugs, text_of
+from drivers.errors import text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
@@ -69,18 +68,10 @@ class Bug(msgspec.Struct, frozen=True):
     def of(cls, error: BaseException) -> Self:
         """Raises nothing: it is asked for before the safe state is pursued."""
         raised = ""
-        with SuppressBugs():  # of its own text, or for want of memory
+        with suppress(Exception):  # of its own text, or for want of memory
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)
-
-    @classmethod
-    def of_stuck(cls) -> Self:
-        """Of what the main thread does now, which no signal could cut: asked in another thread."""
-        frame = sys._current_frames()[threading.main_thread().ident or 0]  # noqa: SLF001
-        stop = signals.Interruption(signals.number())
-        text = f"{signals.cause(stop)} while this stood still"
-        return cls(type(stop).__name__, text, "".join(traceback.format_stack(frame)))
 
     @property
     def fault(self) -> Fault:

@@ -1,7 +1,7 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -9,9 +9,8 @@ from typing import Any, Self
 
 import msgspec
 
-from drivers.errors import BadFile, CouldNotRecord, SuppressBugs, UsageError
+from drivers.errors import BadFile, CouldNotRecord, UsageError
 from drivers.interfaces import Vector3
-from grasp import signals
 from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
@@ -142,19 +141,16 @@ class Record:
         self._viewer_messages = ViewerMessages(config, clock.unix_ns)
         self._phases_written = 0
         self._watch = watch
-        self._last_act = ExitStack()
 
     def __enter__(self) -> Self:
         """Raises CouldNotRecord if there can be no folder."""
         if self._runs is not None:
             self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
-        self._last_act.enter_context(signals.lastly(self._abandon))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        with self._last_act:
-            if kind is not None:
-                self._abandon()
+        if kind is not None:
+            self._abandon()
 
     def _metadata(self) -> dict[str, str]:
         config, seed, home = self._config, self._seed, self._home
@@ -198,9 +194,7 @@ class Record:
             return FinishedRun(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
+        except Exception as error:
             failure = _with_bug(failure, Bug.of(error), trial, self._config)
             self._abandon()
         if result is not None:
@@ -215,7 +209,7 @@ def _with_bug(
     if failure is not None:
         return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.fault.line}")
     end = None
-    with SuppressBugs():
+    with suppress(Exception):
         end = trial.end(config)
     return Failure(INTERNAL, bug.fault.line, REPORT, end, (bug.fault,))
 

@@ -56,6 +56,8 @@ def blames_another(message: str, wrong: frozenset[str]) -> str:
     named = {device for device, words in BLAMED.items() if re.search(words, message)}
     if not message:
         return "no word of the cause"
+    if message.startswith("lost: "):  # of the object: no device is named
+        return ""
     if not named:
         return f"names nothing: {message}"
     if "loop" in wrong and re.search(LATE, message):

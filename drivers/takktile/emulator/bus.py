@@ -24,6 +24,8 @@ import msgspec
 import usb.backend
 import usb.core
 
+from drivers.errors import on_failure
+
 ENDPOINT_IN, ENDPOINT_OUT = 0x81, 0x02  # the firmware never takes anything from the second
 CONFIGURATION = 1
 PACKET_BYTES = 64  # full-speed bulk
@@ -168,12 +170,9 @@ class _Handle:
 
     def __init__(self, address: tuple[str, int], plugs: int) -> None:
         self._control = _Connection(address)
-        try:
+        with on_failure(self._control.close):
             self._number = decode(self._control.ask(BusRequest(Op.OPEN, index=plugs)), int)
             self._bulk = _Connection(address)
-        except BaseException:
-            self._control.close()
-            raise
 
     def ask(self, op: Op, **fields: int) -> bytes:
         connection = self._bulk if op is Op.BULK_READ else self._control

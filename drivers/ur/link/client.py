@@ -10,7 +10,7 @@ from typing import Annotated, Self
 import msgspec
 from msgspec import Meta
 
-from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.errors import DeviceFault, LinkLost, Refused, on_failure
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
@@ -109,11 +109,8 @@ class UrLink:
             client_pid=os.getpid(),
         )
         started = WorkerProcess(setup)
-        try:
+        with on_failure(lambda: started.close(s.close_timeout_s)):  # no program of ours may be left
             started.wait_ready(s.start_timeout_s)
-        except BaseException:  # a signal among them: no program of ours may be left
-            started.close(s.close_timeout_s)
-            raise
         self._worker, self._trusted = started, started.state
         self._raised.clear()
         self._stop_number = None

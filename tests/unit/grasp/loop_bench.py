@@ -30,12 +30,13 @@ class Bench:
         self.acknowledged = True
         self.fallback: Any = HoldFingers()
         self.fallbacks: list[Any] = []  # a step each: the command, and its words
-        self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
             finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
             aborted=lambda: (StopArm(2.0), HoldFingers()),
-            missing=lambda seen: Missing((), self.missing_of_hand),
+            missing=lambda seen: Missing(
+                ("moves",) if seen.arm.moving else (), () if seen.hand_rests else ("moves",)
+            ),
         )  # fmt: skip
         self.step: Any = SimpleNamespace(
             controller=self.controller,

@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from grasp.cli import live, view
+from grasp.fault import Fault
 from scenarios.report.run_view import facts
 from scenarios.trial.ending import End
 
@@ -62,6 +63,7 @@ def verdict(**changes: object) -> SimpleNamespace:
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
         "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
+        "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip
     return SimpleNamespace(**(told | changes))
 
@@ -70,7 +72,10 @@ def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_o
     closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
     said = live.verdict(verdict(end=closed))
     assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
-    assert said.endswith("  the arm stands; the hand is closed\n  to let go, run `grasp release`")
+    assert said.endswith(
+        "  lost: contact lost on the way down\n  the arm stands; the hand is closed\n"
+        "  to let go, run `grasp release`"
+    )
     opened = live.verdict(verdict(end=End("the arm stands", "the hand is open", "")))
     assert opened.endswith("  the arm stands; the hand is open")
 

@@ -10,7 +10,7 @@ from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmModel, ArmModelSettings
 from grasp.commands import MoveArm, StopArm
 from grasp.fault import ARM
-from grasp.monitors.arm import MOVED_M, OFF_LINE_M, THERE_M, ArmHistory
+from grasp.monitors.arm import OFF_LINE_M, THERE_M, TURN_S, ArmHistory
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import arm
@@ -25,7 +25,7 @@ class Watched:
     def __init__(self, **settings: Any) -> None:
         self._limits = MonitorSettings(**settings)
         self.history = ArmHistory(self._limits)
-        self.command = self.history.command
+        self.command = self.history.sent
 
     def see(self, state: ArmState, pending: bool = False) -> str:
         self.history.update(state, pending)
@@ -66,13 +66,10 @@ def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
     return said[-1]
 
 
-SPARE_S = 2 * math.sqrt(2 * MOVED_M / 0.5)  # to turn round within what counts as no motion
-
-
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_arm_start_s(value: float) -> None:
     def after(s: float) -> str:
-        return told_up(at(s + SPARE_S, 0.00005), arm_start_s=value)
+        return told_up(at(s + TURN_S, 0.00005), arm_start_s=value)
 
     assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
 
@@ -81,7 +78,7 @@ def test_arm_start_s(value: float) -> None:
 def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_noticed(told: bool) -> None:
     """Else only the time-out of a phase would end a run in which its flag sticks."""
     watched = Watched(arm_start_s=0.3)
-    moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.29, 0.35)]
+    moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.39, 0.41)]
     assert watched.see(moving[0]) == ""
     if told:
         watched.command(MoveArm(moving[0].position_m, 0.1, 0.5), moving[0])
@@ -185,11 +182,9 @@ def stopped_and_gone(m: float, moving: bool = False) -> str:
 
 
 def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
-    assert (stopped_and_gone(THERE_M - 1e-5), stopped_and_gone(THERE_M + 1e-5)) == (
-        "",
-        "arm_goes_on",
-    )
-    assert stopped_and_gone(0.0021, moving=True) == ""
+    assert stopped_and_gone(THERE_M - 1e-5) == ""
+    assert stopped_and_gone(THERE_M + 1e-5) == "arm_wrong_way"
+    assert stopped_and_gone(THERE_M + 1e-5, moving=True) == ""
 
 
 def told_to_stop(m: float) -> str:
@@ -210,7 +205,7 @@ def told_to_stop(m: float) -> str:
 
 def test_arm_that_obeys_no_stop_is_noticed_though_it_stays_on_its_way() -> None:
     """0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
-    assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_goes_on")
+    assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_wrong_way")
 
 
 def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
@@ -225,7 +220,7 @@ def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> 
         said = [watched.see(state, n == 0) for n, state in enumerate(seen[1:])]
         return "".join(said)
 
-    assert (gone(0.0259), gone(0.0261)) == ("", "arm_goes_on")
+    assert (gone(0.0259), gone(0.0261)) == ("", "arm_wrong_way")
 
 
 @pytest.mark.parametrize("way", ["back", "aside"])
@@ -261,7 +256,7 @@ def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction
         watched = Watched(arm_start_s=0.25)
         assert watched.see(paced(fraction, at(0.0, 0.0))) == ""
         watched.command(up(0.2), at(0.0, 0.0))
-        start_s = (0.25 + SPARE_S) / fraction
+        start_s = (0.25 + TURN_S) / fraction
         return watched.see(paced(fraction, at(start_s + after_s, 0.00005)))
 
     assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
@@ -274,83 +269,6 @@ def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> Non
     assert watched.see(paced(1.0, at(1.01, 0.0))) == ""
     assert watched.see(paced(1.0, at(1.2, 0.0))) == ""
     assert watched.see(paced(1.0, at(1.4, 0.0))) == "arm_frozen"
-
-
-def after_standstill(*backlog: ArmState, heard: ArmState, later: tuple[ArmState, ...]) -> list[str]:
-    """Of an arm on its way up at 0.02 m/s, since 0.1 s, when for 4 s nobody saw it: what it said
-    meanwhile comes in a burst, it is told to stop at the first of it, and ``heard`` is the last."""
-    watched = Watched()
-    assert watched.see(at(0.0, 0.0)) == ""
-    watched.command(up(0.2, 0.02, 0.5), at(0.0, 0.0))
-    assert watched.see(at(0.1, 0.002, speed_mps=0.02)) == ""
-    first, *rest = backlog
-    watched.history.restart(first, round(4.0 * 1e9))
-    said = [watched.see(first)]
-    watched.command(StopArm(0.8), first)
-    return [*said, *(watched.see(state) for state in (*rest, heard, *later))]
-
-
-BURST = (at(4.11, 0.002, speed_mps=0.02), at(4.12, 0.04, speed_mps=0.02))
-STANDS = at(4.13, 0.082)
-
-
-def test_what_an_arm_did_while_the_loop_stood_still_is_no_leap_and_no_stop_that_it_ignored() -> (
-    None
-):
-    later = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(200))
-    assert set(after_standstill(*BURST, heard=STANDS, later=later)) == {""}
-
-
-def test_an_arm_that_goes_on_long_after_the_standstill_though_told_to_stop_is_noticed() -> None:
-    rising = tuple(
-        msgspec.structs.replace(
-            at(4.14 + 0.01 * k, 0.082 + 0.0002 * k, speed_mps=0.02), moving=True
-        )
-        for k in range(200)
-    )
-    said = after_standstill(*BURST, heard=STANDS, later=rising)
-    assert next(filter(None, said)) == "arm_goes_on"
-
-
-def test_an_arm_that_leaps_after_the_standstill_is_noticed() -> None:
-    stood = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(30))
-    leapt = at(4.45, 0.14)
-    assert (
-        after_standstill(*BURST, heard=STANDS, later=(*stood, leapt))[-1] == "arm_jump, arm_goes_on"
-    )
-
-
-def dated(here_s: float, there_s: float | None, height_m: float) -> ArmState:
-    """Read then, and sampled then by the controller's own clock, which began 100 s before ours."""
-    sampled_ns = None if there_s is None else round((100.0 + there_s) * 1e9)
-    return msgspec.structs.replace(at(here_s, height_m), sampled_ns=sampled_ns)
-
-
-def leapt(*states: ArmState) -> list[bool]:
-    """At which of them the arm, told to rise by 0.4 m, has jumped."""
-    watched = Watched(arm_start_s=0.25)
-    assert watched.see(states[0]) == ""
-    watched.command(up(0.4, 0.25, 1.0), states[0])
-    return ["arm_jump" in watched.see(state) for state in states[1:]]
-
-
-def test_no_arm_goes_faster_than_a_metre_a_second_and_some_lateness() -> None:
-    assert leapt(at(0.0, 0.0), at(0.01, 0.0199), at(0.02, 0.0401)) == [False, True]
-
-
-def test_samples_that_come_in_a_burst_are_judged_by_the_controllers_clock() -> None:
-    late = [dated(0.01 * k, 0.0, 0.0) for k in range(1, 10)]  # all dated as the first was
-    assert leapt(dated(0.0, 0.0, 0.0), *late, dated(0.1, 0.1, 0.025)) == [False] * 10
-    unknown = [msgspec.structs.replace(state, sampled_ns=None) for state in late]
-    burst = dated(0.1, None, 0.025)
-    assert leapt(dated(0.0, None, 0.0), *unknown, burst) == [False] * 9 + [True]
-
-
-@pytest.mark.parametrize("there_s", [-1e6, 0.0, 0.5, 1e6])
-def test_a_controllers_clock_that_lies_hides_no_leap_beyond_what_a_command_takes(
-    there_s: float,
-) -> None:
-    assert leapt(dated(0.0, 0.0, 0.0), dated(0.01, there_s, 0.28)) == [True]
 
 
 @pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen

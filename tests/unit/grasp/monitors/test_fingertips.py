@@ -7,7 +7,13 @@ import pytest
 
 from grasp.fault import FINGERTIPS
 from grasp.monitors.checks import CHECKS
-from grasp.monitors.fingertips import DEAD_SAMPLES, RAIL_SAMPLES, FingertipHistory
+from grasp.monitors.fingertips import (
+    DEAD_SAMPLES,
+    FROZEN_SAMPLES,
+    RAIL_SAMPLES,
+    STUCK_SAMPLES,
+    FingertipHistory,
+)
 from grasp.monitors.settings import MonitorSettings
 from grasp.states import State
 from tests.unit.grasp.builders import Codes, codes, frame_of
@@ -49,10 +55,8 @@ def rails(k: int, code: int, taxels: int = 6) -> Codes:
     return raw
 
 
-@pytest.mark.parametrize("value", [5, 20])
-def test_a_loaded_hand_whose_codes_all_repeat_is_frozen(value: int) -> None:
-    found = until_wrong([codes(9)] * 50, frozen_samples=value)
-    assert found == (value + 1, "fingertips_frozen")
+def test_a_loaded_hand_whose_codes_all_repeat_is_frozen() -> None:
+    assert until_wrong([codes(9)] * 50) == (FROZEN_SAMPLES + 1, "fingertips_frozen")
 
 
 def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
@@ -75,36 +79,42 @@ def test_a_fingertip_wholly_at_a_rail_is_noticed_and_one_in_part_is_a_firm_grip(
     assert until_wrong([rails(k, code, taxels=5) for k in range(300)]) == (0, "")
 
 
-def mostly_stuck(k: int) -> Codes:
-    """Of each fingertip two taxels live: they change from one sample to the next."""
+def partly_stuck(k: int, taxels: int = 2) -> Codes:
+    """So many taxels of each fingertip stand still; the others change with each sample."""
     raw = codes(k)
-    raw[:, :4] = 420
+    raw[:, :taxels] = 420
     return raw
 
 
 def test_taxels_that_have_stood_still_for_long_are_no_witnesses() -> None:
-    """A third of the taxels must repeat three times as often to say as much."""
-    hand = Hand(stuck_samples=25)
-    assert not any(hand.see(mostly_stuck(k)) for k in range(30))
-    heard = [hand.see(mostly_stuck(29)) for _ in range(24)]
-    assert heard == [""] * 23 + ["fingertips_frozen"]
+    hand = Hand()
+    assert not any(hand.see(partly_stuck(k)) for k in range(STUCK_SAMPLES + 5))
+    heard = [hand.see(partly_stuck(STUCK_SAMPLES + 4)) for _ in range(FROZEN_SAMPLES)]
+    assert heard == [""] * (FROZEN_SAMPLES - 1) + ["fingertips_frozen"]
 
 
-@pytest.mark.parametrize("value", [20, 60])
-def test_stuck_samples(value: int) -> None:
-    hand, telling = Hand(stuck_samples=value), []
-    for k in range(value + 2):
-        hand.see(mostly_stuck(k))
+def test_a_hand_of_which_most_taxels_are_stuck_is_frozen_once_a_fingertip_is_dead() -> None:
+    hand, count = Hand(), STUCK_SAMPLES + 5
+    assert not any(hand.see(partly_stuck(k, 4)) for k in range(count))
+    heard = [hand.see(partly_stuck(count - 1, 4)) for _ in range(DEAD_SAMPLES)]
+    assert heard == [""] * (DEAD_SAMPLES - 1) + ["fingertip_dead A, B, C"]
+
+
+def test_a_taxel_that_stands_still_for_long_cannot_tell_until_it_changes() -> None:
+    hand, telling = Hand(), []
+    for k in range(STUCK_SAMPLES + 2):
+        hand.see(partly_stuck(k))
         telling.append(int(hand.history.can_tell.sum()))
-    assert telling == [18] * value + [6] * 2
+    assert telling == [18] * STUCK_SAMPLES + [12] * 2
     hand.see(codes(1))
     assert hand.history.can_tell.all() and hand.history.all_tell
 
 
 def said_of(stuck: int, phase: State, code: int = 420) -> str:
-    """Of finger B with so many taxels that stand still for longer than ``stuck_samples``."""
-    hand = Hand(stuck_samples=20)
-    return [hand.see(rails(k, code, taxels=stuck), phase) for k in range(25)][-1]
+    """Of finger B with so many taxels that stand still for longer than ``STUCK_SAMPLES``."""
+    hand = Hand()
+    samples = [rails(k, code, taxels=stuck) for k in range(STUCK_SAMPLES + 5)]
+    return [hand.see(raw, phase) for raw in samples][-1]
 
 
 def test_an_arm_does_not_lift_with_a_fingertip_of_which_more_than_half_stand_still() -> None:

@@ -21,12 +21,12 @@ Said = tuple[float, float, float]  # a probability a finger
 ALARM, QUIET = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector wants more than one finger
 # stated time of every phase of a run: to the object and its grip, which hear no alarm; 0.1 m up and
-# down, all of that at the speed of a landing where slip ended at the top; the hold with its alarms,
-# patience at each end
+# down, all of that at the speed of a landing where slip ended at the top, and one step that tells
+# whether the object stands (1.1 s); the hold with its alarms, patience at each end
 LONGEST_S = {
     State.SHAPE: 1.0, State.TARE: 1.0, State.BRACE: 1.5, State.CLOSE: 2.0, State.SETTLE: 0.5,
     State.BASELINE: 0.5, State.SET_DOWN: 0.1,
-    State.LIFT: 3.0, State.COMPENSATE: 2.5, State.HOLD: 3.0, State.DESCEND: 5.0, State.FEEL: 21.0,
+    State.LIFT: 3.0, State.COMPENSATE: 2.5, State.HOLD: 3.0, State.DESCEND: 5.0, State.FEEL: 22.0,
     State.OPEN: 2.0,
     State.RETREAT: 3.0, State.LOST: 3.1, State.FAULT: 3.1,
 }  # fmt: skip

@@ -28,7 +28,7 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) ->
         trial = staged.run(in_phase(phase, 5), act)
         assert trial.controller.state is State.FAULT
         further = trial.controller.further
-        assert all(found.code == "arm_goes_on" for found in further)
+        assert all(found.code == "arm_wrong_way" for found in further)
         assert not further or lost > 1  # it has gone on for longer than braking takes
         unknown = "the arm cannot be believed: whether it stands is unknown"
         assert trial.controller.unreached == ((unknown,) if further else ())
@@ -54,7 +54,7 @@ def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fau
         trial = staged.run(in_phase(phase, 20), act)
         rig = staged.rig
         assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
-        assert any(found.code == "arm_goes_on" for found in trial.controller.further)
+        assert any(found.code == "arm_wrong_way" for found in trial.controller.further)
         left = trial.end(staged.config)
         assert left is not None
         assert left.arm == "the arm says that it stands"

@@ -31,11 +31,12 @@ CASES = [
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
     (fault.let_finger_b_leap, (P.BRACE, P.HOLD), "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
-    (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 31),
+    (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 37),
     (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 140),  # it stands until it goes on
     (fault.push_arm, (P.SHAPE, P.BRACE), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
-    (fault.let_arm_leap, ALL, "arm_jump", 2),
+    (fault.let_arm_leap, (P.SHAPE, P.BRACE, P.HOLD, P.DESCEND), "arm_wrong_way", 2),
+    (fault.let_arm_leap, (P.LIFT,), "arm_wrong_way", 200),  # past the top: it leapt on its line
     (fault.stand_still(0.3), ALL, "loop_stood_still", 1),
     (fault.stand_still(3.0), (P.LIFT, P.HOLD), "loop_stood_still", 1),
 ]
@@ -179,7 +180,7 @@ def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
 
 FURTHER = [
     (fault.lose_arm_position, "arm_position_nan"),
-    (fault.let_arm_leap, "arm_jump"),
+    (fault.let_arm_leap, "arm_wrong_way"),
     (fault.power_cycle_gripper, "gripper_inactive"),
     (fault.let_thumb_leap, "gripper_impossible"),
     (fault.fingertips_read(0), "fingertips_at_rail"),
