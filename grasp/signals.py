@@ -2,21 +2,29 @@
 
 Outside ``deferred`` a signal raises an ``Interruption`` at once. Inside, it sets a flag that the
 next ``check`` raises, once; a third signal is raised at once. Within ``guarded``, as a run is, a
-main thread that does not check for a second is interrupted by ``Stuck``, and so it is by a further
-signal a second after the first. Native code that does not return is not interrupted: the devices
-are safe by themselves then, and only SIGKILL ends the process. Other threads never are interrupted.
-Where the signals are not taken they mean what they mean in Python.
+main thread that does not check for a second after a signal is interrupted by ``Stuck``, and so it
+is by a further signal a second after the first. Native code cannot be interrupted: a thread stops
+the devices and ends the process then. Native code that keeps Python's lock stops all threads: only
+SIGKILL helps. Other threads never are interrupted. Where the signals are not taken they mean what
+they mean in Python.
 """
 
+import os
+import select
 import signal
+import socket
+import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INSISTS = 3  # signals, of which the last is raised though it should wait: something hangs
-STUCK_S = 1.0  # without a check since the first
+LOOK_S, STUCK_LOOKS = 0.1, 10  # without a check since the first
+RESCUE_S = 20.0  # more than stopping the devices takes
+INTERNAL = 5  # exit code
 
 _WORDS = {
     signal.SIGINT: "stopped by hand",
@@ -41,24 +49,16 @@ class _State:
         self.number: int | None = None  # of the first signal
         self.came = self.checks = 0
         self.deferred = self.once = self.sealed = self.raised = False
-        self.guarded = self.insists = False
+        self.guarded = self.insists = self.rescued = False
 
     def take(self, number: int, _: object) -> None:
+        while self.rescued:  # another thread commands the devices and ends the process
+            time.sleep(RESCUE_S)
         self.number, self.came = self.number or number, self.came + 1
-        if self.guarded and self.came == 1:
-            timer = threading.Timer(STUCK_S, self._insist, (self.checks,))
-            timer.daemon = True
-            timer.start()
         stuck = self.guarded and self.insists
         if stuck or not self.deferred or (self.came >= INSISTS and not self.guarded):
             self.raised, self.deferred = True, self.deferred or self.once
             raise (Stuck if stuck else Interruption)(self.number)
-
-    def _insist(self, checks: int) -> None:
-        """The signal again, a second later, where nobody has checked since."""
-        self.insists = True
-        if self.guarded and self.checks == checks:
-            signal.pthread_kill(threading.main_thread().ident or 0, self.number or signal.SIGINT)
 
 
 _taken: _State | None = None
@@ -116,14 +116,51 @@ def immediate() -> Iterator[None]:
 
 
 @contextmanager
-def guarded() -> Iterator[None]:
-    """Within, a main thread that hangs is interrupted by ``Stuck``."""
+def guarded(rescue: Callable[[], object]) -> Iterator[None]:
+    """Within, a main thread that hangs after a signal is interrupted by ``Stuck``; where that does
+    not help, ``rescue`` makes the devices safe and the process exits with code 5."""
     state = _state()
+    if state is not _taken:
+        yield
+        return
+    wakes, ours = socket.socketpair()  # a signal is written there though no handler can run
+    ours.setblocking(False)
+    before = signal.set_wakeup_fd(ours.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=_end_hang, args=(state, wakes, rescue), daemon=True)
+    thread.start()
     state.guarded = True
     try:
         yield
     finally:
         state.guarded = False
+        signal.set_wakeup_fd(before)
+        ours.close()
+        thread.join()
+        wakes.close()
+
+
+def _end_hang(state: _State, wakes: socket.socket, rescue: Callable[[], object]) -> None:
+    """Counts its own looks: a suspended computer must not look like a main thread that hangs."""
+    number, looks, still, checks = None, 0, 0, -1
+    while still < 3 * STUCK_LOOKS:
+        if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
+            if not (received := wakes.recv(4096)):
+                return
+            number = number or next((n for n in received if n in SIGNALS), None)
+        if number is None:
+            continue
+        looks, still = looks + 1, still + 1 if state.checks == checks else 0
+        checks, state.insists = state.checks, looks >= STUCK_LOOKS
+        if still in (STUCK_LOOKS, 2 * STUCK_LOOKS):
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+    state.rescued = True
+    limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))
+    limit.daemon = True
+    limit.start()
+    with suppress(BaseException):
+        sys.stderr.write("grasp: the program hangs: stop the arm, hold the hand, exit 5\n")
+        rescue()
+    os._exit(INTERNAL)
 
 
 def check(end: bool = True) -> None:

@@ -99,7 +99,7 @@ class GraspStep:
         frame, probabilities = inputs.frame, np.zeros(FINGERS)
         failure: Fault | None = None
         if frame is not None and self._rested:
-            if self._monitors.fingertips.believable:
+            if self._monitors.trusts_force:
                 self._estimate_force(frame.counts)
             if not safe:
                 probabilities, failure = self._detect(frame)

@@ -146,6 +146,11 @@ class Monitors:
         implausible = fault.kind == IMPLAUSIBLE and not CHECKS[fault.code].vital
         return not (implausible and self._settings.mode == "report")
 
+    @property
+    def trusts_force(self) -> bool:
+        """Whether the latest frame is taken for a force; in report mode no check changes that."""
+        return self.fingertips.believable or self._settings.mode == "report"
+
     def sent(self, commands: Sequence[Command], arm_state: ArmState) -> None:
         """These commands follow from the step; ``arm_state`` is as the arm was then."""
         for command in commands:

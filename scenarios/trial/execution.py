@@ -292,7 +292,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with signals.guarded() if rig.on_wall else nullcontext():
+    with signals.guarded(loop.abort) if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,

@@ -97,7 +97,7 @@ def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
 
 
 GUARDED = """
-import os, signal, sys, threading, time
+import ctypes, os, signal, sys, threading, time
 from grasp import signals
 def told():
     time.sleep(0.1)
@@ -107,22 +107,33 @@ def told():
         os.kill(os.getpid(), signal.SIGTERM)
 with signals.taken():
     try:
-        with signals.guarded(), signals.deferred():
+        with signals.guarded(lambda: os.write(1, b"devices are safe")), signals.deferred():
             threading.Thread(target=told, daemon=True).start()
             while sys.argv[1] == "twice":  # pursues a safe state
                 signals.check(end=False)
                 time.sleep(0.01)
+            if sys.argv[1] == "native":
+                lock, mutex = ctypes.CDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
+                lock(mutex)
+                lock(mutex)
             time.sleep(60)
     except signals.Stuck as stuck:
         print(stuck)
 """
 
 
-@pytest.mark.parametrize("how", ["stuck", "twice"])
-def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
+def guarded(how: str) -> tuple[int, str]:
     done = subprocess.run(
         [sys.executable, "-c", GUARDED, how], capture_output=True, text=True, timeout=30,
         check=False,
     )  # fmt: skip
-    told = "told to end (SIGTERM) while this stood still\n"
-    assert (done.returncode, done.stdout) == (0, told), done.stderr
+    return done.returncode, done.stdout
+
+
+@pytest.mark.parametrize("how", ["stuck", "twice"])
+def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
+    assert guarded(how) == (0, "told to end (SIGTERM) while this stood still\n")
+
+
+def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:
+    assert guarded("native") == (5, "devices are safe")

@@ -477,3 +477,13 @@ def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
     )
     assert one == other
     assert len(set(one)) == len(one)
+
+
+@pytest.mark.parametrize(("mode", "newtons"), [("stop", 6.0), ("report", 600.0)])
+def test_report_mode_leaves_the_force_estimate_to_the_guard_as_it_is(
+    mode: Any, newtons: float
+) -> None:
+    monitors = Monitors(MonitorSettings(mode=mode))
+    step = GraspStep(Ears(), cast(GraspController, Told()), cast(ForceGuard, Gate()), monitors)
+    step.decide(told(frame(-1)))
+    assert step.decide(told(frame(-100))).observation.measured_n == (newtons,) * 3  # all jump
