@@ -67,7 +67,7 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, Here):  # where the world is
-            from scenarios.world.compiling import told_when_compiling
+            from scenarios.rigs.simulated import told_when_compiling
 
             said = told_when_compiling(lambda: self.tell(view.Busy(COMPILING)))
             self._until_closed.enter_context(said)

@@ -9,10 +9,12 @@ and noise (``scenarios.world.fingertip``), a tap its strength and moment (``scen
 """
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 import msgspec
 import numpy as np
+from numba.core import event
 from numpy.typing import NDArray
 
 from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
@@ -169,3 +171,23 @@ def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCel
     if isinstance(config, GraspRigConfig):
         return make_cell(config, seed, start_ns)
     return make_pressed_cell(config, seed, start_ns)
+
+
+class _First(event.Listener):
+    """Tells of the first function that is compiled; what lies in numba's cache is not."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, _: Any) -> None:
+        if self._tell is not None:
+            tell, self._tell = self._tell, None
+            tell()
+
+    def on_end(self, _: Any) -> None:
+        pass
+
+
+def told_when_compiling(tell: Callable[[], None]) -> AbstractContextManager[None]:
+    """Within, ``tell`` is called once, as soon as anything must be compiled; else never."""
+    return event.install_listener("numba:compile", _First(tell))
