@@ -194,7 +194,7 @@ class Record:
             return FinishedRun(result, failure)
         except CouldNotRecord as error:
             failure = failure or Failure(error.kind, error.message, error.remedy)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a plug-in may exit
             failure = _with_bug(failure, Bug.of(error), trial, self._config)
             self._abandon()
         if result is not None:
