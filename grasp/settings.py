@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -273,6 +273,8 @@ def _said(kind: Any) -> str:
         return f"{many} x {_said(parts[0])}"
     if NoneType in parts:
         return " | ".join("None" if part is NoneType else _said(part) for part in parts)
+    if get_origin(kind) is Literal:
+        return " or ".join(map(str, parts))
     if isinstance(kind, type) and not parts:
         return kind.__name__
     return str(kind).replace("typing.", "")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.commands import describe
+from grasp.fault import lines
 from grasp.states import State
 from scenarios.report.page import render
 from scenarios.report.run_record import RunRecord, Sent, Verdict, read_run
@@ -258,6 +259,10 @@ def remarks(run: RunRecord) -> list[str]:
         told.append(run.verdict_problem)
     if verdict is not None and verdict.bug is not None:
         told.append(f"Error of the program: {verdict.bug.name}: {verdict.bug.text}.")
+    if verdict is not None and verdict.reported:
+        told.append(
+            f"Checks that failed and, in report mode, stopped nothing: {lines(verdict.reported)}."
+        )
     if verdict is not None and verdict.end is not None:
         told.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
         if verdict.end.unreached:

@@ -89,3 +89,13 @@ def test_a_recording_that_was_cut_off_is_shown_as_far_as_it_goes(
 
 
 # The library of the plots
+
+
+def test_checks_that_failed_in_report_mode_are_on_the_page(recorded: Path, tmp_path: Path) -> None:
+    run = changed(recorded, tmp_path / "run")
+    result = json.loads((run / RESULT).read_bytes())
+    result["reported"] = [{"code": "arm_frozen", "device": "arm", "message": "it stood still"}]
+    (run / RESULT).write_text(json.dumps(result))
+    assert "stopped nothing" in remarks(run_page(run)) and "it stood still" in remarks(
+        run_page(run)
+    )
