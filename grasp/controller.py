@@ -53,7 +53,7 @@ class GraspController:
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # by `_start` without one
         self._contact = ContactEstimator(settings.contact_n)
         self._clock = StateClock()
-        self._monitor = RunMonitor(settings, self._clock, self._contact)
+        self._run_monitor = RunMonitor(settings, self._clock, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._clock)
         self.response = RESPONSES[settings.answer](settings, plan, self._line)
         self._firm = False  # the grip is being closed to the force cap
@@ -117,7 +117,7 @@ class GraspController:
             self._set_down.slipping(obs)
         if self._pursuit:
             self._commands += self._pursuit.step(obs)
-        elif faults := self._monitor.check(obs, self.state):
+        elif faults := self._run_monitor.check(obs, self.state):
             self._enter_safe_state(Trigger.FAIL, obs, faults)
         elif obs.inputs.stop:
             self._enter_safe_state(Trigger.STOP, obs, (obs.inputs.stop,))

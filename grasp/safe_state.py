@@ -69,7 +69,7 @@ class SafeState(msgspec.Struct, frozen=True):
         return (closure,) if self.closes_hand else (HoldFingers(),)
 
     def hand_is_safe(self, seen: Observation) -> bool:
-        """Whether the hand is seen to be as it shall; not before it was asked to be."""
+        """Whether the status confirms the hand's part; never in the step that entered the state."""
         if self.before in UNMOVED_STATES:
             return True
         if seen.t_ns == self.since_ns and not self.leaves_hand:
@@ -133,7 +133,7 @@ class Pursuit:
         return ()
 
     def ask(self, seen: Observation) -> tuple[Command, ...]:
-        """What is not as it shall be, or has just been entered."""
+        """Commands for each part of the safe state that is not confirmed yet."""
         self._asked_ns = seen.t_ns
         safe = self.safe
         stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_not_believed

@@ -60,7 +60,7 @@ CHECKS = {
         "a step took {seconds:g} s", CONTACT_STATES, vital=True),
     STOOD_STILL: Check(LOOP,
         lambda i, s: given(i.late_ns > s.standstill_s * 1e9, seconds=round(i.late_ns * 1e-9, 3)),
-        "for {seconds:g} s nobody was in control", STARTED, vital=True),
+        "the control step began {seconds:g} s late", STARTED, vital=True),
     "arm_position_nan": Check(ARM, lambda h, s: given(h.state is None),
         "position or speed is not a number", vital=True),
     "arm_wrong_way": Check(ARM, lambda h, s: given(h.strays, mm=round(h.stray_m * 1e3, 1)),

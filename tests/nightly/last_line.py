@@ -24,7 +24,7 @@ BLAMED = {
     "arm": r"\barm\b|\barm_",
     "fingertips": r"fingertip|tactile|taxel|feels nothing|measured force",
     "detector": r"detector",
-    "loop": r"loop_|nobody was in control",
+    "loop": r"loop_|the control step began",
 }
 WAY_OUT = "open the hand"  # advice of the simulated rig
 

@@ -195,8 +195,8 @@ class Commander:
                 self._channel.send(messages.Reply(request.number, self.carry_out(request)))
 
     def listened(self, heard: bool) -> None:
-        """Silence is what a look at the socket did not find: where this process was held up, what
-        was said meanwhile waits there."""
+        """Silence counts only from a look that found the socket empty: after a time in which this
+        process did not run, messages wait there."""
         if heard:
             self._heard_at = self._clock()
         self._silent_s = self._clock() - self._heard_at
