@@ -1,9 +1,10 @@
 """SIGINT, SIGTERM and SIGHUP, taken by the command line so that they cut nothing in two.
 
 Outside ``deferred`` a signal raises an ``Interruption`` at once. Inside, it sets a flag that the
-next ``check`` raises, once; a third signal is raised at once. Within ``guarded``, as a run is, a
-main thread that does not check for a second after a signal is interrupted by ``Stuck``, and so it
-is by a further signal a second after the first. Native code cannot be interrupted: a thread stops
+next ``check`` raises, once; one that comes five seconds later is raised at once. Within
+``guarded``, as a run is, a main thread that does not check for a second after a signal is
+interrupted by ``Stuck``, and once by a further signal a second after the first: a key that is held
+down must not cut off the stop that it asked for. Native code cannot be interrupted: a thread stops
 the devices and ends the process then. Native code that keeps Python's lock stops all threads: only
 SIGKILL helps. Other threads never are interrupted. Where the signals are not taken they mean what
 they mean in Python.
@@ -21,7 +22,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-INSISTS = 3  # signals, of which the last is raised though it should wait: something hangs
+INSISTS_S = 5.0  # after the first or one raised so, a signal is raised though it should wait
 LOOK_S, STUCK_LOOKS = 0.1, 10  # without a check since the first
 RESCUE_S = 20.0  # more than stopping the devices takes
 INTERNAL = 5  # exit code
@@ -47,17 +48,22 @@ class Stuck(Interruption):
 class _State:
     def __init__(self) -> None:
         self.number: int | None = None  # of the first signal
-        self.came = self.checks = 0
+        self.checks = 0
         self.deferred = self.once = self.sealed = self.raised = False
-        self.guarded = self.insists = self.rescued = False
+        self.guarded = self.insists = self.hangs = self.rescued = False
+        self.raised_at_s = 0.0
 
     def take(self, number: int, _: object) -> None:
         while self.rescued:  # another thread commands the devices and ends the process
             time.sleep(RESCUE_S)
-        self.number, self.came = self.number or number, self.came + 1
-        stuck = self.guarded and self.insists
-        if stuck or not self.deferred or (self.came >= INSISTS and not self.guarded):
-            self.raised, self.deferred = True, self.deferred or self.once
+        now_s = time.monotonic()
+        if self.number is None:
+            self.number, self.raised_at_s = number, now_s
+        stuck = self.guarded and (self.insists or self.hangs)
+        self.insists = self.hangs = False  # once each
+        late = not self.guarded and now_s - self.raised_at_s >= INSISTS_S
+        if stuck or late or not self.deferred:
+            self.raised, self.deferred, self.raised_at_s = True, self.deferred or self.once, now_s
             raise (Stuck if stuck else Interruption)(self.number)
 
 
@@ -140,18 +146,21 @@ def guarded(rescue: Callable[[], object]) -> Iterator[None]:
 
 
 def _end_hang(state: _State, wakes: socket.socket, rescue: Callable[[], object]) -> None:
-    """Counts its own looks: a suspended computer must not look like a main thread that hangs."""
-    number, looks, still, checks = None, 0, 0, -1
+    """Counts its own looks, so that no pause of the whole process looks like a main thread that
+    hangs, and no more than one in ``LOOK_S``, however often a key repeats."""
+    number, looks, still, checks, looked_s = None, 0, 0, -1, 0.0
     while still < 3 * STUCK_LOOKS:
         if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
             if not (received := wakes.recv(4096)):
                 return
             number = number or next((n for n in received if n in SIGNALS), None)
-        if number is None:
+        if number is None or time.monotonic() - looked_s < LOOK_S:
             continue
+        looked_s = time.monotonic()
         looks, still = looks + 1, still + 1 if state.checks == checks else 0
-        checks, state.insists = state.checks, looks >= STUCK_LOOKS
+        checks, state.insists = state.checks, state.insists or looks == STUCK_LOOKS
         if still in (STUCK_LOOKS, 2 * STUCK_LOOKS):
+            state.hangs = True
             signal.pthread_kill(threading.main_thread().ident or 0, number)
     state.rescued = True
     limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))

@@ -50,12 +50,17 @@ def test_deferred_signal_is_raised_at_the_next_check_and_only_once() -> None:
 
 
 @pytest.mark.usefixtures("taken")
-def test_the_third_signal_is_raised_though_it_should_wait_for_then_something_hangs() -> None:
+def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_key_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with signals.deferred():
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
+        for _ in range(50):
+            signal.raise_signal(signal.SIGINT)
+        later_s = signals.time.monotonic() + signals.INSISTS_S
+        monkeypatch.setattr(signals.time, "monotonic", lambda: later_s)
         with pytest.raises(Interruption):
             signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
 
 
 @pytest.mark.usefixtures("taken")
@@ -105,13 +110,26 @@ def told():
     if sys.argv[1] == "twice":
         time.sleep(1.3)
         os.kill(os.getpid(), signal.SIGTERM)
+    while sys.argv[1] == "held":
+        time.sleep(0.03)
+        os.kill(os.getpid(), signal.SIGTERM)
 with signals.taken():
     try:
         with signals.guarded(lambda: os.write(1, b"devices are safe")), signals.deferred():
             threading.Thread(target=told, daemon=True).start()
-            while sys.argv[1] == "twice":  # pursues a safe state
-                signals.check(end=False)
-                time.sleep(0.01)
+            try:
+                while sys.argv[1] in ("twice", "held"):  # pursues a safe state
+                    signals.check(end=False)
+                    time.sleep(0.01)
+            except signals.Stuck as stuck:
+                print(stuck)
+                for _ in range(250):  # an abort
+                    signals.check(end=False)
+                    time.sleep(0.01)
+                if sys.argv[1] == "held":
+                    print("stopped")
+                sys.stdout.flush()
+                os._exit(0)
             if sys.argv[1] == "native":
                 lock, mutex = ctypes.CDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
                 lock(mutex)
@@ -133,6 +151,10 @@ def guarded(how: str) -> tuple[int, str]:
 @pytest.mark.parametrize("how", ["stuck", "twice"])
 def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
     assert guarded(how) == (0, "told to end (SIGTERM) while this stood still\n")
+
+
+def test_key_that_is_held_down_cuts_the_stop_that_it_asked_for_once() -> None:
+    assert guarded("held") == (0, "told to end (SIGTERM) while this stood still\nstopped\n")
 
 
 def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:
