@@ -18,7 +18,7 @@ def one_line(text: object, most: int = MOST_SHOWN) -> str:
 
 def text_of(error: BaseException) -> str:
     """What an exception says, fit for a file in UTF-8; its own text may raise as well."""
-    with suppress(Exception):
+    with suppress(BaseException):  # somebody's text may even exit
         return str(error).encode(errors="backslashreplace").decode()
     return "its text raises too"
 

@@ -237,7 +237,8 @@ class ControlLoop:
         while due and self._clock.now_ns < start_ns + round(self.abort_s * 1e9):
             for command in due:
                 self._survives(partial(self._send_at_once, command))
-            self._clock.sleep_until_ns(self._clock.now_ns + ABORT_REPEAT_NS)
+            later_ns = self._clock.now_ns + ABORT_REPEAT_NS
+            self._survives(partial(self._clock.sleep_until_ns, later_ns))
             for pump in (self._pump_gripper, self._pump_arm):
                 self._survives(partial(pump, self._clock.now_ns))
             due = (stop, *hand)

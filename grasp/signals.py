@@ -163,12 +163,16 @@ def _end_hang(state: _State, wakes: socket.socket, rescue: Callable[[], object])
             state.hangs = True
             signal.pthread_kill(threading.main_thread().ident or 0, number)
     state.rescued = True
-    limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))
-    limit.daemon = True
-    limit.start()
     with suppress(BaseException):
-        sys.stderr.write("grasp: the program hangs: stop the arm, hold the hand, exit 5\n")
+        limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))
+        limit.daemon = True
+        limit.start()
+    with suppress(BaseException):
         rescue()
+    with suppress(BaseException):  # in a thread: nobody may read it
+        words = ("grasp: the program hangs: the arm was stopped, the hand told to hold, exit 5\n",)
+        threading.Thread(target=sys.stderr.write, args=words, daemon=True).start()
+        time.sleep(LOOK_S)
     os._exit(INTERNAL)
 
 

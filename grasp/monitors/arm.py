@@ -46,7 +46,7 @@ class ArmHistory:
 
     def update(self, arm: ArmState, pending: bool) -> None:
         """Its state of this step. ``pending``: a command has not left yet."""
-        numbers = (*arm.position_m, *arm.velocity_mps, arm.angle_rad)
+        numbers = (*arm.position_m, *arm.velocity_mps, arm.angle_rad, arm.speed_fraction)
         self.state = arm if all(map(math.isfinite, numbers)) else None
         if self.state is None:
             return

@@ -62,7 +62,7 @@ CHECKS = {
         lambda i, s: given(i.late_ns > s.standstill_s * 1e9, seconds=round(i.late_ns * 1e-9, 3)),
         "the control step began {seconds:g} s late", STARTED, vital=True),
     "arm_position_nan": Check(ARM, lambda h, s: given(h.state is None),
-        "position or speed is not a number", vital=True),
+        "position, speed or speed slider is not a number", vital=True),
     "arm_wrong_way": Check(ARM, lambda h, s: given(h.strays, mm=round(h.stray_m * 1e3, 1)),
         "{mm:g} mm away from where it was commanded to be"),
     "arm_flickers": Check(ARM, lambda h, s: given(h.flickers),

@@ -68,7 +68,7 @@ class Bug(msgspec.Struct, frozen=True):
     def of(cls, error: BaseException) -> Self:
         """Raises nothing: it is asked for before the safe state is pursued."""
         raised = ""
-        with suppress(Exception):  # of its own text, or for want of memory
+        with suppress(BaseException):  # of its own text, or for want of memory
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)
