@@ -242,8 +242,9 @@ def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_no_number_is_noticed_and_nothing_else_is_concluded_from_it(value: float) -> None:
     watched = sent_up()
-    broken = msgspec.structs.replace(at(0.1, 0.0), position_m=(value, Y, Z))
-    assert watched.see(broken) == "arm_position_nan"
+    for broken in ({"position_m": (value, Y, Z)}, {"speed_fraction": value}):
+        state = msgspec.structs.replace(at(0.1, 0.0), **broken)
+        assert watched.see(state) == "arm_position_nan", broken
 
 
 def paced(fraction: float, state: ArmState) -> ArmState:
