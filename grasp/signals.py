@@ -187,8 +187,8 @@ def check(end: bool = True) -> None:
 
 
 def go_on() -> None:
-    """Raises Interruption when a signal has come, though a trial has taken it for its end: whoever
-    has more than that trial to do ends too."""
+    """Raises Interruption when a signal has come, though a trial has taken it for its end: a caller
+    with more than that trial to do ends too."""
     if asked():
         raise Interruption(number())
 

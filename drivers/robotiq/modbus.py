@@ -47,8 +47,8 @@ class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class ModbusTransport:
     """A ``RegisterTransport``. Every failure is ``LinkLost``, after one timeout as a rule.
 
-    A lost connection is made anew by a later call, never by the one that finds it lost: whoever
-    uses it hears ``LinkLost`` before every new connection, and can take stock.
+    A lost connection is opened again by a later call, never by the one that finds it lost: the
+    caller gets ``LinkLost`` before every new connection.
     """
 
     def __init__(

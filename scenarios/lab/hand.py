@@ -201,7 +201,7 @@ class Hand:
             return self.go(targets, lightly)
 
     def go(self, targets: Counts3, lightly: bool = False) -> Moved:
-        """As ``move``; whoever calls it makes the fingers stand where it raises."""
+        """As ``move``; where it raises, the caller stops the fingers."""
         early, touched = "", ""
         aim = self.state.positions
 

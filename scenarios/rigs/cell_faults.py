@@ -66,7 +66,7 @@ KNOWN = {
     "gripper_freeze": Known("gripper", "seconds skip",
         "nothing is answered for so long, from a request on", _on_wire(Trouble.FREEZE)),
     "gripper_disconnect": Known("gripper", "times",
-        "the connection is cut; with more, whoever connects again", _disconnect),
+        "the connection is cut; with more, new connections too", _disconnect),
     "gripper_fault": Known("gripper", "code",
         "this gFLT is reported; code=0 takes it back, but 13 to 15, which an activation ends",
         lambda gripper, order: gripper.model.inject_fault(order.code)),

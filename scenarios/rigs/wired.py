@@ -126,7 +126,7 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Now) -> Iterator[An
 
 @contextmanager
 def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
-    """A device that does not let go in time costs no result: whoever opens it next finds out."""
+    """A device that does not let go in time costs no result: the next that opens it finds out."""
     entered = device.__enter__()
     try:
         yield entered

@@ -201,7 +201,7 @@ class BoardServer:
         """One transfer: the host takes whole packets until a short one or the size asked for."""
         with self._lock:
             self._reach(r.handle)
-            self._claim(r.handle)  # usbfs claims for whoever forgot to
+            self._claim(r.handle)  # usbfs claims for a client that has not
         data = self._when_ready(r, connection)
         if len(data) > r.size:
             raise _Failure(errno.EOVERFLOW)

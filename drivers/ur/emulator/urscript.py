@@ -153,6 +153,7 @@ class Node:
         self.waits = any(part.waits for part in parts)
 
     def apply(self, scope: Scope, *values: Value) -> Value:
+        """The value from those of its parts; a node that overrides ``now`` has none to give."""
         raise NotImplementedError
 
     def now(self, scope: Scope) -> Value:

@@ -302,7 +302,7 @@ class Commander:
 
     def _brake_abandoned(self) -> None:
         """Nobody reads while the arm is on its way: brake at once, unless it is braking. The
-        watchdog, kicked no more, ends the program, so that whoever reads again is told."""
+        watchdog, kicked no more, ends the program, which the next reader sees."""
         on_its_way = self._moving or self._driving
         if self._abandoned or self._client_lives or not on_its_way:
             return
