@@ -40,7 +40,7 @@ class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     t_s: float
     kind: str
     direction: str
-    impulse_n_s: float = 0.0  # of a blow, shove or touch
+    impulse_n_s: float = 0.0  # of an impact, shove or touch
     furthest_m: float = 0.0  # from where it was before, while it lasted
     moved_m: float = 0.0  # for good
 
@@ -48,7 +48,7 @@ class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What was done, and all that is needed to do it again."""
 
-    set: Literal["slide", "confusers"]
+    set: Literal["slide", "disturbances"]
     split: Split
     surface: str
     motion: Literal["primary", "oblique", "rotation", "none"]
@@ -56,7 +56,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     spin_radps: float  # commanded; 0 for a translation
     direction: str  # degrees in the fingertip's plane, "0" to "315", or "cw", "ccw"; empty: none
     seed: int
-    cause: str = ""  # of a `confusers`: what shook the signal
+    cause: str = ""  # of a `disturbances`: what shook the signal
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
     files: dict[str, str] = {}  # of one's own that it was made with, and a fingerprint of each
     part: str = ""  # of a data set that draws from several sets of ranges

@@ -129,10 +129,10 @@ class Applied(msgspec.Struct, frozen=True):
 
 
 class Gripper(Protocol):
-    """A three-finger gripper. Verbs set intent; ``pump`` does one exchange with the device.
+    """A three-finger gripper. Verbs set intent; ``poll`` does one exchange with the device.
 
     Verbs raise ``Refused`` when the request cannot be made within the limits given; they never
-    raise on link trouble, ``pump`` does (``LinkLost``).
+    raise on link trouble, ``poll`` does (``LinkLost``).
     """
 
     @property
@@ -153,7 +153,7 @@ class Gripper(Protocol):
         """Whether the device has answered the write of everything that was asked for."""
         ...
 
-    def pump(self, now_ns: int) -> None: ...
+    def poll(self, now_ns: int) -> None: ...
 
     def activate(self, dropping: bool = False) -> Applied:
         """``dropping``: even if that drops what the fingers hold."""
@@ -194,7 +194,7 @@ class TactileFrame(msgspec.Struct, frozen=True):
 
 
 class TactileSensor(Protocol):
-    """Fingertips sampled at 100 Hz; ``pump`` reads one sample, ``frame`` is the latest one."""
+    """Fingertips sampled at 100 Hz; ``poll`` reads one sample, ``frame`` is the latest one."""
 
     @property
     def frame(self) -> TactileFrame | None:
@@ -204,12 +204,12 @@ class TactileSensor(Protocol):
     @property
     def rest_taken(self) -> bool: ...
 
-    def pump(self, now_ns: int) -> None: ...
+    def poll(self, now_ns: int) -> None: ...
 
     def begin_rest(self) -> None:
         """Start taking rest counts from the next samples; ``rest_taken`` turns True when done.
 
-        ``pump`` raises ``Refused`` when a fingertip is loaded or unsteady meanwhile.
+        ``poll`` raises ``Refused`` when a fingertip is loaded or unsteady meanwhile.
         """
         ...
 
@@ -246,7 +246,7 @@ class Arm(Protocol):
     @property
     def state(self) -> ArmState | None: ...
 
-    def pump(self, now_ns: int) -> None: ...
+    def poll(self, now_ns: int) -> None: ...
 
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None: ...
 

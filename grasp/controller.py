@@ -55,7 +55,7 @@ class GraspController:
         self._clock = StateClock()
         self._run_monitor = RunMonitor(settings, self._clock, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._clock)
-        self.response = RESPONSES[settings.answer](settings, plan, self._line)
+        self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
         self._firm = False  # the grip is being closed to the force cap
         self._commands: list[Command] = []  # of this step, as are the next two
         self._reset_detector = self._anchor = False
@@ -207,7 +207,7 @@ class GraspController:
             self._reset_detector = True
 
     def _settle(self, obs: Observation) -> None:
-        if self._grip_rests(obs) and self._lasted(obs, self._settings.relax_s):
+        if self._grip_rests(obs) and self._lasted(obs, self._settings.settle_s):
             self._go(Trigger.SETTLED, obs, "pads relaxed")
             self._reset_detector = True
             self.monitor.arm()
@@ -217,7 +217,7 @@ class GraspController:
             return
         if self._contact.thumb_lost:
             self._fail(obs, "the thumb feels nothing at its position: no object, or a narrower one")
-        elif self._lasted(obs, self._settings.listen_s):
+        elif self._lasted(obs, self._settings.baseline_s):
             move = self._line.move(self._settings.lift_height_m, self._settings.lift_speed_mps)
             self._go(Trigger.READY, obs, "the detector has listened", move)
             self._anchor = True

@@ -35,23 +35,23 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     closing: Annotated[
         Literal["two_stage", "constant"], Meta(description="speed of closing for slip")
     ] = "two_stage"
-    relax_s: Annotated[float, Meta(ge=0.02, le=5.0, description="for the pads to relax")] = 0.3
-    listen_s: Annotated[float, Meta(ge=0.02, le=5.0, description="baseline of detector")] = 0.3
+    settle_s: Annotated[float, Meta(ge=0.02, le=5.0, description="for the pads to relax")] = 0.3
+    baseline_s: Annotated[float, Meta(ge=0.02, le=5.0, description="baseline of detector")] = 0.3
     lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
     lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
     lift_acceleration_mps2: Annotated[float, Meta(ge=0.05, le=5.0, description="assumed")] = 0.5
-    answer: Annotated[
-        Literal["stop_and_jump", "jump", "stop_and_step"],
-        Meta(description="to slip: in the lift the arm stops while the hand closes; with `jump` it "
-             "goes on (the paper's loop); with `stop_and_step` the hand closes by small steps"),
-    ] = "stop_and_jump"  # fmt: skip
+    slip_response: Annotated[
+        Literal["stop_and_close", "close", "stop_and_step"],
+        Meta(description="in the lift the arm stops while the hand closes; with `close` the arm "
+             "moves on (the paper's loop); with `stop_and_step` the hand closes in small steps"),
+    ] = "stop_and_close"  # fmt: skip
     # without any, a third of objects fall at a pull of 2 N
     margin_steps: Annotated[int, Meta(ge=0, le=20, description="beyond the force found")] = 2
     # below gravity, as on the way up it takes load off the grip; a lab begins with 1
-    answer_stop_mps2: Annotated[float, Meta(ge=0.1, le=9.0, description="for slip")] = 8.0
+    slip_stop_mps2: Annotated[float, Meta(ge=0.1, le=9.0, description="for slip")] = 8.0
     lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="of the arm")] = 0.05
     # in the 0.1 s of a late decision the arm goes 0.5 mm, 0.5-1 N on a steep flank
-    landing_speed_mps: Annotated[float, Meta(ge=0.005, le=0.1, description="lower.feel")] = 0.005
+    feel_speed_mps: Annotated[float, Meta(ge=0.005, le=0.1, description="lower.feel")] = 0.005
     retreat_m: Annotated[float, Meta(ge=0.0, le=0.5, description="up from the object")] = 0.05
     stop_deceleration_mps2: Annotated[float, Meta(ge=0.1, le=10.0, description="safe stop")] = 1.0
     hold_s: Annotated[float, Meta(ge=0.0, le=600.0, description="at the top of the lift")] = 1.0
@@ -70,9 +70,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     @property
     def unread(self) -> dict[str, str]:
         """Settings that the chosen slip response does not read, with the reason."""
-        steps = () if self.answer == "stop_and_step" else ("margin_steps",)
-        stops = ("answer_stop_mps2",) if self.answer == "jump" else ()
-        return dict.fromkeys((*steps, *stops), f"controller.answer = {self.answer}")
+        steps = () if self.slip_response == "stop_and_step" else ("margin_steps",)
+        stops = ("slip_stop_mps2",) if self.slip_response == "close" else ()
+        return dict.fromkeys((*steps, *stops), f"controller.slip_response = {self.slip_response}")
 
 
 class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

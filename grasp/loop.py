@@ -178,7 +178,7 @@ class ControlLoop:
     def tick(self) -> Tick:
         """One period: wait for the next sample, step, send what was decided, then hand on."""
         now_ns = self._await_period()
-        self._pump(now_ns)
+        self._poll(now_ns)
         self._late_ns += self._clock.now_ns - now_ns  # 0 in virtual time
         told = self._gather(now_ns)
         start_ns, began_ns = stopwatch_ns(), self._clock.now_ns
@@ -239,8 +239,8 @@ class ControlLoop:
                 self._survives(partial(self._send_at_once, command))
             later_ns = self._clock.now_ns + ABORT_REPEAT_NS
             self._survives(partial(self._clock.sleep_until_ns, later_ns))
-            for pump in (self._pump_gripper, self._pump_arm):
-                self._survives(partial(pump, self._clock.now_ns))
+            for poll in (self._poll_gripper, self._poll_arm):
+                self._survives(partial(poll, self._clock.now_ns))
             due = (stop, *hand)
             with suppress(Exception):  # of the step, or of another package's device
                 due = self._unreached(due, start_ns)
@@ -311,23 +311,23 @@ class ControlLoop:
             self._send(waiting)
         self._clock.sleep_until_ns(t_ns)
 
-    def _pump(self, now_ns: int) -> None:
-        self._guarded(FINGERTIPS, lambda: self._devices.tactile.pump(now_ns))
-        self._pump_gripper(now_ns)
-        self._pump_arm(now_ns)
+    def _poll(self, now_ns: int) -> None:
+        self._guarded(FINGERTIPS, lambda: self._devices.tactile.poll(now_ns))
+        self._poll_gripper(now_ns)
+        self._poll_arm(now_ns)
 
-    def _pump_arm(self, now_ns: int) -> None:
+    def _poll_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
-        self._guarded(ARM, lambda: self._devices.arm.pump(now_ns))
+        self._guarded(ARM, lambda: self._devices.arm.poll(now_ns))
 
-    def _pump_arm_before(self) -> None:
+    def _poll_arm_before(self) -> None:
         """A command acts from where and when the arm was asked last."""
         now_ns = self._clock.now_ns
         if now_ns - self._arm_ns > SOON_NS:
-            self._pump_arm(now_ns)
+            self._poll_arm(now_ns)
 
-    def _pump_gripper(self, now_ns: int) -> None:
-        error = self._guarded(GRIPPER, lambda: self._devices.gripper.pump(now_ns))
+    def _poll_gripper(self, now_ns: int) -> None:
+        error = self._guarded(GRIPPER, lambda: self._devices.gripper.poll(now_ns))
         if error is None:
             self._gripper_lost = False
         elif isinstance(error, LinkLost):
@@ -411,19 +411,19 @@ class ControlLoop:
             Issued(waiting.step_ns, sent_ns, waiting.asked, waiting.admitted, applied, refused)
         )
         if applied is not None:
-            self._pump_gripper(self._clock.now_ns)
+            self._poll_gripper(self._clock.now_ns)
 
     def _to_device(self, command: Command) -> Applied | None:
         if isinstance(command, GripperCommand):
             return _to_gripper(command, self._devices.gripper)
         if isinstance(command, MoveArm):
-            self._pump_arm_before()
+            self._poll_arm_before()
             self._devices.arm.move_to(
                 command.position_m, command.speed_mps, command.acceleration_mps2
             )
         elif isinstance(command, StopArm):
             try:
-                self._pump_arm_before()
+                self._poll_arm_before()
             finally:  # a stop goes out whatever is wrong
                 self._devices.arm.stop(command.deceleration_mps2)
         else:

@@ -13,7 +13,7 @@ from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, IMPLAUSIBLE, Fault
 from grasp.lift_progress import REPEAT_NS
-from grasp.monitors.checks import not_believed
+from grasp.monitors.checks import implausible
 from grasp.observation import Observation
 from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
@@ -40,10 +40,10 @@ class SafeState(msgspec.Struct, frozen=True):
     half_closed: bool = False
 
     @property
-    def arm_not_believed(self) -> bool:
+    def arm_implausible(self) -> bool:
         """Whether the arm cannot be believed, whatever else is wrong: then neither can its
         standing."""
-        return not_believed(self.faults, ARM)
+        return implausible(self.faults, ARM)
 
     @property
     def closes_hand(self) -> bool:
@@ -82,7 +82,7 @@ class SafeState(msgspec.Struct, frozen=True):
         """What is not seen of an arm that stands; one not heard of for ``stale_ns`` is not seen."""
         if seen.arm.age_ns(seen.t_ns) > stale_ns:
             return ("the arm is not heard: whether it stands is unknown",)
-        if self.arm_not_believed:
+        if self.arm_implausible:
             return ("the arm cannot be believed: whether it stands is unknown",)
         return ("the arm still moves",) if seen.pending or seen.arm.moving else ()
 
@@ -136,7 +136,7 @@ class Pursuit:
         """Commands for each part of the safe state that is not confirmed yet."""
         self._asked_ns = seen.t_ns
         safe = self.safe
-        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_not_believed
+        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_implausible
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
         tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
         return (*arm, *safe.of_hand(self._response.closing(seen))) if tell_hand else arm

@@ -166,7 +166,7 @@ class SetDown:
         if self._line.stands_at(obs, 0.0):
             return Transition(Trigger.FEEL, cause)
         in_time_mps = self._line.height_m(obs) / (CREEP_SHARE * self._settings.phase_timeout_s)
-        speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
+        speed_mps = max(self._settings.feel_speed_mps, in_time_mps)
         return Transition(Trigger.FEEL, cause, (self._line.down(0.0, speed_mps),))
 
     def _probe(self, obs: Observation, grip_n: float) -> Transition:
@@ -174,7 +174,7 @@ class SetDown:
         height_m = self._line.height_m(obs)
         step_m = self._step_m(self._tight_m - height_m, grip_n - self._grip_n)
         self._grip_n = grip_n
-        step = self._line.down(height_m - step_m, self._settings.landing_speed_mps)
+        step = self._line.down(height_m - step_m, self._settings.feel_speed_mps)
         return Transition(Trigger.FEEL, "the arm has stood for long enough", (step,))
 
     def _step_m(self, braking_m: float, rise_n: float) -> float:

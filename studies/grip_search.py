@@ -19,7 +19,7 @@ from drivers.interfaces import Counts3
 from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, twin_onset_s
+from scenarios.lift.lift import LiftConfig, open_loop_onset_s
 from scenarios.rigs.simulated import Draw, draw
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
@@ -105,7 +105,7 @@ def trial(task: Task) -> Row:
     found = search(config, criteria)
     body = msgspec.structs.replace(config.object, grip_counts=found[0].counts)
     best = msgspec.structs.replace(config, object=body)
-    slipped = sum(twin_onset_s(best, seed) is not None for seed in range(task.verify))
+    slipped = sum(open_loop_onset_s(best, seed) is not None for seed in range(task.verify))
     return Row(config.object.name, present(config, criteria), found[:SHOWN],
                found[0].meets(criteria), slipped, task.verify)  # fmt: skip
 

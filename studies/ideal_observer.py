@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from detector.decision import log_odds
 from detector.recordings import Recording, read_dataset
-from detector.scores.blows import blows_of
 from detector.scores.evaluation import cause_of, spoken
+from detector.scores.impacts import impacts_of
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
 from drivers.errors import UsageError
@@ -38,7 +38,7 @@ from studies.runner import Study, markdown
 Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
 Moment = tuple[int, int, int, int]  # recording, sample, samples until something else, class
-DATASET, TAP = "observer", "grasped_blow"
+DATASET, TAP = "observer", "grasped_impact"
 BEFORE, AFTER = 50, 50  # samples of 10 ms
 TIMES_S = (0.02, 0.03, 0.05, 0.1, 0.2, 0.5)
 MEANS_S = (0.02, 0.04, 0.08)  # features: means over the last samples
@@ -154,7 +154,7 @@ def taps(recordings: Sequence[Recording]) -> list[Moment]:
     """Every tap, from the first sample after it."""
     return [
         (i, b.struck, b.until - b.struck, int(np.digitize(1e3 * b.moved_m, MOVED_MM)))
-        for i, r in enumerate(recordings) for b in blows_of(r)
+        for i, r in enumerate(recordings) for b in impacts_of(r)
     ]  # fmt: skip
 
 

@@ -144,13 +144,13 @@ def react(config: LiftConfig, start: LiftStart, at_ns: int, command: CloseFast) 
     start_ns = cell.truth().t_ns
     now_ns = max(start_ns, at_ns)
     cell.advance(now_ns)
-    gripper.pump(now_ns)
+    gripper.poll(now_ns)
     gripper.close_fast(
         command.force_cap_n, command.closing, command.limits_counts, command.speed_mps
     )
     resting = 0
     while resting < 3:  # two reads may still show the state before the command
-        gripper.pump(now_ns)
+        gripper.poll(now_ns)
         now_ns += PERIOD_NS
         cell.advance(now_ns)
         state = gripper.state
@@ -167,7 +167,7 @@ def _judged(end: Truth, config: LiftConfig) -> Reaction:
     onset_s = end.slip_onset_s
     facts = LiftFacts(
         end=end, felt_n=0.0, had_compensated=True, registered_s=onset_s or 0.0,
-        onset_s=onset_s or 0.0, twin_onset_s=None, peak_force_n=None,
+        onset_s=onset_s or 0.0, open_loop_onset_s=None, peak_force_n=None,
         force_bound_n=math.inf, cap_reached=False, alarm_stayed=False, fault="",
     )  # fmt: skip
     verdict = outcome(facts, config.object)
@@ -179,7 +179,7 @@ def _judged(end: Truth, config: LiftConfig) -> Reaction:
 
 def _check(config: LiftConfig, seed: int, start: LiftStart) -> Check | None:
     """Compare the full run, which closes once, with its copy; None without slip or closing."""
-    own = msgspec.structs.replace(config.controller, closing="constant", answer="jump")
+    own = msgspec.structs.replace(config.controller, closing="constant", slip_response="close")
     config = msgspec.structs.replace(config, controller=own)
     sent: list[tuple[int, CloseFast]] = []
 

@@ -24,7 +24,7 @@ from detector.scores.evaluation import (
     cause_of,
     hand_rate,
     judge_stream,
-    score_blows,
+    score_impacts,
     spoken,
 )
 from detector.scores.quantiles import quantiles
@@ -164,7 +164,7 @@ def score(name: str, recordings: Sequence[Recording]) -> Score:
         d for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == SLIDE
         for d in j.events.delays_ms.tolist()
     )  # fmt: skip
-    taps = score_blows(judged)
+    taps = score_impacts(judged)
     return Score(
         name, float(np.concatenate(right).mean()),
         float(np.isfinite(delays).mean()) if len(delays) else None,

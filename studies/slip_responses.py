@@ -60,13 +60,13 @@ class Scene(msgspec.Struct, frozen=True):
     alarms: float = 0.0
 
 
-PAPER = ("controller.answer=jump", "controller.closing=constant")
+PAPER = ("controller.slip_response=close", "controller.closing=constant")
 POLICIES = (
     Policy("jump, one speed", PAPER),
-    Policy("jump", ("controller.answer=jump",)),
-    Policy("stop_and_jump", ("controller.answer=stop_and_jump",)),
+    Policy("close", ("controller.slip_response=close",)),
+    Policy("stop_and_close", ("controller.slip_response=stop_and_close",)),
     *(Policy(f"stop_and_step, margin {n}",
-             ("controller.answer=stop_and_step", f"controller.margin_steps={n}"))
+             ("controller.slip_response=stop_and_step", f"controller.margin_steps={n}"))
       for n in (0, 1, 2)),
     Policy("jump, one speed, oracle", PAPER, oracle=True),
 )  # fmt: skip

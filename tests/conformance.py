@@ -56,22 +56,22 @@ class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
     press: Callable[[], object] | None = None  # loads fingertip A; None: cannot be tried
 
     def until(
-        self, pump: Callable[[int], None], seen: Callable[[], bool], seconds: float = SOON_S
+        self, poll: Callable[[int], None], seen: Callable[[], bool], seconds: float = SOON_S
     ) -> None:
-        """Pump every 10 ms until something is seen; fails where that takes longer."""
+        """Poll every 10 ms until something is seen; fails where that takes longer."""
         end_ns = self.now_ns() + round(seconds * 1e9)
-        pump(self.now_ns())
+        poll(self.now_ns())
         while not seen():
             assert self.now_ns() < end_ns, f"not seen within {seconds:g} s"
             self.wait(STEP_S)
-            pump(self.now_ns())
+            poll(self.now_ns())
 
-    def errors(self, pump: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
+    def errors(self, poll: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
         """The first error of a cut link, if one comes; anything but a GraspError passes through."""
         end_ns = self.now_ns() + round(seconds * 1e9)
         while self.now_ns() < end_ns:
             try:
-                pump(self.now_ns())
+                poll(self.now_ns())
             except GraspError as error:
                 return [error]
             self.wait(STEP_S)
@@ -90,10 +90,10 @@ class GripperConformance:
     def ready(self, bench: Bench[Gripper]) -> Gripper:
         """Active, and at rest."""
         gripper = bench.device
-        bench.until(gripper.pump, lambda: gripper.state is not None)
+        bench.until(gripper.poll, lambda: gripper.state is not None)
         gripper.activate()
-        bench.until(gripper.pump, lambda: self.state(gripper).active, ACTIVATION_S)
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest)
+        bench.until(gripper.poll, lambda: self.state(gripper).active, ACTIVATION_S)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest)
         return gripper
 
     @staticmethod
@@ -105,18 +105,18 @@ class GripperConformance:
 
     def test_it_tells_its_state_soon_and_how_old_it_is(self, bench: Bench[Gripper]) -> None:
         gripper = bench.device
-        bench.until(gripper.pump, lambda: gripper.state is not None)
+        bench.until(gripper.poll, lambda: gripper.state is not None)
         first = self.state(gripper)
         assert 0 <= first.age_ns(bench.now_ns()) < 1_000_000_000
         bench.wait(STEP_S)
-        bench.until(gripper.pump, lambda: self.state(gripper).seq > first.seq)
+        bench.until(gripper.poll, lambda: self.state(gripper).seq > first.seq)
         assert self.state(gripper).t_ns > first.t_ns
         with pytest.raises(AttributeError):
             first.seq = 0  # type: ignore[misc]
 
     def test_it_is_activated_by_its_verb_alone(self, bench: Bench[Gripper]) -> None:
         gripper = bench.device
-        bench.until(gripper.pump, lambda: gripper.state is not None)
+        bench.until(gripper.poll, lambda: gripper.state is not None)
         assert not self.state(gripper).active
         assert self.state(self.ready(bench)).fault == 0
 
@@ -124,8 +124,8 @@ class GripperConformance:
         gripper = self.ready(bench)
         told = gripper.move_to(self.far, self.speed_mps, self.force_n)
         assert told.targets_counts == self.far
-        bench.until(gripper.pump, lambda: self.state(gripper).requested == self.far)
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        bench.until(gripper.poll, lambda: self.state(gripper).requested == self.far)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         self.stands_at(gripper, self.far)
 
     def stands_at(self, gripper: Gripper, counts: tuple[int, int, int]) -> None:
@@ -139,7 +139,7 @@ class GripperConformance:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         assert not self.state(gripper).at_rest
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         self.stands_at(gripper, self.far)
 
     def test_it_says_what_force_it_applies_and_never_more_than_it_may(
@@ -150,7 +150,7 @@ class GripperConformance:
         for asked_n in (least_n, least_n + 0.3, self.force_n):
             told = gripper.move_to(self.far, self.speed_mps, asked_n)
             assert least_n <= told.force_n <= asked_n + 1e-9
-            bench.until(gripper.pump, lambda: self.state(gripper).fresh)
+            bench.until(gripper.poll, lambda: self.state(gripper).fresh)
         with pytest.raises(Refused):
             gripper.move_to(self.far, self.speed_mps, 0.9 * least_n)
         with pytest.raises(Refused):
@@ -161,36 +161,36 @@ class GripperConformance:
     ) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         before = self.state(gripper).positions
         gripper.close_fast(self.force_n, (True, False, False), self.further, self.speed_mps)
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         self.stands_at(gripper, (self.further[0], before[1], before[2]))
         assert self.state(gripper).positions[0] <= self.further[0]
 
     def test_hold_stops_fingers_on_their_way(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, 0.022, self.force_n)
-        bench.until(gripper.pump, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
+        bench.until(gripper.poll, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
         gripper.hold()
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest)
         assert self.state(gripper).positions[0] < self.far[0] - NEAR_COUNTS
 
     def test_an_open_hand_is_seen_to_be_open(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
-        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         gripper.open(self.speed_mps)
         bench.until(
-            gripper.pump, lambda: self.state(gripper).at_rest and self.state(gripper).is_open, 20.0
+            gripper.poll, lambda: self.state(gripper).at_rest and self.state(gripper).is_open, 20.0
         )
 
-    def test_a_lost_link_is_told_by_pump_and_by_no_verb(self, bench: Bench[Gripper]) -> None:
+    def test_a_lost_link_is_told_by_poll_and_by_no_verb(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")
         bench.cut()
-        (error,) = bench.errors(gripper.pump)
+        (error,) = bench.errors(gripper.poll)
         assert isinstance(error, LinkLost)
         gripper.hold()
         gripper.open(self.speed_mps)
@@ -205,9 +205,9 @@ class FingertipConformance:
     def heard(self, bench: Bench[TactileSensor]) -> TactileSensor:
         """With rest counts taken, and a frame there."""
         sensor = bench.device
-        bench.until(sensor.pump, lambda: True)
+        bench.until(sensor.poll, lambda: True)
         sensor.begin_rest()
-        bench.until(sensor.pump, lambda: sensor.rest_taken and sensor.frame is not None)
+        bench.until(sensor.poll, lambda: sensor.rest_taken and sensor.frame is not None)
         return sensor
 
     @staticmethod
@@ -221,7 +221,7 @@ class FingertipConformance:
         self, bench: Bench[TactileSensor]
     ) -> None:
         sensor = bench.device
-        bench.until(sensor.pump, lambda: True)
+        bench.until(sensor.poll, lambda: True)
         assert not sensor.rest_taken
         assert sensor.frame is None
         self.heard(bench)
@@ -231,7 +231,7 @@ class FingertipConformance:
         found = [self.frame(sensor)]
         for _ in range(50):
             bench.wait(STEP_S)
-            sensor.pump(bench.now_ns())
+            sensor.poll(bench.now_ns())
             if self.frame(sensor).seq > found[-1].seq:
                 found.append(self.frame(sensor))
         assert all(b.t_ns > a.t_ns for a, b in pairwise(found))
@@ -254,7 +254,7 @@ class FingertipConformance:
         sensor = self.heard(bench)
         frame = self.frame(sensor)
         counts, raw, seq = frame.counts.copy(), frame.raw.copy(), frame.seq
-        bench.until(sensor.pump, lambda: self.frame(sensor).seq > seq + 5)
+        bench.until(sensor.poll, lambda: self.frame(sensor).seq > seq + 5)
         assert np.array_equal(frame.counts, counts) and np.array_equal(frame.raw, raw)
 
     def test_pressing_is_negative(self, bench: Bench[TactileSensor]) -> None:
@@ -262,7 +262,7 @@ class FingertipConformance:
         if bench.press is None:
             pytest.skip("this bench cannot press a fingertip")
         bench.press()
-        bench.until(sensor.pump, lambda: bool(self.frame(sensor).counts[0].min() < -20))
+        bench.until(sensor.poll, lambda: bool(self.frame(sensor).counts[0].min() < -20))
 
     def test_lost_samples_are_stale_before_long(self, bench: Bench[TactileSensor]) -> None:
         sensor = self.heard(bench)
@@ -270,12 +270,12 @@ class FingertipConformance:
             pytest.skip("this bench cannot cut the link")
         bench.cut()
 
-        def pump(now_ns: int) -> None:
-            sensor.pump(now_ns)
+        def poll(now_ns: int) -> None:
+            sensor.poll(now_ns)
             if self.frame(sensor).stale:
                 raise Stale("the frame is stale", "none")
 
-        (error,) = bench.errors(pump)
+        (error,) = bench.errors(poll)
         assert isinstance(error, LinkLost | Stale)
 
 
@@ -291,7 +291,7 @@ class ArmConformance:
     def standing(self, bench: Bench[Arm]) -> Arm:
         """Heard, and standing."""
         arm = bench.device
-        bench.until(arm.pump, lambda: arm.state is not None and not self.state(arm).moving)
+        bench.until(arm.poll, lambda: arm.state is not None and not self.state(arm).moving)
         return arm
 
     @staticmethod
@@ -330,7 +330,7 @@ class ArmConformance:
             fastest = max(fastest, math.hypot(*self.state(arm).velocity_mps))
             return not self.state(arm).moving
 
-        bench.until(arm.pump, arrived, 10.0)
+        bench.until(arm.poll, arrived, 10.0)
         assert math.dist(self.state(arm).position_m, there_m) < NEAR_M
         assert fastest < 1.1 * self.speed_mps
 
@@ -339,21 +339,21 @@ class ArmConformance:
         before_m = self.state(arm).position_m
         there_m = self.rises(arm)
         bench.until(
-            arm.pump, lambda: math.dist(self.state(arm).position_m, before_m) > self.up_m / 5
+            arm.poll, lambda: math.dist(self.state(arm).position_m, before_m) > self.up_m / 5
         )
         arm.stop(self.acceleration_mps2 * 2)
-        bench.until(arm.pump, lambda: not self.state(arm).moving, 1.0)
+        bench.until(arm.poll, lambda: not self.state(arm).moving, 1.0)
         stood_m = self.state(arm).position_m
         assert math.dist(stood_m, there_m) > self.up_m / 5
         bench.wait(0.3)
-        arm.pump(bench.now_ns())
+        arm.poll(bench.now_ns())
         assert math.dist(self.state(arm).position_m, stood_m) < 0.001
 
     def test_a_drive_that_is_not_renewed_is_stopped(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         arm.drive((0.0, 0.0, 0.02), 0.0, self.acceleration_mps2)
-        bench.until(arm.pump, lambda: self.state(arm).velocity_mps[2] > 0.01)
-        bench.until(arm.pump, lambda: abs(self.state(arm).velocity_mps[2]) < 0.001, 2.0)
+        bench.until(arm.poll, lambda: self.state(arm).velocity_mps[2] > 0.01)
+        bench.until(arm.poll, lambda: abs(self.state(arm).velocity_mps[2]) < 0.001, 2.0)
 
     @pytest.mark.parametrize("wrong", ["place", "speed", "acceleration"])
     def test_what_is_beyond_its_limits_is_refused_before_it_moves(
@@ -368,7 +368,7 @@ class ArmConformance:
         with pytest.raises(Refused):
             arm.move_to(there_m, speed_mps, acceleration_mps2)
         bench.wait(0.2)
-        arm.pump(bench.now_ns())
+        arm.poll(bench.now_ns())
         assert math.dist(self.state(arm).position_m, at_m) < 0.001
 
     def test_a_lost_link_is_told(self, bench: Bench[Arm]) -> None:
@@ -376,5 +376,5 @@ class ArmConformance:
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")
         bench.cut()
-        (error,) = bench.errors(arm.pump)
+        (error,) = bench.errors(arm.poll)
         assert isinstance(error, LinkLost | Stale)

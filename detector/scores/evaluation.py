@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, mean_probability, registered_events
 from detector.interface import SlipDetector
 from detector.recordings import LabelName, Recording
-from detector.scores.blows import Blow, BlowScore, answers, blow_score, blows_of
 from detector.scores.events import (
     EARLY_S,
     EventMetrics,
@@ -25,6 +24,7 @@ from detector.scores.events import (
     pooled,
     slips_of,
 )
+from detector.scores.impacts import Impact, ImpactScore, answers, impact_score, impacts_of
 from detector.scores.metrics import (
     Confusion,
     Floats,
@@ -67,7 +67,7 @@ class Evaluation(EventMetrics, frozen=True, kw_only=True):
     compute_us: Quantiles | None  # one update of all fingers; needs a clock
     intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
     threshold: float  # on the probability, of `accuracy` and its kin
-    blows: BlowScore | None
+    impacts: ImpactScore | None
     confusion: Confusion
     recordings: int
 
@@ -116,7 +116,7 @@ def stream_recordings(
 
 
 class Judged(msgspec.Struct, frozen=True, eq=False):
-    """What became of one recording's slips, and of its blows (see `scores.blows`)."""
+    """What became of one recording's slips, and of its impacts (see `scores.impacts`)."""
 
     events: Judgement
     moved_m: Floats
@@ -125,34 +125,34 @@ class Judged(msgspec.Struct, frozen=True, eq=False):
 
 
 class Scored(msgspec.Struct, frozen=True, eq=False):
-    """What any rule is judged by on one recording; the arrays are of its blows."""
+    """What any rule is judged by on one recording; the arrays are of its impacts."""
 
     slips: Slips
-    blows: list[Blow]
+    impacts: list[Impact]
     moved_m: Floats
     weak: Labels
 
     def judged(self, registered: Events) -> Judged:
         """By the events (m, 2) that a rule makes."""
-        delays_ms = answers(registered, self.blows, self.slips.t_s)
+        delays_ms = answers(registered, self.impacts, self.slips.t_s)
         return Judged(judge(registered, self.slips), self.moved_m, delays_ms, self.weak)
 
 
 def scored(streamed: Streamed, apart: bool = False) -> Scored:
-    """``apart``: what begins in a blow is judged as its answer alone, neither as a slip nor as
+    """``apart``: what begins in an impact is judged as its answer alone, neither as a slip nor as
     false."""
     recording = streamed.recording
-    speed, blows = recording.contact_speed_mps, blows_of(recording)
-    in_blow = np.zeros(len(recording.t_s), np.bool_)
-    for blow in blows if apart else ():
-        in_blow[blow.struck : blow.until] = True
+    speed, impacts = recording.contact_speed_mps, impacts_of(recording)
+    in_impact = np.zeros(len(recording.t_s), np.bool_)
+    for impact in impacts if apart else ():
+        in_impact[impact.struck : impact.until] = True
     slips = slips_of(
-        streamed.labels, recording.t_s, first_sample=WARM_UP_SAMPLES, left_out=in_blow,
+        streamed.labels, recording.t_s, first_sample=WARM_UP_SAMPLES, left_out=in_impact,
         early_s=EARLY_S if streamed.label == "slip" else PRE_SLIDING_S,
         speed_mps=None if speed is None else speed.astype(np.float64),
     )  # fmt: skip
-    counted = [blow for blow in blows if blow.struck >= WARM_UP_SAMPLES]
-    moved_m, weak = [blow.moved_m for blow in counted], [blow.weak for blow in counted]
+    counted = [impact for impact in impacts if impact.struck >= WARM_UP_SAMPLES]
+    moved_m, weak = [impact.moved_m for impact in counted], [impact.weak for impact in counted]
     return Scored(slips, counted, np.array(moved_m, np.float64), np.array(weak, np.bool_))
 
 
@@ -201,7 +201,7 @@ def evaluate_streams(
         compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
         intervals=intervals,
         threshold=detector.threshold,
-        blows=score_blows(every),
+        impacts=score_impacts(every),
         confusion=cells,
         recordings=len(streams),
     )
@@ -225,10 +225,10 @@ def evaluate_recording(
     return evaluate_streams(detector, rule, [streamed], recording.source)
 
 
-def score_blows(judged: Sequence[Judged]) -> BlowScore | None:
+def score_impacts(judged: Sequence[Judged]) -> ImpactScore | None:
     """Of several recordings as of one."""
     columns = zip(*((j.moved_m, j.answers_ms, j.weak) for j in judged), strict=True)
-    return blow_score(*(np.concatenate(column) for column in columns))
+    return impact_score(*(np.concatenate(column) for column in columns))
 
 
 def cause_of(recording: Recording) -> str:

@@ -1,7 +1,7 @@
 """How soon against how often wrongly: rules and thresholds swept over what a detector said.
 
 A detector's curve is the least delay for each rate of false events (AMOC, Fawcett and Provost
-1999). Blows are judged apart: what answers one is neither a slip nor false.
+1999). Impacts are judged apart: what answers one is neither a slip nor false.
 """
 
 import itertools
@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, events_of, fused
-from detector.scores.blows import MOVED_M, BlowScore
-from detector.scores.evaluation import Judged, Streamed, hand_rate, score_blows, scored
+from detector.scores.evaluation import Judged, Streamed, hand_rate, score_impacts, scored
+from detector.scores.impacts import MOVED_M, ImpactScore
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
 
@@ -26,7 +26,7 @@ FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
 RELEASES = (3, 8)  # a pad that settles after a slip is no new one
 BETWEEN = 3  # thresholds tried between two at the budget
 MISS_MS = 500.0  # what a miss counts, and the most that any delay does
-MOST_FALSE_BLOWS = 0.05  # of those that move nothing, weak ones apart
+MOST_FALSE_IMPACTS = 0.05  # of those that move nothing, weak ones apart
 
 
 class SweepPoint(msgspec.Struct, frozen=True):
@@ -38,15 +38,15 @@ class SweepPoint(msgspec.Struct, frozen=True):
     p90_delay_ms: float
     p99_delay_ms: float
     recall: float
-    mean_delay_ms: float  # none longer than MISS_MS; slips and blows that moved 1 mm, half each
-    blows: BlowScore | None
+    mean_delay_ms: float  # none longer than MISS_MS; slips and impacts that moved 1 mm, half each
+    impacts: ImpactScore | None
 
     @property
-    def false_blows(self) -> float:
-        """Share of the blows that nearly moved it and were registered all the same."""
-        if self.blows is None or not self.blows.nearly:
+    def false_impacts(self) -> float:
+        """Share of the impacts that nearly moved it and were registered all the same."""
+        if self.impacts is None or not self.impacts.nearly:
             return 0.0
-        return self.blows.nearly_registered / self.blows.nearly
+        return self.impacts.nearly_registered / self.impacts.nearly
 
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:
@@ -78,15 +78,15 @@ def point(
         return None
     p50, p90, p99 = (quantile(delays, share) for share in (0.5, 0.9, 0.99))
     recall = float(np.isfinite(delays).mean())
-    return SweepPoint(rule, rate, p50, p90, p99, recall, _cost_ms(judged), score_blows(judged))
+    return SweepPoint(rule, rate, p50, p90, p99, recall, _cost_ms(judged), score_impacts(judged))
 
 
 def _cost_ms(judged: Sequence[Judged]) -> float:
-    """Mean delay, slips and blows half each; a slip detected early counts as no delay."""
+    """Mean delay, slips and impacts half each; a slip detected early counts as no delay."""
     slips = np.concatenate([j.events.delays_ms for j in judged])
     answered = np.concatenate([j.answers_ms for j in judged])
-    blows = answered[np.concatenate([j.moved_m for j in judged]) >= MOVED_M]
-    each = (np.maximum(slips, 0.0), blows)
+    impacts = answered[np.concatenate([j.moved_m for j in judged]) >= MOVED_M]
+    each = (np.maximum(slips, 0.0), impacts)
     return float(np.mean([np.minimum(d, MISS_MS).mean() for d in each if len(d)]))
 
 
@@ -110,8 +110,8 @@ def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | No
 
 
 def allowed(p: SweepPoint, budget_per_min: float) -> bool:
-    """Whether a point keeps to the budget, and answers hardly a blow that moves nothing."""
-    return p.false_per_min <= budget_per_min and p.false_blows <= MOST_FALSE_BLOWS
+    """Whether a point keeps to the budget, and answers hardly an impact that moves nothing."""
+    return p.false_per_min <= budget_per_min and p.false_impacts <= MOST_FALSE_IMPACTS
 
 
 def at_the_budget(points: Iterable[SweepPoint], budget_per_min: float) -> list[RuleSettings]:

@@ -208,7 +208,7 @@ class _Batches:
         s = self._settings
         if self._windows is None:
             rng = np.random.default_rng([s.seed, step, 1])
-            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_blows)
+            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_impacts)
         slip = int(self._windows.labels.sum())
         rest = len(self._windows.labels) - slip
         n = 2 * min(slip, rest) if s.balance == "undersample" else slip + rest

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.recordings import MOVED_M, LabelName, Recording
-from detector.scores.blows import blows_of
 from detector.scores.evaluation import cause_of
+from detector.scores.impacts import impacts_of
 from drivers.errors import UsageError
 
 Floats = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
 LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 
-BLOW_SAMPLES = 10  # a blow that moved it is slip so long: over at once, felt by what it leaves
-UNSURE_M = 0.0006  # from here to MOVED_M a blow teaches nothing: the pads cannot tell, nor need to
-UNMOVED_WEIGHT = 5.0  # of a blow that moved nothing: rare, and what else would be an alarm
-BEFORE_BLOW, AFTER_BLOW = 6, 60  # samples learnt around a blow that a stretch was drawn for
+IMPACT_SAMPLES = 10  # an impact that moved it is slip so long: over at once, felt by what it leaves
+UNSURE_M = 0.0006  # from here to MOVED_M an impact has no label: the pads cannot tell
+UNMOVED_WEIGHT = 5.0  # of an impact that moved nothing: rare, and what else would be an alarm
+BEFORE_IMPACT, AFTER_IMPACT = 6, 60  # samples learnt around an impact that a stretch was drawn for
 
 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
@@ -31,7 +31,7 @@ class FingerSequences(msgspec.Struct, frozen=True, eq=False):
     weights: list[Floats]  # (n,)
     hands: NDArray[np.intp]  # which recording each is of, ascending
     often: NDArray[np.float64]  # (hands,) share of the draws
-    blows: NDArray[np.intp]  # (m, 2): of which hand, first sample after it struck
+    impacts: NDArray[np.intp]  # (m, 2): of which hand, first sample after it struck
 
     @property
     def taxels(self) -> int:
@@ -66,7 +66,7 @@ def fingers_of(
     recordings: Sequence[Recording], label: LabelName, evenness: float = 0.0
 ) -> FingerSequences:
     """Every finger of every recording, under the recording's one label; of the label `slip` with
-    blows as `targets` has them. ``evenness``: see `shares`."""
+    impacts as `targets` has them. ``evenness``: see `shares`."""
     counts, labels, weights = [], [], []
     layouts = sorted({r.taxels for r in recordings})
     if len(layouts) > 1:
@@ -81,10 +81,10 @@ def fingers_of(
             labels.append(known)
             weights.append(weight)
     hands = np.repeat(np.arange(len(recordings)), [r.fingers for r in recordings])
-    blows = [(hand, b.struck) for hand, r in enumerate(recordings) for b in blows_of(r)]
+    impacts = [(hand, b.struck) for hand, r in enumerate(recordings) for b in impacts_of(r)]
     return FingerSequences(
         counts, labels, weights, hands, shares(recordings, evenness),
-        np.array(blows, np.intp).reshape(-1, 2),
+        np.array(impacts, np.intp).reshape(-1, 2),
     )  # fmt: skip
 
 
@@ -100,19 +100,19 @@ def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float
 
 
 def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
-    """What is to be learnt of each sample (n,), and how much it weighs (n,). A blow that moved what
-    is held for good is slip from its first motion on for BLOW_SAMPLES, one that did not is none and
-    weighs more, and what lies between teaches nothing."""
+    """Label (n,) and weight (n,) of each sample. An impact that moved the held object
+    for good is slip for IMPACT_SAMPLES from its first motion; one that did not is no slip and
+    weighs more; those between weigh nothing."""
     known = recording.label(label)
     weights = np.ones(len(known), np.float32)
     if label != "slip":
         return known, weights
     known = known.copy()
-    for blow in blows_of(recording):
-        its = slice(blow.struck, blow.until)
-        if blow.moved_m >= MOVED_M:
-            known[blow.onset : min(blow.onset + BLOW_SAMPLES, blow.until)] = True
-        elif blow.moved_m < UNSURE_M:
+    for impact in impacts_of(recording):
+        its = slice(impact.struck, impact.until)
+        if impact.moved_m >= MOVED_M:
+            known[impact.onset : min(impact.onset + IMPACT_SAMPLES, impact.until)] = True
+        elif impact.moved_m < UNSURE_M:
             known[its], weights[its] = False, UNMOVED_WEIGHT
         else:
             weights[its] = 0.0
@@ -152,20 +152,20 @@ def crops(
     crop: int,
     warm: int,
     fresh: float,
-    near_blows: float = 0.0,
+    near_impacts: float = 0.0,
 ) -> Batch:
     """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
     learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
     Hands are drawn as often as `shares` has it; the fingers of one weigh as much as a finger alone.
     A share ``fresh`` is learnt from the first sample on, like the time after a reset. A share
-    ``near_blows`` is drawn for one of the blows, all of them alike, and learnt from before it on.
+    ``near_impacts`` is drawn around one of the impacts, all equally likely.
     """
     drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
     struck = np.full(batch, -1)
-    if len(fingers.blows) and near_blows:
-        near = rng.random(batch) < near_blows
-        chosen = fingers.blows[rng.integers(len(fingers.blows), size=batch)]
+    if len(fingers.impacts) and near_impacts:
+        near = rng.random(batch) < near_impacts
+        chosen = fingers.impacts[rng.integers(len(fingers.impacts), size=batch)]
         drawn, struck = np.where(near, chosen[:, 0], drawn), np.where(near, chosen[:, 1], struck)
     of_hand = [np.flatnonzero(fingers.hands == hand) for hand in drawn]
     enough = int(np.searchsorted(np.cumsum([len(each) for each in of_hand]), batch)) + 1
@@ -173,12 +173,12 @@ def crops(
     counts = np.zeros((rows, time, fingers.taxels), np.float32)
     labels, weights = np.zeros((rows, time), np.float32), np.zeros((rows, time), np.float32)
     row = 0
-    for each, blow in zip(of_hand[:enough], struck, strict=False):
+    for each, impact in zip(of_hand[:enough], struck, strict=False):
         start = int(rng.integers(0, max(1, len(fingers.counts[each[0]]) - time)))
-        if blow >= 0:
-            first = warm + BEFORE_BLOW
-            at = rng.integers(first, max(first + 1, time - AFTER_BLOW))
-            start = max(0, int(blow - at))
+        if impact >= 0:
+            first = warm + BEFORE_IMPACT
+            at = rng.integers(first, max(first + 1, time - AFTER_IMPACT))
+            start = max(0, int(impact - at))
         learnt = 0 if rng.random() < fresh else warm
         for i in each:
             part = slice(start, start + time)

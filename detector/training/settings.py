@@ -19,7 +19,7 @@ EVERY: tuple[Input, ...] = ("shifts", "changes", "counts")
 # a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
 # slip leaves behind, however short it was, as long as the mean has not followed
 SHIFT_LAG, SHIFT_MEAN = 9, 30
-SHIFT_SCALE_COUNTS = 8.0  # of the asinh: linear for noise, a logarithm for blows
+SHIFT_SCALE_COUNTS = 8.0  # of the asinh: linear for noise, a logarithm for impacts
 SHIFT_REACH = SHIFT_LAG + SHIFT_MEAN - 1  # samples before the newest
 
 
@@ -69,8 +69,8 @@ def of_layout(name: str, taxels: int) -> Architecture:
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
     "tcn-paper": Architecture(family="tcn"),
-    # 99 samples at most: window and stream are equal. A detection is held as long as a blow is
-    # slip (`sequences.BLOW_SAMPLES`): so the fingers of a hand, struck one after another, agree
+    # 99 samples at most: window and stream are equal. A detection is held as long as an impact is
+    # slip (`sequences.IMPACT_SAMPLES`): so the fingers of a hand, struck one after another, agree
     "tcn": Architecture(
         family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
         held=15, dropout=0.0, outputs=1, streaming=True,
@@ -95,7 +95,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     crop: int = 160  # samples learnt from a stretch
     warm: int = 99  # samples before them; more than the network's memory
     fresh: float = 0.25  # share learnt from the first sample on
-    near_blows: float = 0.0  # share of the stretches drawn for a blow
+    near_impacts: float = 0.0  # share of the stretches drawn for an impact
     evenness: float = 0.0  # 0: causes as often as they have samples, 1: each as often as any other
     learning_rate: float = 0.004
     final_rate: float = 0.02  # share of the rate left at the end, by a cosine
@@ -107,9 +107,9 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # that the network will see: a hundred labels at the cost of one. `--windows`: as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(
-        steps=12_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.4, evenness=0.5
+        steps=12_000, validations=6, learning_rate=0.008, batch=32, near_impacts=0.4, evenness=0.5
     ),
-    "gru": TrainSettings(steps=7_000, validations=5, batch=32, near_blows=0.4, evenness=0.5),
+    "gru": TrainSettings(steps=7_000, validations=5, batch=32, near_impacts=0.4, evenness=0.5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,

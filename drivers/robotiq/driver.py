@@ -1,4 +1,4 @@
-"""Driver core of the Robotiq 3-Finger gripper: verbs set intent, ``pump`` does one exchange.
+"""Driver core of the Robotiq 3-Finger gripper: verbs set intent, ``poll`` does one exchange.
 
 No thread, no sleep, no clock of its own. Source of the rules: Robotiq 3-Finger manual, 2014/2018.
 Every register image carries, for each finger, a force byte whose calibrated force is within the cap
@@ -200,7 +200,7 @@ class RobotiqDriver(TrackedHand):
     def _known(self) -> GripperState:
         state = self.state
         if state is None:
-            raise Refused("no status was received yet", "pump the driver first")
+            raise Refused("no status was received yet", "poll the driver first")
         return state
 
     def _ready(self) -> GripperState:

@@ -155,7 +155,7 @@ class Exchange:
     def _refreshed_twice(self, now_ns: int) -> bool:
         return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
 
-    def pump(self, now_ns: int) -> StatusRegisters | None:
+    def poll(self, now_ns: int) -> StatusRegisters | None:
         """At most one write, then a read. If the status shows another client's write, the write is
         repeated after the read. None when the reply was no status.
 

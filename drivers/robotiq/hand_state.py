@@ -52,7 +52,7 @@ THERE = "already there"
 
 
 class Step(Enum):
-    """Where ``pump`` is on the way to an active hand."""
+    """Where ``poll`` is on the way to an active hand."""
 
     NONE = 0
     RESTARTING = 1  # rACT cleared, wait for gACT = 0, then activate
@@ -71,7 +71,7 @@ class TrackedHand:
         clock: Callable[[], int] | None = None,
     ) -> None:
         """``clock`` tells how long an exchange took, where time passes meanwhile: that of the times
-        given to ``pump``."""
+        given to ``poll``."""
         self._clock = clock
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log, clock)
@@ -130,7 +130,7 @@ class TrackedHand:
 
     # Exchange
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """One exchange: at most one write, one read, one change of state.
 
         Raises ``LinkLost`` when the device does not answer, ``DeviceFault`` once for each fault
@@ -139,7 +139,7 @@ class TrackedHand:
         """
         self._now_ns = now_ns
         was_lost = self._exchange.lost
-        status = self._exchange.pump(now_ns)
+        status = self._exchange.poll(now_ns)
         if status is None:
             return
         overwritten = self._exchange.changed
@@ -165,7 +165,7 @@ class TrackedHand:
         if activating and not told and not stopped:
             # it lost power between a read and the write after it: that write set rACT
             self._exchange.want(RESET)
-            self._exchange.pump(now_ns)
+            self._exchange.poll(now_ns)
             return True
         reset = idle and wanted is not None and wanted.activate and not status.active
         if was_lost or reset:  # as after a power cycle, written yet or not

@@ -1,4 +1,4 @@
-"""A thin thread that pumps the driver core in wall time, and the gripper that it makes of it."""
+"""A thin thread that polls the driver core in wall time, and the gripper that it makes of it."""
 
 import logging
 import threading
@@ -32,12 +32,12 @@ _Verb = Callable[[], Applied]
 
 
 class ThreadedGripper:
-    """A ``Gripper`` whose core is pumped by a thread; ``pump`` of this one does no I/O.
+    """A ``Gripper`` whose core is polled by a thread; ``poll`` of this one does no I/O.
 
     Verbs set intent and wake the thread. While an exchange is in flight, which lasts a timeout on a
     hand that has fallen silent, a verb waits for it for two milliseconds alone. Then the thread
     does the verb once the exchange is over, unless another is given before, and what was asked is
-    returned, with a note, since what could really be applied is not known yet; ``pump`` raises a
+    returned, with a note, since what could really be applied is not known yet; ``poll`` raises a
     refusal of it. ``activate`` alone waits.
     """
 
@@ -51,7 +51,7 @@ class ThreadedGripper:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """``write_interval_s`` and ``clock`` are those of the core: a command that it holds back is
-        sent as soon as it may be. ``close`` lets go of the connection after the last pump."""
+        sent as soon as it may be. ``close`` lets go of the connection after the last poll."""
         self._core = core
         self._close = close
         self._clock = clock
@@ -59,7 +59,7 @@ class ThreadedGripper:
         self._interval_ns = round(write_interval_s * 1e9)
         self._lock = threading.Lock()  # guards the core
         self._wake = threading.Event()
-        self._pumped = threading.Event()
+        self._refreshed = threading.Event()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self._state: GripperState | None = core.state
@@ -73,22 +73,22 @@ class ThreadedGripper:
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
         self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
         self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
-        self._written_ns = 0  # time of the pump that wrote last
-        self.pumps = 0  # exchanges so far
+        self._written_ns = 0  # time of the poll that wrote last
+        self.polls = 0  # exchanges so far
         self._acknowledged: deque[tuple[int, int]] = deque(maxlen=_ACKNOWLEDGEMENTS_KEPT)
 
     # Life
 
     def start(self, within_s: float = _JOIN_S) -> None:
-        """Start pumping; returns after the first exchange, answered or not."""
+        """Start polling; returns after the first exchange, answered or not."""
         if self._thread is not None:
             return
         self._stopping.clear()
-        self._pumped.clear()
+        self._refreshed.clear()
         self._put_off = None  # given to the thread before, and not sent by it
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
-        self._pumped.wait(within_s)
+        self._refreshed.wait(within_s)
 
     def stop(self) -> None:
         """End the thread; what was commanded and not yet sent stays unsent."""
@@ -151,7 +151,7 @@ class ThreadedGripper:
         """Latest pairs of times, of a verb and of the reply to its write, oldest first."""
         return tuple(self._acknowledged.copy())
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """Raise what the thread met since the last call, each error once; no I/O.
 
         A link that stays lost is one error. After a bug in the core the thread goes on, so that a
@@ -164,7 +164,7 @@ class ThreadedGripper:
             raise self._errors.pop(0)
 
     def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
-        """Set the command that this thread sends by itself when neither ``pump`` nor a verb is
+        """Set the command that this thread sends by itself when neither ``poll`` nor a verb is
         called for a second: the program hangs. ``words`` go into the log."""
         self._fallback = None if command is None else (command, words)
         self._polled()
@@ -253,7 +253,7 @@ class ThreadedGripper:
                 met += 1
                 self._ended = met == _MOST_BUGS  # before it is told
                 self._bugs.append(bug)
-                self._pumped.set()
+                self._refreshed.set()
                 self._stopping.wait(_AFTER_BUG_S)
 
     def _wait_until(self, tick_ns: int) -> None:
@@ -273,7 +273,7 @@ class ThreadedGripper:
             self._catch_up()
             self._fall_back(now_ns)
             try:
-                self._core.pump(now_ns)
+                self._core.poll(now_ns)
                 self._lost = False
             except LinkLost as error:
                 if not self._lost:
@@ -285,8 +285,8 @@ class ThreadedGripper:
             self._state = self._core.state
             self._settle(now_ns)
             self._catch_up()
-        self.pumps += 1
-        self._pumped.set()
+        self.polls += 1
+        self._refreshed.set()
 
     def _catch_up(self) -> None:
         """Do the verb that was put off, whose caller has long gone on."""

@@ -138,7 +138,7 @@ class Board:
     def read(self, now_ns: int) -> Reading | Missed:
         """One frame, whole or not at all."""
         if self._layout is None:
-            raise Refused("the tactile board is not open", "call open() before pump()")
+            raise Refused("the tactile board is not open", "call open() before poll()")
         transfer = self._link.bulk_read(protocol.READ_BYTES, now_ns)
         if transfer is None:
             return Missed.TIMEOUT

@@ -1,7 +1,7 @@
 """The fingertips, thread-free: implements ``TactileSensor`` on whatever link brings frames.
 
 The board is host-paced: it converts after each read, so a poll every 10 ms would get frames 10 ms
-old. Every link therefore keeps a read pending, and ``pump`` takes the newest of what has come.
+old. Every link therefore keeps a read pending, and ``poll`` takes the newest of what has come.
 """
 
 from types import TracebackType
@@ -226,7 +226,7 @@ class TakkTileStatistics(msgspec.Struct, frozen=True):
     too_old: int  # converted longer ago than max_age_ms
     timeouts: int
     wrong_lengths: int
-    overruns: int  # frames lost because nobody pumped
+    overruns: int  # frames lost because nobody polled
     restarts: int  # recoveries by stopping and starting
     reopens: int  # recoveries by opening again: the rest counts were lost
 
@@ -234,7 +234,7 @@ class TakkTileStatistics(msgspec.Struct, frozen=True):
 class TakkTileDriver:
     """Fingertips on one board; ``start`` and ``stop``, or use it as a context manager.
 
-    Call ``pump`` every 10 ms.
+    Call ``poll`` every 10 ms.
     """
 
     def __init__(self, link: FrameLink, settings: TakkTileSettings) -> None:
@@ -296,7 +296,7 @@ class TakkTileDriver:
         # a sample whose conversion had begun before is not part of it
         self._fingertips.begin_rest(self._link.converting_ns)
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """Take the newest sample; a tick without one repeats the last frame.
 
         Raises ``LinkLost`` or ``DeviceFault`` for as long as the board is being brought back, and

@@ -224,7 +224,7 @@ class ReadingThread:
     it is ready, at about 200 Hz; a tick takes the newest.
 
     ``connect`` gives the board with a serial number, or any board for None, for example
-    ``UsbLink.find``. ``clock`` must be the one that ``pump`` is told the time of.
+    ``UsbLink.find``. ``clock`` must be the one that ``poll`` is told the time of.
     """
 
     def __init__(

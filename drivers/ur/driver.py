@@ -88,7 +88,7 @@ class ArmLink(Protocol):
 
 
 class ArmDriver:
-    """Implements ``drivers.interfaces.Arm`` on a link. ``pump`` is one exchange."""
+    """Implements ``drivers.interfaces.Arm`` on a link. ``poll`` is one exchange."""
 
     def __init__(self, link: ArmLink, settings: ArmSettings) -> None:
         self._link = link
@@ -110,7 +110,7 @@ class ArmDriver:
         """Latest state; its time is when the controller's timestamp was last seen to change."""
         return self._state
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """Read one sample.
 
         Raises ``Stale`` for as long as the controller's own timestamp stands still, and
@@ -180,7 +180,7 @@ class ArmDriver:
         _require_up_to("arm.max_acceleration_mps2", acceleration_mps2, most, "m/s2")
         state = self._state
         if state is None:
-            raise Refused("the arm's position is not known yet", "pump the arm driver first")
+            raise Refused("the arm's position is not known yet", "poll the arm driver first")
         if state.stopped_by_safety:
             raise Refused("the arm stands in a protective stop", "clear it at the teach pendant")
         return state

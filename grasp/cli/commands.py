@@ -171,7 +171,7 @@ def _add_detector(group: Parser) -> None:
         "slides; moved: 1 mm from its last rest", choices=LABELS, default="slip")  # fmt: skip
     evaluate.option("--out FILE.json", "scores and misses, for `grasp report`", file_to_write)
     tune = group.command("tune", "find the quickest decision within a budget of false events", "",
-        ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",))  # fmt: skip
+        ("grasp detector tune mine.py:Tremble --data sets/paper sets/disturbances",))  # fmt: skip
     tune.option("detector NAME", "one of config/detectors, or your own")
     tune.option("--budget N", "false events a minute of a hand", decimal(0, 6000), default=1.0)
     source = tune.add_mutually_exclusive_group(required=True)

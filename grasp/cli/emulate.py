@@ -71,7 +71,7 @@ class Console:
             tap = msgspec.structs.replace(config.tap, direction=direction)
             try:
                 found = swing(msgspec.structs.replace(config, tap=tap), seed)
-                self._taps[direction] = msgspec.to_builtins(found.blow)
+                self._taps[direction] = msgspec.to_builtins(found.impact)
             except ConfigError as none_found:  # what falls by itself is tapped by nobody
                 self._taps[direction] = none_found
 

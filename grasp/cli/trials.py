@@ -137,7 +137,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
         if not args.json:
             print(verdict(result))
             print(f"  detector {config.detector_label}, profile {args.profile}, answer to slip: "
-                  f"{config.controller.answer}")  # fmt: skip
+                  f"{config.controller.slip_response}")  # fmt: skip
             _print_height(result, config)
             if args.first and failure is None and result.success:
                 print("  next: the same without --first, at full speed, then an object of your own")

@@ -101,7 +101,7 @@ def failed(code: str, **data: float | str) -> Fault:
     return Fault(code, device, text, REMEDIES[device], data, IMPLAUSIBLE)
 
 
-def not_believed(faults: Iterable[Fault], device: str) -> bool:
+def implausible(faults: Iterable[Fault], device: str) -> bool:
     """Whether what the device reports is not to be taken for true."""
     lies = (f for f in faults if f.kind == IMPLAUSIBLE and f.code not in BELIEVED)
     return any(fault.device == device for fault in lies)

@@ -5,7 +5,7 @@ from grasp.slip_response.stop_and_close import StopAndClose
 from grasp.slip_response.stop_and_step import StopAndStep
 
 RESPONSES: dict[str, type[SlipResponse]] = {
-    "jump": SlipResponse,
-    "stop_and_jump": StopAndClose,
+    "close": SlipResponse,
+    "stop_and_close": StopAndClose,
     "stop_and_step": StopAndStep,
-}  # by the setting `controller.answer`
+}  # by the setting `controller.slip_response`

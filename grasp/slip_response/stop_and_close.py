@@ -31,11 +31,11 @@ class StopAndClose(SlipResponse):
             return ()
         self._stopped, self._alarm_ns = True, obs.t_ns
         self._stands, self._useless = not obs.arm.moving, obs.closed_out
-        return (StopArm(self._settings.answer_stop_mps2),)
+        return (StopArm(self._settings.slip_stop_mps2),)
 
     @property
     def arm_stop(self) -> StopArm | None:
-        return StopArm(self._settings.answer_stop_mps2) if self._stopped else None
+        return StopArm(self._settings.slip_stop_mps2) if self._stopped else None
 
     def update(self, obs: Observation, alarm: bool, passed_ns: int) -> None:
         if self._stopped:
@@ -60,5 +60,5 @@ class StopAndClose(SlipResponse):
             return ()
         self._stopped = False
         s = self._settings
-        gently_mps2 = min(s.lift_acceleration_mps2, RESUME_MPS2, s.answer_stop_mps2)
+        gently_mps2 = min(s.lift_acceleration_mps2, RESUME_MPS2, s.slip_stop_mps2)
         return (self._line.move(s.lift_height_m, s.lift_speed_mps, gently_mps2),)

@@ -66,7 +66,7 @@ class StopAndStep(StopAndClose):
     def _may_step(self, obs: Observation) -> bool:
         """Whether a step will do: the object still stands on the table, the arm stops within the
         time of a step, the thumb may go a whole step further, and few steps were too small."""
-        stops_s = math.hypot(*obs.arm.velocity_mps) / self._settings.answer_stop_mps2
+        stops_s = math.hypot(*obs.arm.velocity_mps) / self._settings.slip_stop_mps2
         low = self._line.height_m(obs) < STEP_BELOW_M and stops_s <= STEP_PATIENCE_NS * 1e-9
         some = self._taken < STEP_TRIES and not obs.gripper.thumb_latched
         return low and some and self._room(obs) >= self._step_counts

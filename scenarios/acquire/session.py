@@ -138,7 +138,7 @@ class Session:
         all of them, the approach included.
         """
         rig, arm = self._rig, self._rig.arm
-        arm.pump(rig.clock.now_ns)
+        arm.poll(rig.clock.now_ns)
         self._take_rest()
         start = arm.state
         try:
@@ -162,8 +162,8 @@ class Session:
             if rig.clock.now_ns > end_ns:
                 raise Stale("the fingertips send no rest counts", "see `grasp tactile`")
             self._wait()
-            rig.arm.pump(rig.clock.now_ns)
-            rig.tactile.pump(rig.clock.now_ns)
+            rig.arm.poll(rig.clock.now_ns)
+            rig.tactile.poll(rig.clock.now_ns)
 
     def _rest_under_load(self, residual_n: float) -> None:
         """Press so hard, stand, and take the rest counts again: they hide that load."""
@@ -199,8 +199,8 @@ class Session:
         self._wait()
         rig, controller = self._rig, self._controller
         now_ns = rig.clock.now_ns
-        rig.arm.pump(now_ns)
-        rig.tactile.pump(now_ns)
+        rig.arm.poll(now_ns)
+        rig.tactile.poll(now_ns)
         frame, arm = rig.tactile.frame, rig.arm.state
         if frame is None or arm is None or frame.stale:
             raise Stale("the fingertips stopped sending", "see `grasp tactile`, then run again")
@@ -230,7 +230,7 @@ class Session:
         arm, clock = self._rig.arm, self._rig.clock
         self._until_standing()
         arm.move_to(start.position_m, RETREAT_MPS, STOP_MPS2)
-        arm.pump(clock.now_ns)
+        arm.poll(clock.now_ns)
         self._until_standing()
 
     def stand(self) -> str:
@@ -242,7 +242,7 @@ class Session:
             try:
                 arm.stop(STOP_MPS2)
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
-                arm.pump(clock.now_ns)
+                arm.poll(clock.now_ns)
                 trouble, moving = "", self._moving
             except Exception as error:  # whatever it is, the stop is repeated
                 said = error.message if isinstance(error, GraspError) else in_words(error)
@@ -262,5 +262,5 @@ class Session:
         arm, clock, samples = self._rig.arm, self._rig.clock, 0
         while samples < SHOWN_AFTER or (arm.state is not None and arm.state.moving):
             clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-            arm.pump(clock.now_ns)
+            arm.poll(clock.now_ns)
             samples += 1

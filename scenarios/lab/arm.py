@@ -51,9 +51,9 @@ def step_arm(
     check_step(config, step_m)
     clock = WallClock(WallClock().now_ns)
     with driving(arm_of(config)), open_arm(config, lambda: clock.now_ns) as arm:
-        arm.pump(clock.now_ns)
+        arm.poll(clock.now_ns)
         arm.set_payload(config.arm.payload_kg)
-        arm.pump(clock.now_ns)
+        arm.poll(clock.now_ns)
         x, y, z = _place(arm)
         dx, dy, dz = step_m
         with on_failure(lambda: say(_stopped(arm, clock))):
@@ -74,7 +74,7 @@ def _until_stands(arm: Arm, clock: Clock, within_s: float, interruptible: bool) 
         if interruptible:
             signals.check()
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-        arm.pump(clock.now_ns)
+        arm.poll(clock.now_ns)
         if arm.state is not None and not arm.state.moving:
             return
     raise DeviceFault("the arm did not come to stand in time", PRESS)

@@ -188,7 +188,7 @@ def weigh(
 
     def idle() -> None:
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-        touch.pump(clock.now_ns)
+        touch.poll(clock.now_ns)
 
     question = f"Load fingertip {finger} again, by a weight or a scale, and type its reading {UNIT}"
     while line := ask(operator, f"{question}; Enter alone: no more", idle):

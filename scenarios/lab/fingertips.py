@@ -34,9 +34,9 @@ class Touch:
         self._stale_ns = stale_ns
         self._frames, self._fresh_ns = 0, 0
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         """One tick; raises what the board raises, and Stale where it has sent nothing for long."""
-        self.tips.pump(now_ns)
+        self.tips.poll(now_ns)
         frames = self.tips.statistics.frames
         if frames != self._frames or not self._fresh_ns:
             self._frames, self._fresh_ns = frames, now_ns
@@ -53,7 +53,7 @@ class Touch:
             signals.check()
             tick_ns += PERIOD_NS
             clock.sleep_until_ns(tick_ns)
-            self.pump(clock.now_ns)
+            self.poll(clock.now_ns)
             yield
 
     @property
@@ -100,7 +100,7 @@ def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None
         if clock.now_ns > end_ns:
             raise DeviceFault("the tactile board sends too few frames", "unplug it, plug it in")
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-        tips.pump(clock.now_ns)
+        tips.poll(clock.now_ns)
 
 
 class Listened(msgspec.Struct, frozen=True):

@@ -293,12 +293,12 @@ class Hand:
         """Let a moment pass and read the devices."""
         self._watch()
         if self._touch is not None:
-            self._touch.pump(self.clock.now_ns)
+            self._touch.poll(self.clock.now_ns)
 
     def _watch(self) -> None:
         """Let a moment pass and read the gripper alone."""
         self.clock.sleep_until_ns(self.clock.now_ns + PERIOD_NS)
-        self._gripper.pump(self.clock.now_ns)
+        self._gripper.poll(self.clock.now_ns)
 
     def feel(self, seconds: float, say: Say) -> NDArray[np.int16]:
         """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; a tick without a
@@ -307,7 +307,7 @@ class Hand:
         ticks, touch = round(seconds * 1e9 / PERIOD_NS), self._touch
         with on_failure(lambda: self.stand(say)):
             for _ in () if touch is None else touch.ticks(self.clock, ticks):
-                self._gripper.pump(self.clock.now_ns)
+                self._gripper.poll(self.clock.now_ns)
                 if touch is not None and (counts := touch.counts) is not None:
                     felt.append(counts)
         if not felt:
@@ -374,7 +374,7 @@ def open_active_gripper(
     and DeviceFault for one that cannot do what is asked, and the driver's errors."""
     with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
         with suppress(DeviceFault):  # checked below
-            gripper.pump(clock.now_ns)
+            gripper.poll(clock.now_ns)
         state = known_state(gripper)
         if not state.active and activating:  # what it holds is supported, the operator has said
             activate(gripper, clock, dropping=True)
@@ -421,7 +421,7 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
         open_gripper(config, lambda: clock.now_ns) as gripper,
     ):
         with suppress(DeviceFault):  # which activation clears
-            gripper.pump(clock.now_ns)
+            gripper.poll(clock.now_ns)
         state = known_state(gripper)
         if state.active and not state.fault and mode_of(gripper) == BASIC:
             return None

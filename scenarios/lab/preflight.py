@@ -128,8 +128,8 @@ def gently(config: ConfigT) -> ConfigT:
     replace, controller = msgspec.structs.replace, config.controller
     slow = {name: max(least, getattr(controller, name) / 2) for name, least in HALVED.items()}
     limit_n = min(config.guard.force_limit_n, calibration(config).least_force_n)
-    if "answer_stop_mps2" not in controller.unread:
-        slow["answer_stop_mps2"] = min(controller.answer_stop_mps2, GENTLE_STOP_MPS2)
+    if "slip_stop_mps2" not in controller.unread:
+        slow["slip_stop_mps2"] = min(controller.slip_stop_mps2, GENTLE_STOP_MPS2)
     grip_n = min(controller.grip_force_n, limit_n)
     return replace(
         config,

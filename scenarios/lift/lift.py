@@ -108,7 +108,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         had_compensated=trace.had_compensated,
         registered_s=seconds(trace.registered_ns),
         onset_s=end.slip_onset_s if end is not None else None,
-        twin_onset_s=None,
+        open_loop_onset_s=None,
         peak_force_n=peak_n,
         force_bound_n=bound_n,
         cap_reached=trial.controller.cap_reached,
@@ -119,11 +119,11 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     )
     judged = not trial.fault and not trial.interrupted
     if judged and trial.final is not None and false_start(facts):
-        return msgspec.structs.replace(facts, twin_onset_s=twin_onset_s(config, seed))
+        return msgspec.structs.replace(facts, open_loop_onset_s=open_loop_onset_s(config, seed))
     return facts
 
 
-def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
+def open_loop_onset_s(config: LiftConfig, seed: int) -> float | None:
     """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     twin = msgspec.structs.replace(config, rig="simulated", controller=controller)

@@ -60,7 +60,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
 
     ``end``: truth at the last instant in the air (before setting down), None without simulation.
     ``mark``: what a person read at the top, None where nobody was asked.
-    ``twin_onset_s``: onset of gross slip in the twin run, None where it never slipped.
+    ``open_loop_onset_s``: onset of gross slip in the twin run, None where it never slipped.
     """
 
     end: Truth | None
@@ -68,7 +68,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     had_compensated: bool
     registered_s: float | None
     onset_s: float | None
-    twin_onset_s: float | None
+    open_loop_onset_s: float | None
     peak_force_n: float | None
     force_bound_n: float
     cap_reached: bool  # set down because slip was still registered at the force cap
@@ -142,5 +142,5 @@ def false_start(facts: LiftFacts) -> bool:
     if facts.end is None:  # only a simulation knows the onset
         return False
     latest = facts.registered_s + EARLY_S
-    onsets = (facts.onset_s, facts.twin_onset_s)
+    onsets = (facts.onset_s, facts.open_loop_onset_s)
     return not any(onset is not None and onset <= latest for onset in onsets)

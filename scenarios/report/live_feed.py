@@ -101,7 +101,7 @@ class LiveTrials:
             values += _empty(OF_TRUTH) if truth is None else [
                 *truth.normal_n, *truth.shear_n, truth.height_m, truth.slip_distance_m,
                 truth.slip_speed_mps, truth.across_m, truth.turn_rad, truth.slip_onset_s,
-                truth.struck_s,
+                truth.impact_s,
             ]  # fmt: skip
         return values
 

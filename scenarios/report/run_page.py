@@ -116,7 +116,7 @@ def _marks(run: RunRecord) -> list[dict[str, Any]]:
     verdict, truth = run.verdict, run.truth
     registered = np.flatnonzero(run.registered)
     found = (
-        ("struck", "tap", None if truth is None else truth.struck_s),
+        ("struck", "tap", None if truth is None else truth.impact_s),
         ("slip_onset", "slip begins", None if truth is None else truth.onset_s),
         ("slip_registered", "slip registered",
          float(run.t_s[registered[0]]) if len(registered) else None),

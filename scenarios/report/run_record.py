@@ -67,7 +67,7 @@ class TrueWorld(msgspec.Struct, frozen=True):
     across_m: Floats
     turn_rad: Floats
     onset_s: float | None
-    struck_s: float | None
+    impact_s: float | None
 
 
 class ReportedMotion(msgspec.Struct, frozen=True):
@@ -233,7 +233,7 @@ def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:
     normal, shear, rest = np.split(rows, [FINGERS, 2 * FINGERS], axis=1)
     height, slip, speed, across, turn = rest.T
     return TrueWorld(
-        normal, shear, height, slip, speed, across, turn, every[-1].slip_onset_s, every[-1].struck_s
+        normal, shear, height, slip, speed, across, turn, every[-1].slip_onset_s, every[-1].impact_s
     )
 
 

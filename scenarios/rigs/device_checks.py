@@ -211,7 +211,7 @@ def _listened(tips: TakkTileDriver, clock: WallClock) -> Finding:
     while fresh < FRAMES and clock.now_ns < end_ns:
         tick_ns += PERIOD_NS
         clock.sleep_until_ns(tick_ns)
-        tips.pump(clock.now_ns)  # raises where the rest cannot be right
+        tips.poll(clock.now_ns)  # raises where the rest cannot be right
         if (frame := tips.frame) is not None:
             ticks += 1
             fresh += not frame.missed

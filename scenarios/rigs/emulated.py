@@ -19,7 +19,7 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import Rig, Stalls, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
-from scenarios.world.settings import Blow
+from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth
 
 READY_S = 60.0  # compiling the world on a first run included
@@ -116,9 +116,9 @@ class CellProcess:
         """The state of the world now: Truth of a grasp, PressedTruth of a pressed fingertip."""
         return msgspec.convert(self.control.ask("truth")["truth"], self._truth)
 
-    def tap(self, blow: Blow) -> None:
+    def tap(self, impact: Impact) -> None:
         """Strike the object."""
-        self.control.ask("tap", **msgspec.to_builtins(blow))
+        self.control.ask("tap", **msgspec.to_builtins(impact))
 
     def load(self, config: GraspRigConfig, seed: int) -> None:
         """Another trial's object; it is put in place as soon as the hand is open."""

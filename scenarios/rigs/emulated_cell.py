@@ -32,7 +32,7 @@ from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.simulated import any_cell, cell_settings
 from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
-from scenarios.world.settings import Blow
+from scenarios.world.settings import Impact
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
@@ -225,7 +225,7 @@ class EmulatedCell:
             "load": load,
             "place": lambda request: cell.place_object(),
             "take": take,
-            "tap": lambda request: cell.tap(msgspec.convert(request, Blow)),
+            "tap": lambda request: cell.tap(msgspec.convert(request, Impact)),
             "press": lambda request: cell.press(msgspec.convert(request, PadPress)),
             "lay": lambda request: cell.lay(msgspec.convert(request, LaidWeight)),
             "home": self._home,

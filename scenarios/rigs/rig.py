@@ -14,7 +14,7 @@ from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.world.settings import Blow
+from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth
 
 if TYPE_CHECKING:  # a rig of real devices has no world, and needs nothing compiled
@@ -55,7 +55,7 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
     stalls: Callable[[], Stalls] = Stalls  # of the process that emulates the world, if one does
     # times of verbs and of the replies to their writes, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[tuple[int, int]]] = tuple
-    tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
+    tap: Callable[[Impact], None] | None = None  # strikes the object; None where a person must
     way_out: str = ""  # what to do about a hand that is left closed; empty: its cell ends too
     # puts another trial's object in place
     load: Callable[[GraspRigConfig, int], None] | None = None
@@ -72,7 +72,7 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
         self.clock.sleep_until_ns(self.clock.now_ns + IDLE_NS)
         for device in (self.arm, self.gripper, self.tactile):
             if device is not None:
-                device.pump(self.clock.now_ns)
+                device.poll(self.clock.now_ns)
 
     def truth(self) -> TruthT | None:
         """The state of the world now; None on hardware."""
@@ -114,11 +114,11 @@ def connect(
     Raises what the devices raise, Refused for a real hand that is not active, and DeviceFault when
     activation takes far longer than usual.
     """
-    arm.pump(clock.now_ns)
+    arm.poll(clock.now_ns)
     if gripper is not None:
         take_over(gripper, clock) if real else activate(gripper, clock)
-    arm.pump(clock.now_ns)
-    tactile.pump(clock.now_ns)
+    arm.poll(clock.now_ns)
+    tactile.poll(clock.now_ns)
 
 
 def check_fault(state: GripperState) -> None:
@@ -165,7 +165,7 @@ def take_over(gripper: Gripper, clock: Clock) -> None:
     raises."""
     end_ns = clock.now_ns + round(TAKE_OVER_S * 1e9)
     while clock.now_ns < end_ns:
-        gripper.pump(clock.now_ns)
+        gripper.poll(clock.now_ns)
         if (state := gripper.state) is not None:
             if not state.active:
                 raise not_active(state)
@@ -180,7 +180,7 @@ def take_over(gripper: Gripper, clock: Clock) -> None:
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is. Raises DeviceFault when that does not end and for an
     active hand that reports a fault, Refused where it would drop something and may not."""
-    gripper.pump(clock.now_ns)
+    gripper.poll(clock.now_ns)
     if (found := gripper.state) is not None:
         if found.active:
             check_fault(found)
@@ -201,5 +201,5 @@ def until_active(gripper: Gripper, clock: Clock) -> GripperState:
             )
         signals.check()
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
-        gripper.pump(clock.now_ns)
+        gripper.poll(clock.now_ns)
     return state

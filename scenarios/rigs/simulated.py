@@ -134,11 +134,11 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
     """The world that a seed stands for, and the generator of its noise; equal on every rig."""
     varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     trial = draw(config.variation, config.object, config.hand, varied)
-    level, blow_level = _levels(config)
+    level, impact_level = _levels(config)
     settings = CellSettings(
         body=trial.body, contact=config.contact, fingertip=config.fingertip, hand=trial.hand,
         board=config.board, arm=config.arm_model, finger_offset_m=trial.finger_offset_m,
-        level=level, blow_level=blow_level, pull=config.pull, damage=config.damage,
+        level=level, impact_level=impact_level, pull=config.pull, damage=config.damage,
     )  # fmt: skip
     return settings, world
 
@@ -146,10 +146,10 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
 def _levels(config: GraspRigConfig) -> tuple[Level, Level]:
     """Contact levels before a tap and while it moves the object. Without a scenario: the level of
     a lift, and the fullest."""
-    level, blow_level = config.world.level, config.world.blow_level
+    level, impact_level = config.world.level, config.world.impact_level
     if level == "auto":
-        return Level.SLIDER, Level.BRUSH if blow_level == "auto" else level_named(blow_level)
-    return level_named(level), level_named(level if blow_level == "auto" else blow_level)
+        return Level.SLIDER, Level.BRUSH if impact_level == "auto" else level_named(impact_level)
+    return level_named(level), level_named(level if impact_level == "auto" else impact_level)
 
 
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:

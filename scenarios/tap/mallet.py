@@ -1,10 +1,10 @@
-"""The mallet's blow and its settings: which way, where, and how hard, as the paper's operator did.
+"""The mallet tap and its settings: direction, place and impulse, as the paper's operator did.
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
 search bisects the impulse on the contact law alone, for the object as configured and held as firmly
 as the hand will hold it (``guard.cap_mode`` decides), until the object moves ``tap.aim_m`` for
 good. A trial's own friction, mass and grip differ from that, and so does the hand's strength from
-blow to blow: what a trial's tap really moves is measured, not assumed.
+impact to impact: what a trial's tap really moves is measured, not assumed.
 """
 
 import copy
@@ -21,7 +21,7 @@ from drivers.interfaces import Vector3
 from scenarios.rigs.config import CUT
 from scenarios.trial.config import TrialConfig
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import HALF_APERTURE_M, Blow, ContactSettings, Level
+from scenarios.world.settings import HALF_APERTURE_M, ContactSettings, Impact, Level
 
 if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
     from scenarios.world.contact import Contact, Floats
@@ -30,7 +30,7 @@ MOST_N_S = 2.0
 HALVINGS = 16  # to 0.03 mN s
 SETTLE_S, AFTER_S = 0.6, 0.6
 MARK_HEIGHT_M = 0.05  # of the tape mark above the grip; assumed
-OFFSET_SPREAD_M = 0.005  # deviation of where a blow lands; assumed, 2-10 mm
+OFFSET_SPREAD_M = 0.005  # deviation of where an impact lands; assumed, 2-10 mm
 WAIT_S = 0.3  # the hand waits 0 to this long, drawn
 MALLET_KG = 0.454  # 16 oz (paper)
 RESTITUTION = 0.3  # rubber on the object; assumed, 0.2-0.5
@@ -70,14 +70,14 @@ class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Swing(msgspec.Struct, frozen=True):
-    """One blow as the hand delivers it, and how much longer than needed it waits before."""
+    """One impact as the hand delivers it, and how much longer than needed it waits before."""
 
-    blow: Blow
+    impact: Impact
     wait_s: float
 
     @property
     def impulse_n_s(self) -> float:
-        return self.blow.impulse_n_s + self.blow.follow_n_s
+        return self.impact.impulse_n_s + self.impact.follow_n_s
 
 
 def swing(config: TapConfig, seed: int) -> Swing:
@@ -90,8 +90,8 @@ def swing(config: TapConfig, seed: int) -> Swing:
     delay, wait = rng.uniform(size=2).tolist()
     beside_m = OFFSET_SPREAD_M * float(np.clip(rng.standard_normal(), -CUT, CUT))
     impulse_n_s = nominal_n_s * max(hand, 0.0)
-    blow = blow_of(tap, direction, impulse_n_s, config.loop.period_s * delay, beside_m)
-    return Swing(blow, WAIT_S * wait)
+    impact = impact_of(tap, direction, impulse_n_s, config.loop.period_s * delay, beside_m)
+    return Swing(impact, WAIT_S * wait)
 
 
 def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
@@ -102,7 +102,7 @@ def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
 
 
 def nominal_impulse_n_s(config: TapConfig, direction: str) -> float:
-    """Impulse of the nominal blow in that direction, N s, as set or searched. Raises ConfigError
+    """Impulse of the nominal impact in that direction, N s, as set or searched. Raises ConfigError
     when there is none below 2 N s: the object is knocked out before."""
     tap = config.tap
     if tap.impulse_n_s:
@@ -117,25 +117,25 @@ def nominal_impulse_n_s(config: TapConfig, direction: str) -> float:
 def _searched(
     body: GraspObject, hand: ContactSettings, grip_n: Vector3, tap: TapSettings, direction: str
 ) -> float:
-    # whatever the trials do: only a blow through the middle turns nothing
+    # whatever the trials do: only an impact through the middle turns nothing
     held = held_at(body, hand, grip_n, Level.SLIDER if direction == "top" else Level.SPIN)
     low, high = 0.0, MOST_N_S
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        moved_m = moved_by(held, blow_of(tap, direction, middle, 0.0))
+        moved_m = moved_by(held, impact_of(tap, direction, middle, 0.0))
         low, high = (middle, high) if moved_m < tap.aim_m else (low, middle)
-    if not moved_by(held, blow_of(tap, direction, high, 0.0)) < 2 * tap.aim_m:
+    if not moved_by(held, impact_of(tap, direction, high, 0.0)) < 2 * tap.aim_m:
         raise ConfigError(
             "tap", "aim_m",
-            f"no blow on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
+            f"no impact on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
             "in the hand", "a smaller tap.aim_m, or tap.impulse_n_s",
         )  # fmt: skip
     return high
 
 
-def blow_of(
+def impact_of(
     tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float, beside_m: float = 0.0
-) -> Blow:
+) -> Impact:
     """``beside_m``: how far from where it was meant to land."""
     follow_n_s = tap.follow_fraction * impulse_n_s
     meant_m = {"top": 0.0, "side": tap.side_offset_m}
@@ -146,7 +146,7 @@ def blow_of(
             "duration_s": tap.duration_s, "follow_n_s": follow_n_s, "follow_s": tap.follow_s,
             "delay_s": delay_s, "offset_m": offset_m,
         },
-        Blow,
+        Impact,
     )  # fmt: skip
 
 
@@ -178,13 +178,13 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     return held
 
 
-def moved_by(held: Held, blow: Blow) -> float:
+def moved_by(held: Held, impact: Impact) -> float:
     """Displacement of the tape mark for good, m; infinite if the object was lost."""
     from scenarios.world import laws
 
     trial = copy.deepcopy(held)
     before, after = held.contact.state, trial.contact.state
-    trial.contact.strike(blow, SETTLE_S)
+    trial.contact.strike(impact, SETTLE_S)
     trial.waits(SETTLE_S, AFTER_S)
     if after[laws.NORMAL] <= 0.0:
         return math.inf

@@ -40,7 +40,7 @@ class TapResult(TrialResult, frozen=True, kw_only=True):
     turned_rad: float | None
     impulse_n_s: float | None
     mallet_mps: float | None
-    struck_s: float | None
+    impact_s: float | None
     slip_end_s: float | None
     slip_duration_ms: float | None
     nominal_again_s: float | None
@@ -84,12 +84,12 @@ UNSTRUCK = frozenset(
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
-    """What a blow did: by the world's truth, or by the fingertips and the tape mark.
+    """What an impact did: by the world's truth, or by the fingertips and the tape mark.
 
     Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
     """
 
-    struck_s: float
+    impact_s: float
     from_s: float | None
     until_s: float | None
     displacement_m: float
@@ -105,12 +105,12 @@ class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What a verdict is drawn from. ``motion`` is None when no blow was struck."""
+    """What a verdict is drawn from. ``motion`` is None when no impact was struck."""
 
     motion: ObjectMotion | None
     alarms: Sequence[Alarm]
     watched_until_s: float
-    own_peak_n: float | None  # before the blow: what the hand did by itself
+    own_peak_n: float | None  # before the impact: what the hand did by itself
     force_bound_n: float
     fault: str = ""
 
@@ -126,7 +126,7 @@ def verdict(facts: TapFacts) -> TapOutcome:
         return TapOutcome.NEVER_NOMINAL
     if not motion.held:
         return TapOutcome.KNOCKED_OUT
-    registered_s = registered_after(facts.alarms, motion.struck_s)
+    registered_s = registered_after(facts.alarms, motion.impact_s)
     if not motion.moved():
         quiet = registered_s is None
         return TapOutcome.UNMOVED_QUIET if quiet else TapOutcome.UNMOVED_REGISTERED
@@ -146,12 +146,12 @@ def _timely(facts: TapFacts, motion: ObjectMotion, registered_s: float) -> TapOu
 
 
 def first_motion_s(motion: ObjectMotion) -> float:
-    """First instant of gross slip; the blow itself where creep alone added up."""
-    return motion.struck_s if motion.from_s is None else motion.from_s
+    """First instant of gross slip; the impact itself where creep alone added up."""
+    return motion.impact_s if motion.from_s is None else motion.from_s
 
 
 def last_motion_s(motion: ObjectMotion) -> float:
-    return motion.struck_s if motion.until_s is None else motion.until_s
+    return motion.impact_s if motion.until_s is None else motion.until_s
 
 
 def registered_after(alarms: Sequence[Alarm], t_s: float) -> float | None:

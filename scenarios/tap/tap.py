@@ -38,16 +38,18 @@ from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.experiment import Experiment
 from scenarios.trial.person import NEVER_MIND, Operator, read_mark
 from scenarios.trial.result import later_ms, named
-from scenarios.world.settings import Blow
+from scenarios.world.settings import Impact
 from scenarios.world.truth import Truth
 
-HEIGHT_M = 0.08  # held this far above the table, further than a blow moves it; assumed
-NOMINAL_S = 0.5  # the status is nominal for so long before a blow; assumed
+HEIGHT_M = 0.08  # held this far above the table, further than an impact moves it; assumed
+NOMINAL_S = 0.5  # the status is nominal for so long before an impact; assumed
 PATIENCE_S = 10.0  # to wait for that before the trial is given up; assumed
-WATCH_S = 3.0  # the status is watched so long after a blow; longer than any window of the verdict
-FELT_FACTOR = 3.0  # a felt blow: the first change of counts so many times the largest before
-MOTION_BOUND_S = 0.15  # it has ended so long after a felt blow: slip lasts 13-140 ms in a model
-MEASURED = ("displacement_m", "down_m", "across_m", "turned_rad", "struck_s")  # of the motion
+WATCH_S = (
+    3.0  # the status is watched so long after an impact; longer than any window of the verdict
+)
+FELT_FACTOR = 3.0  # a felt impact: the first change of counts so many times the largest before
+MOTION_BOUND_S = 0.15  # it has ended so long after a felt impact: slip lasts 13-140 ms in a model
+MEASURED = ("displacement_m", "down_m", "across_m", "turned_rad", "impact_s")  # of the motion
 SIDES = {
     "top": "on the TOP, downwards",
     "side": "on the SIDE, across the closing axis",
@@ -56,9 +58,9 @@ SIDES = {
 
 
 class WorldStrikes:
-    """The world delivers the blow and measures what it did."""
+    """The world delivers the impact and measures what it did."""
 
-    def __init__(self, tap: Callable[[Blow], None], swing: Swing) -> None:
+    def __init__(self, tap: Callable[[Impact], None], swing: Swing) -> None:
         self.motion: ObjectMotion | None = None
         self.impulse_n_s: float | None = swing.impulse_n_s
         self._tap, self._swing = tap, swing
@@ -73,10 +75,10 @@ class WorldStrikes:
             return
         self._rest = truth
         self._at_s = tick.t_ns * 1e-9
-        self._tap(self._swing.blow)
+        self._tap(self._swing.impact)
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
-        """A tick since the blow; True when all is known."""
+        """A tick since the impact; True when all is known."""
         rest = self._rest
         if truth is None or rest is None:
             return False
@@ -84,9 +86,9 @@ class WorldStrikes:
             return False
         down_m = truth.slip_distance_m - rest.slip_distance_m
         across_m = truth.across_m - rest.across_m
-        struck_s = self._at_s if truth.struck_s is None else truth.struck_s
+        impact_s = self._at_s if truth.impact_s is None else truth.impact_s
         self.motion = ObjectMotion(
-            struck_s=struck_s, from_s=truth.moved_from_s, until_s=truth.moved_until_s,
+            impact_s=impact_s, from_s=truth.moved_from_s, until_s=truth.moved_until_s,
             displacement_m=math.hypot(down_m, across_m), held=truth.touched,
             turned_rad=truth.turn_rad - rest.turn_rad,
             down_m=down_m, across_m=across_m,
@@ -97,7 +99,7 @@ class WorldStrikes:
 class PersonStrikes:
     """A person strikes when asked, and types how far the tape mark has moved.
 
-    When the blow fell is felt: the first change of counts that stands out from those before it.
+    When the impact fell is felt: the first change of counts that stands out from those before it.
     When motion ended is not known; an upper bound is assumed.
     """
 
@@ -106,13 +108,13 @@ class PersonStrikes:
         self.impulse_n_s: float | None = None  # nobody knows
         self._operator, self._direction, self._period_s = operator, direction, period_s
         self._last: np.ndarray[tuple[int, ...], np.dtype[np.int16]] | None = None
-        self._largest = 0.0  # change of a taxel before the blow, counts
+        self._largest = 0.0  # change of a taxel before the impact, counts
         self._asked_s = 0.0
         self._felt_s: float | None = None
         self._struck = self._measuring = self._given_up = False
 
     @property
-    def _struck_s(self) -> float:
+    def _impact_s(self) -> float:
         return self._asked_s if self._felt_s is None else self._felt_s
 
     def before(self, tick: Tick) -> None:
@@ -134,7 +136,7 @@ class PersonStrikes:
         line = self._operator.poll()
         if not self._struck:
             self._struck = line is not None
-        elif not self._measuring and t_s >= self._struck_s + WATCH_S:
+        elif not self._measuring and t_s >= self._impact_s + WATCH_S:
             self._measuring = True
             self._operator.say("How far has the tape mark moved, in mm? (0: not at all; l: lost)")
         elif self._measuring and line is not None:
@@ -161,8 +163,8 @@ class PersonStrikes:
         mark = read_mark(self._operator, line)
         if mark is not None:
             self.motion = ObjectMotion(
-                struck_s=self._struck_s, from_s=self._struck_s,
-                until_s=self._struck_s + MOTION_BOUND_S,
+                impact_s=self._impact_s, from_s=self._impact_s,
+                until_s=self._impact_s + MOTION_BOUND_S,
                 displacement_m=mark.moved_m, held=mark.held,
             )  # fmt: skip
         return mark is not None
@@ -174,7 +176,7 @@ class TapSequence:
 
     def __init__(self, wait_s: float, striker: WorldStrikes | PersonStrikes) -> None:
         self.alarms: list[Alarm] = []
-        self.before: Truth | None = None  # just before the blow
+        self.before: Truth | None = None  # just before the impact
         self.watched_until_s = 0.0
         self.over = False
         self._wait_s, self._striker = wait_s, striker
@@ -188,7 +190,7 @@ class TapSequence:
 
     @property
     def impulse_n_s(self) -> float | None:
-        """Of the blow, N s; None when nobody knows it or none was struck."""
+        """Of the impact, N s; None when nobody knows it or none was struck."""
         return self._striker.impulse_n_s if self._struck else None
 
     def take(self, tick: Tick, truth: Truth | None) -> bool:
@@ -262,14 +264,14 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
         self, config: TapConfig, seed: int, rig: GraspRig, guard: ForceGuard, watch: Watch,
         operator: Operator | None = None, home: Vector3 | None = None,
     ) -> TapTrial:  # fmt: skip
-        blow = swing(config, seed)
+        impact = swing(config, seed)
         if rig.tap is not None:
-            striker: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, blow)
+            striker: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, impact)
         elif operator is not None:
             striker = PersonStrikes(operator, config.direction(seed), config.loop.period_s)
         else:
             raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
-        sequence = TapSequence(blow.wait_s, striker)
+        sequence = TapSequence(impact.wait_s, striker)
         deadline_s = None if operator is None else person.DEADLINE_S
         trial = execution.run_trial(config, rig, guard, watch, sequence.take, deadline_s, home)
         return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
@@ -282,7 +284,7 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
         judged = trial.bug is None and not trial.interrupted
         motion, before = facts.motion, trial.sequence.before
         impulse_n_s = trial.sequence.impulse_n_s
-        registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
+        registered_s = registered_after(facts.alarms, motion.impact_s) if motion else None
         again_s = None
         if motion is not None and registered_s is not None:
             again_s = nominal_again_s(facts, last_motion_s(motion))

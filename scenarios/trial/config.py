@@ -128,15 +128,18 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         rows: list[ContactLevels] = [getattr(table, scene)]
         rows += [table.aside] if self.object.centre_aside_m != 0.0 else []
         rows += [table.pull] if self.pull.force_n > 0.0 else []
-        level, blow_level = max(row.level for row in rows), max(row.blow_level for row in rows)
+        level, impact_level = max(row.level for row in rows), max(row.impact_level for row in rows)
         if world.level != "auto":
-            level = blow_level = world.level
-        if world.blow_level != "auto":
-            blow_level = world.blow_level
+            level = impact_level = world.level
+        if world.impact_level != "auto":
+            impact_level = world.impact_level
         step_s = min(contact.step_s, *(row.step_s for row in rows))
-        blow_step_s = min(contact.blow_step_s, *(row.blow_step_s for row in rows))
+        impact_step_s = min(contact.impact_step_s, *(row.impact_step_s for row in rows))
         return ContactLevels(
-            level=level, step_s=step_s, blow_level=max(level, blow_level), blow_step_s=blow_step_s
+            level=level,
+            step_s=step_s,
+            impact_level=max(level, impact_level),
+            impact_step_s=impact_step_s,
         )
 
     def built_for(self, seed: int) -> Self:
@@ -144,8 +147,8 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         found, replace = self.physics(seed), msgspec.structs.replace
         if found is None:
             return self
-        world = replace(self.world, level=found.level, blow_level=found.blow_level)
-        contact = replace(self.contact, step_s=found.step_s, blow_step_s=found.blow_step_s)
+        world = replace(self.world, level=found.level, impact_level=found.impact_level)
+        contact = replace(self.contact, step_s=found.step_s, impact_step_s=found.impact_step_s)
         return replace(self, world=world, contact=contact)
 
     def digest(self) -> str:

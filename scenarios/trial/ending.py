@@ -12,7 +12,7 @@ from drivers.interfaces import FINGER_NAMES, ArmState, Detection, GripperState
 from grasp.commands import CloseFast
 from grasp.fault import ARM, FINGERTIPS, GRIPPER, Fault
 from grasp.loop import Issued, Tick
-from grasp.monitors.checks import not_believed
+from grasp.monitors.checks import implausible
 
 UNKNOWN = "its force is not measured"
 LOOK = "look at the arm, and press the emergency stop if it still moves"
@@ -69,13 +69,13 @@ def end_of(
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
     failed = {error.device for error in errors}
-    dull = FINGERTIPS in deaf | failed or not_believed(faults, FINGERTIPS)
+    dull = FINGERTIPS in deaf | failed or implausible(faults, FINGERTIPS)
     felt = _felt(tick, not dull)
-    doubted = not_believed(faults, GRIPPER) or (tick.gripper.active and not tick.gripper.fresh)
+    doubted = implausible(faults, GRIPPER) or (tick.gripper.active and not tick.gripper.fresh)
     told = _hand(tick, hand, felt, GRIPPER in deaf, doubted)
     seen_open = tick.gripper.is_open and GRIPPER not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
-    arm_lies = not_believed(faults, ARM)
+    arm_lies = implausible(faults, ARM)
     if way_out and _unknown(tick.arm, ARM in deaf, arm_lies):
         advice = f"{LOOK}; {advice}"
     return End(_arm(tick.arm, ARM in deaf, arm_lies), told, advice, open=seen_open)

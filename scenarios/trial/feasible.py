@@ -16,12 +16,16 @@ def check_override(config: TrialConfig) -> None:
     """Raises ConfigError for steps by a hand that is known to override its force: each begins at
     rest, and from where the last has ended, so that force alone bounds none of them."""
     overrides = config.rig != HARDWARE and config.hand.override_s > 0.0
-    if overrides and config.controller.answer == "stop_and_step" and not config.guard.travel_bound:
+    if (
+        overrides
+        and config.controller.slip_response == "stop_and_step"
+        and not config.guard.travel_bound
+    ):
         raise ConfigError(
             "hand", "override_s",
             f"a hand that overrides its force for {config.hand.override_s:g} s whenever it starts "
-            "passes the limit by steps (controller.answer), each of which begins at rest",
-            "guard.travel_bound = true, or another controller.answer",
+            "passes the limit by steps (controller.slip_response), each of which begins at rest",
+            "guard.travel_bound = true, or another controller.slip_response",
         )  # fmt: skip
 
 
@@ -51,9 +55,9 @@ def check_arm(config: TrialConfig) -> None:
     """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
     controller, arm = config.controller, config.arm
     limits = {
-        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
+        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "feel_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
-        "max_stop_mps2": ("answer_stop_mps2", "stop_deceleration_mps2"),
+        "max_stop_mps2": ("slip_stop_mps2", "stop_deceleration_mps2"),
     }
     for limit, keys in limits.items():
         most = getattr(arm, limit)
@@ -85,12 +89,12 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
         problem = f"{s.lift_height_m:g} m is further than the arm may be told"
         where = "the least of arm.workspace_high_m (z) and arm.max_jump_m"
         raise ConfigError("controller", "lift_height_m", problem, f"<= {most_m:g}, {where}")
-    braking_m = s.lift_speed_mps**2 / (2.0 * s.answer_stop_mps2)
+    braking_m = s.lift_speed_mps**2 / (2.0 * s.slip_stop_mps2)
     beyond_m = braking_m - s.lift_speed_mps**2 / (2.0 * s.lift_acceleration_mps2)
-    if s.answer != "jump" and s.lift_height_m + beyond_m > high_m:
+    if s.slip_response != "close" and s.lift_height_m + beyond_m > high_m:
         raise ConfigError(
-            "controller", "answer_stop_mps2",
-            f"{s.answer_stop_mps2:g} would carry the arm {beyond_m:.3f} m past the top of the lift",
+            "controller", "slip_stop_mps2",
+            f"{s.slip_stop_mps2:g} would carry the arm {beyond_m:.3f} m past the top of the lift",
             "a higher one, or a lower controller.lift_height_m",
         )  # fmt: skip
     if not s.keep and s.lift_height_m + s.retreat_m > high_m:
@@ -106,8 +110,8 @@ def check_waits(config: TrialConfig) -> None:
     """Raises ConfigError where a phase would cut the way up or down short."""
     s = config.controller
     ramp_mps2 = s.lift_acceleration_mps2
-    gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.answer_stop_mps2)
-    up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
+    gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.slip_stop_mps2)
+    up_mps2 = ramp_mps2 if s.slip_response == "close" else gently_mps2
     down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
     ways = {
         "lift_speed_mps": _way_s(s.lift_height_m, s.lift_speed_mps, up_mps2),

@@ -22,10 +22,10 @@ from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_ra
 from scenarios.world.fingertip import Codes, Fingertips, Held
 from scenarios.world.objects import GraspObject, within
 from scenarios.world.settings import (
-    Blow,
     ContactSettings,
     DamageSettings,
     FingertipSettings,
+    Impact,
     Level,
     PullSettings,
     Surface,
@@ -55,7 +55,7 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     pull: PullSettings = PullSettings()
     damage: DamageSettings = DamageSettings()
     level: Level = Level.SLIDER
-    blow_level: Level | None = None  # while a blow moves the object; None: the same
+    impact_level: Level | None = None  # while an impact moves the object; None: the same
 
 
 class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -100,7 +100,9 @@ class SimulatedCell:
         angle = math.radians(settings.fingertip.slip_direction_deg)
         self._frames = PadFrames.at(angle)
         self._turn = np.full(FINGERS, angle)  # the surface's x is the object's upwards
-        self.contact = Contact(settings.contact, settings.body, settings.level, settings.blow_level)
+        self.contact = Contact(
+            settings.contact, settings.body, settings.level, settings.impact_level
+        )
         # views of the contact's state, and so always as it stands
         self._loads = FingerLoads(self.contact.normal_n, self.contact.stiffness_npm)
         self._offset_m = settings.finger_offset_m
@@ -115,10 +117,10 @@ class SimulatedCell:
             self._table_m = self._arm_height_m
         self.contact.place(self._arm_height_m - self._table_m)
 
-    def tap(self, blow: Blow) -> None:
-        """Strike the object. What an earlier blow moved is forgotten."""
-        start_s = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
-        self.contact.strike(blow, start_s)
+    def tap(self, impact: Impact) -> None:
+        """Strike the object. What an earlier impact moved is forgotten."""
+        start_s = (self._now_ns - self._start_ns) * 1e-9 + impact.delay_s
+        self.contact.strike(impact, start_s)
 
     def push(self, down_n: float) -> None:
         """A hand presses the object down from now on (up, below zero), until the next push."""
@@ -198,7 +200,7 @@ class SimulatedCell:
             normal_n=_three(s, laws.NORMAL), shear_n=_three(s, laws.SHEAR),
             peak_n=_three(s, laws.PEAK), slip_onset_s=_time(s[laws.ONSET_S]),
             force_rise_s=_time(s[laws.RISE_S]), flank_slope=s[laws.SLOPE], across_m=s[laws.ACROSS],
-            struck_s=s[laws.TAP_START_S] if s[laws.TAP_S] > 0.0 else None,
+            impact_s=s[laws.TAP_START_S] if s[laws.TAP_S] > 0.0 else None,
             moved_from_s=_time(s[laws.MOVED_FROM_S]), moved_until_s=_time(s[laws.MOVED_UNTIL_S]),
             turn_rad=s[laws.TURN], turn_speed_radps=s[laws.SPIN],
         )  # fmt: skip

@@ -19,8 +19,8 @@ from scenarios.world.settings import (
     GROSS_TURN_RADPS,
     HALF_APERTURE_M,
     PAD_HALF_LENGTH_M,
-    Blow,
     ContactSettings,
+    Impact,
     Level,
     PullSettings,
 )
@@ -38,7 +38,7 @@ RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
 SQUARE_SPIN = float((np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0))) / 3.0)
-# What a blow moved stands once it was slower than this share of gross slip for so long, longer
+# What an impact moved stands once it was slower than this share of gross slip for so long, longer
 # than half a swing on the pads; creeping on at that speed it would turn by 0.5 deg in ten seconds.
 REST_SHARE, REST_S = 5e-3, 0.5
 _DIRECTIONS = {"top": laws.TOP, "side": laws.SIDE, "closing": laws.CLOSING}
@@ -69,7 +69,7 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
     out[laws.P_GROSS_SLIP :] = (
         GROSS_SLIP_MPS, FORCE_RISE_N, GROSS_TURN_RADPS,
         body.inertia_kgm2, body.centre_aside_m, body.centre_above_m,
-        float(level), contact.blow_step_s, contact.normal_loss_s,
+        float(level), contact.impact_step_s, contact.normal_loss_s,
     )  # fmt: skip
     return out
 
@@ -134,20 +134,20 @@ class Contact:
 
     def __init__(
         self, settings: ContactSettings, body: GraspObject, level: Level = Level.SLIDER,
-        blow_level: Level | None = None,
+        impact_level: Level | None = None,
     ) -> None:  # fmt: skip
-        """``blow_level``: while a blow moves the object; None: as before it. Raises ValueError for
-        a lesser one, which would not know what to do with a rotation."""
+        """Set the contact level while an impact moves the object; None: the level before it. Raises
+        ValueError for a lower level, which has no rotation."""
         self.level, self._before = level, level
-        self._blow_level = level if blow_level is None else blow_level
-        if self._blow_level < level:
-            raise ValueError(f"{self._blow_level.label} is less than {level.label}")
+        self._impact_level = level if impact_level is None else impact_level
+        if self._impact_level < level:
+            raise ValueError(f"{self._impact_level.label} is less than {level.label}")
         self.state = initial_state(present=False)
         self._settings = settings
         self._parameters = parameters(settings, body, level)
         self._elements = elements(level)
         self._places_m = FINGER_PLACES_M[:, 0]
-        self._moved_s = 0.0  # when a blow was last seen to move the object
+        self._moved_s = 0.0  # when an impact was last seen to move the object
 
     @property
     def normal_n(self) -> Floats:
@@ -173,23 +173,23 @@ class Contact:
         self.level, self._elements = level, new
         self._parameters[laws.P_LEVEL] = float(level)
 
-    def strike(self, blow: Blow, start_s: float) -> None:
+    def strike(self, impact: Impact, start_s: float) -> None:
         """Apply a tap from start_s on; displacement by an earlier one is forgotten."""
-        self._go_on_at(self._blow_level)
+        self._go_on_at(self._impact_level)
         s = self.state
-        s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[blow.direction], start_s
-        s[laws.TAP_S], s[laws.TAP_N_S] = blow.duration_s, blow.impulse_n_s
-        s[laws.FOLLOW_S], s[laws.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
+        s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[impact.direction], start_s
+        s[laws.TAP_S], s[laws.TAP_N_S] = impact.duration_s, impact.impulse_n_s
+        s[laws.FOLLOW_S], s[laws.FOLLOW_N_S] = impact.follow_s, impact.follow_n_s
         # of the object as it stood at first: it may have moved in the hand since
-        moved_m = s[laws.COM_RISE if blow.direction == "side" else laws.COM_ACROSS]
-        s[laws.TAP_OFFSET] = blow.offset_m - moved_m
+        moved_m = s[laws.COM_RISE if impact.direction == "side" else laws.COM_ACROSS]
+        s[laws.TAP_OFFSET] = impact.offset_m - moved_m
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
-        if blow.direction == "closing" and s[laws.INERT] == 0.0:
+        if impact.direction == "closing" and s[laws.INERT] == 0.0:
             let_along(self._parameters, s, self.normal_n)
-        self._moved_s = start_s + blow.duration_s + blow.follow_s
+        self._moved_s = start_s + impact.duration_s + impact.follow_s
 
     def _rests(self, t_s: float) -> bool:
-        """Whether what the last blow moved stands in the hand; asked again and again."""
+        """Whether what the last impact moved stands in the hand; asked again and again."""
         s = self.state
         ways = laws.ACROSS_SPEED, laws.SLIP_SPEED, laws.LATERAL_SPEED
         speed_mps = max(abs(s[way]) for way in ways)
@@ -199,7 +199,7 @@ class Contact:
         return t_s > self._moved_s + REST_S
 
     def _come_to_rest(self) -> None:
-        """On as before the blow: nothing is left that would turn, go across or along."""
+        """On as before the impact: nothing is left that would turn, go across or along."""
         s = self.state
         s[laws.ACROSS_SPEED] = s[laws.TURN_RATE] = s[laws.SPIN] = 0.0
         s[laws.INERT] = s[laws.LATERAL_SPEED] = 0.0

@@ -4,8 +4,8 @@ Numba's cache sees no change in an imported kernel, so all of them are in this f
 
 Normal forces: finger, pad and object wall in series, a linear spring each; one relaxation term a
 finger (rubber, Prony form); the object is free along the closing axis x, so that the thumb carries
-the sum of the other two (quasi-static balance). What a blow along that axis has struck has its own
-inertia there too, m x'' = push - N_A + N_B + N_C, and a damper beside each finger's spring. Below
+the sum of the other two (quasi-static balance). A body struck along that axis has its own inertia
+there too, m x'' = push - N_A + N_B + N_C, and a damper beside each finger's spring. Below
 the object is a table that can push but not pull; while it does, it keeps the object from turning
 and sliding.
 
@@ -19,7 +19,7 @@ element's radial return is the slope of a Huber function. So Newton's method wit
 keeps its bracket cannot cycle, whatever step and stiffness; along z alone the balance is linear
 between six break points and solved exactly. Limits and lever arms are those at a step's start.
 
-Signs: y across the closing axis, the way a blow from the side drives; z up; rotation from y to z.
+Signs: y across the closing axis, along an impact from the side; z up; rotation from y to z.
 ``slip`` is how far the fingers have risen over the object, ``across`` how far it has moved beside
 them, both at the middle of the grip.
 """
@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 (
     HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED, SLOPE, ONSET_FORCE, RISE_S, PRESENT,
     TAP_START_S, TAP_S, TAP_N_S, TAP_DIRECTION, TAP_OFFSET, FOLLOW_S, FOLLOW_N_S,
-    MOVED_FROM_S, MOVED_UNTIL_S,  # gross slip since the last blow: first and last instant
+    MOVED_FROM_S, MOVED_UNTIL_S,  # gross slip since the last impact: first and last instant
     ACROSS, ACROSS_SPEED, TURN, TURN_RATE,
     SPIN,  # the turning rate while at most one pad holds on, else 0
     COM_ACROSS, COM_RISE,  # how the centre of mass has moved against the hand
@@ -60,11 +60,11 @@ ELEMENT_SIZE = 9
     P_SHAPE, P_HALF_WIDTH, P_HALF_HEIGHT, P_GRIP_HEIGHT, P_BODY_TOP, P_STIFFNESS,
 ) = range(15)  # fmt: skip
 P_GROSS_SLIP, P_FORCE_RISE, P_GROSS_TURN = 18, 19, 20
-P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_BLOW_STEP, P_LOSS = 21, 22, 23, 24, 25, 26
+P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_IMPACT_STEP, P_LOSS = 21, 22, 23, 24, 25, 26
 PARAMETER_SIZE = 27
 NOT_YET = -1.0
-TOP, SIDE, CLOSING = 0, 1, 2  # a blow downwards; across; along the closing axis, onto the thumb
-BLOW_LASTS_S = 0.3  # a blow and what it sets off is stepped more finely
+TOP, SIDE, CLOSING = 0, 1, 2  # an impact downwards; across; along the closing axis, onto the thumb
+IMPACT_LASTS_S = 0.3  # an impact and what it sets off is stepped more finely
 IN_THE_AIR_M = 100.0  # height of what has no table below it
 NEWTON_LIMIT = 60
 # Columns of the scratch of a planar step (E, 8): the element's force were the object at rest, its
@@ -433,7 +433,7 @@ def _planar(
     force_y: float, torque: float, n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
     """L2 to L4, and L1 without its rotation: velocity (y, z, turn) into small[6]; pads brought
-    along. ``torque`` of the blow is about the centre of mass."""
+    along. ``torque`` of the impact is about the centre of mass."""
     v, inertia, load = small[6], small[7], small[8]
     turns = 1.0 if p[P_LEVEL] > SLIDER else 0.0
     com_y, com_z = p[P_COM_Y] + s[COM_ACROSS], p[P_COM_Z] + s[COM_RISE]
@@ -577,7 +577,7 @@ def step(
 
 @njit(cache=True)
 def _note(p: Floats, s: Floats, t_s: float) -> None:
-    """Write down when gross slip set in, when the force rose after it, and what a blow moved."""
+    """Write down when gross slip set in, when the force rose after it, and what an impact moved."""
     gross = abs(s[SLIP_SPEED]) > p[P_GROSS_SLIP] or abs(s[SPIN]) > p[P_GROSS_TURN]
     if s[ONSET_S] == NOT_YET and gross:
         s[ONSET_S] = t_s
@@ -592,7 +592,7 @@ def _note(p: Floats, s: Floats, t_s: float) -> None:
 
 
 @njit(cache=True)
-def _blow(s: Floats, t_s: float, h: float, out: Floats) -> None:
+def _impact(s: Floats, t_s: float, h: float, out: Floats) -> None:
     """What mallet and pull do in a step of h seconds from t_s on, as ``step`` takes it."""
     force = tap_force(s, t_s, h)
     out[:] = 0.0
@@ -617,9 +617,9 @@ def advance(
     force.
     """
     struck = s[TAP_S] > 0.0
-    since_blow = t_s + dt_s - s[TAP_START_S] if struck else -1.0
-    if 0.0 < since_blow < BLOW_LASTS_S + dt_s:
-        step_s = min(step_s, p[P_BLOW_STEP])
+    since_impact = t_s + dt_s - s[TAP_START_S] if struck else -1.0
+    if 0.0 < since_impact < IMPACT_LASTS_S + dt_s:
+        step_s = min(step_s, p[P_IMPACT_STEP])
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
     h = dt_s / steps
     mean = finger_rise_m / dt_s
@@ -631,7 +631,7 @@ def advance(
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
         if struck or s[PULL_N] != 0.0:
-            _blow(s, t_s + j * h, h, impact)
+            _impact(s, t_s + j * h, h, impact)
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         step(p, s, e, h, v_hand, travel, impact, n, work, small)
         _note(p, s, t_s + (j + 1) * h)

@@ -60,11 +60,11 @@ class ContactLevels(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     level: LevelName
     step_s: Step
-    blow_level: LevelName
-    blow_step_s: Step
+    impact_level: LevelName
+    impact_step_s: Step
 
     def __post_init__(self) -> None:
-        _check_levels(self.level, self.blow_level)
+        _check_levels(self.level, self.impact_level)
 
 
 class ContactTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -86,16 +86,16 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     level: Literal["auto", "L1", "L3", "L4"] = "auto"
     # while a tap moves the object, never less than level; auto: as level, and where that is auto,
     # by scenario; L4 where none is known
-    blow_level: Literal["auto", "L1", "L3", "L4"] = "auto"
+    impact_level: Literal["auto", "L1", "L3", "L4"] = "auto"
 
     def __post_init__(self) -> None:
-        if "auto" not in (self.level, self.blow_level):
-            _check_levels(self.level, self.blow_level)
+        if "auto" not in (self.level, self.impact_level):
+            _check_levels(self.level, self.impact_level)
 
 
-def _check_levels(level: str, blow_level: str) -> None:
-    if blow_level < level:
-        raise ValueError(f"blow_level: {blow_level} is less than level, {level}")
+def _check_levels(level: str, impact_level: str) -> None:
+    if impact_level < level:
+        raise ValueError(f"impact_level: {impact_level} is less than level, {level}")
 
 
 # Hand and pads
@@ -107,12 +107,12 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     shear_stiffness_npm: Stiffness = 8000.0  # tangential; derived, 6-12 N/mm
     # tangential; assumed, 5-16 N s/m
     shear_damping_nspm: Annotated[float, within(0.0, 200.0)] = 12.0
-    # damping over stiffness along the closing axis, of what a blow along it has struck; as in
+    # damping over stiffness along the closing axis, of what an impact along it has struck; as in
     # shear; assumed, 0.5-3 ms
     normal_loss_s: Annotated[float, within(0.0, 0.01)] = 1.5e-3
     relaxation_fraction: RelaxedShare = 0.1  # of the normal force; clip 0.05-0.15
     step_s: LongestStep = 5e-4  # of the integration
-    blow_step_s: LongestStep = 1e-4  # and while a blow moves the object
+    impact_step_s: LongestStep = 1e-4  # and while an impact moves the object
 
 
 class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -223,13 +223,13 @@ class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # What a scene may add
 
 
-class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Impact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One tap of a mallet: a half-sine pulse, then a longer one while the hand follows through. The
     same in a stated scene, in a cell and over a cell's control channel.
 
     ``top`` strikes downwards, ``side`` across the closing axis, ``closing`` along it, onto the
-    thumb. Struck ``delay_s`` from now. ``offset_m``: from the grip's middle, beside it for a blow
-    on the top, above it for one on the side.
+    thumb. Struck ``delay_s`` from now. ``offset_m``: from the grip's centre, beside it
+    for an impact on the top, above it for one on the side.
     """
 
     impulse_n_s: Impulse  # assumed, 0.08-0.45 N s

@@ -22,7 +22,7 @@ class Truth(msgspec.Struct, frozen=True):
     force_rise_s: float | None
     flank_slope: float  # of the surface at the pads' last contact; negative: narrowing upwards
     across_m: float = 0.0  # of the object, across the closing axis, relative to the fingertips
-    struck_s: float | None = None  # beginning of the last tap
+    impact_s: float | None = None  # beginning of the last tap
     moved_from_s: float | None = None  # gross slip since that tap: its first instant
     moved_until_s: float | None = None  # and its last one so far
     turn_rad: float = 0.0  # in the hand, about the closing axis, from across to upwards

@@ -24,8 +24,8 @@ from scenarios.world.contact import (
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
     HALF_APERTURE_M,
-    Blow,
     ContactSettings,
+    Impact,
     Level,
 )
 
@@ -59,7 +59,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
     on_table: bool = False  # False: the hand holds the object from the start
     arm_mps: float = 0.0  # rising speed of the arm
     arm_mps2: float = 0.5
-    tap: Blow | None = None  # from the top or the side, without a follow-through
+    tap: Impact | None = None  # from the top or the side, without a follow-through
     shake_mps2: float = 0.0  # peak acceleration of a hand that vibrates along z
     shake_hz: float = 20.0
 
@@ -96,7 +96,7 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 
 def tap() -> Scene:
     """A tap of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
-    impact = Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
+    impact = Impact(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
     return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, 5.0, 5.0), tap=impact)
 
 
@@ -119,7 +119,7 @@ def hand_speed(scene: Scene, t_s: Floats) -> Floats:
     return rise - scene.shake_mps2 / scene.shake_radps * np.cos(scene.shake_radps * t_s)
 
 
-def tap_wrench(impact: Blow) -> Floats:
+def tap_wrench(impact: Impact) -> Floats:
     """Force along y and z and torque about the middle of the grip (3,), per newton of a tap."""
     force = [0.0, -1.0] if impact.direction == "top" else [1.0, 0.0]
     return np.array([*force, -impact.offset_m])

@@ -38,7 +38,7 @@ BELIEVED = {"can": (0.77, 1.0, 1.3), "foam": (0.77, 1.0, 1.3, 3.0), "football": 
 
 def lifts(object_name: str, *words: str, seeds: Sequence[int] = FEWER) -> list[LiftResult]:
     """With the default detector, while the arm goes on: the hand alone."""
-    told = ('controller.answer="jump"', *words)
+    told = ('controller.slip_response="close"', *words)
     config = load_config(object_name, "simulated", None, None, told).for_lift()
     results = [lift.run(config, seed, None).result for seed in seeds]
     return [r for r in results if r is not None]

@@ -13,7 +13,7 @@ from scenarios.campaign.config import load_config
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # 20 recordings are made
 SEED = 77  # of no data set
-KINDS = {"grasped_blow": 12, "grasped_slip": 8}
+KINDS = {"grasped_impact": 12, "grasped_slip": 8}
 ONE_EVENT_PER_MIN = 0.3868  # of a hand's rest in these
 DEFAULT = load_config("can", "simulated")
 
@@ -31,7 +31,7 @@ def recordings() -> list[Recording]:
 
 def test_the_default_registers_what_moves_and_hardly_what_does_not() -> None:
     (found,) = sweep(stream_recordings(DEFAULT.make_detector, recordings()), [DEFAULT.rule])
-    assert found.blows is not None
+    assert found.impacts is not None
     assert found.mean_delay_ms < 200.0  # 190: misses count 500
-    assert found.blows.unmoved_registered == 0  # none of 17
+    assert found.impacts.unmoved_registered == 0  # none of 17
     assert found.false_per_min < 0.5 * ONE_EVENT_PER_MIN  # none

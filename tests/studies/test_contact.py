@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.world.contact import GRAVITY_MPS2
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import ContactSettings, Impact, Level
 from studies.contact import comparators
 from studies.contact.comparators import Method
 from studies.contact.reference import adaptive, explicit
@@ -35,13 +35,13 @@ def held(**fields: Any) -> Scene:
 
 SAME = changed(BODY, friction_kinetic=0.5)  # no jump of the force as it begins to slide
 TOP = changed(tap(), body=SAME)
-SIDE_TAP = Blow(impulse_n_s=0.12, duration_s=8e-3, offset_m=0.04, direction="side")
+SIDE_TAP = Impact(impulse_n_s=0.12, duration_s=8e-3, offset_m=0.04, direction="side")
 SIDE = changed(TOP, tap=SIDE_TAP)
 
 
 @pytest.mark.parametrize(
     "scene",
-    [lift(), held(tap=Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.0)),
+    [lift(), held(tap=Impact(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.0)),
      lift(pads=ContactSettings()),
      changed(lift(), body=changed(BODY, **BALL, grip_height_m=0.012))],
     ids=["lift", "tap", "relaxing", "flank"],
@@ -64,7 +64,7 @@ def test_backward_euler_extrapolated_meets_adaptive_runge_kutta(scene: Scene, le
 
 
 def test_patches_resist_turning_and_points_do_not() -> None:
-    impact = Blow(impulse_n_s=0.4, duration_s=8e-3, offset_m=0.02)
+    impact = Impact(impulse_n_s=0.4, duration_s=8e-3, offset_m=0.02)
     points, spin, brush = (
         simulate(changed(tap(), tap=impact), level, 5e-4)[0] for level in list(Level)[1:]
     )

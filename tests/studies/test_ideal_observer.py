@@ -17,7 +17,7 @@ from studies.ideal_observer import (
     separation,
     taps,
 )
-from tests.unit.detector.blow_toys import struck
+from tests.unit.detector.impact_toys import struck
 from tests.unit.detector.toys import toy
 
 

@@ -8,7 +8,7 @@ from detector.scores.evaluation import stream_recordings
 from studies import robustness
 from studies.robustness import GRID, NOISE_COUNTS, PAD, Row, Task, chosen, perturbed
 from studies.runner import draw
-from tests.unit.detector.blow_toys import struck
+from tests.unit.detector.impact_toys import struck
 from tests.unit.detector.toys import toys
 
 HAND = struck((3.0, 0.003), (6.0, 0.0))

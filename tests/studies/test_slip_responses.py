@@ -37,10 +37,10 @@ def test_an_arm_that_stops_saves_slip_and_a_pull_in_the_air_is_harder(
 ) -> None:
     pytest.importorskip("matplotlib")
     words = "--objects can --seeds 1 --first-seed 9000 --detector gru --jobs 1 --scenes easy"
-    few = ["--policies", "jump", "stop_and_jump", "--out", str(tmp_path)]
+    few = ["--policies", "close", "stop_and_close", "--out", str(tmp_path)]
     assert runner.main("x", STUDY, [*words.split(), *few]) == 0
     assert (tmp_path / "chart.svg").read_text().startswith("<?xml")
-    assert "| as configured | stop_and_jump | 1 of 1 |" in capsys.readouterr().out
+    assert "| as configured | stop_and_close | 1 of 1 |" in capsys.readouterr().out
     stored = (tmp_path / "rows.jsonl").read_text().splitlines()[1:]
     rows = [runner.json.loads(line)["row"] for line in stored]
     jump, stop = sorted(rows, key=lambda row: row["policy"])

@@ -35,7 +35,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 PATIENCE_S = 120.0  # for what must come at last, on a machine however busy
 QUICK = (
     "hand.activation_s=0.1", "controller.hold_s=0.3", "controller.lift_height_m=0.08",
-    "controller.lower_speed_mps=0.2", "controller.relax_s=0.2", "controller.listen_s=0.2",
+    "controller.lower_speed_mps=0.2", "controller.settle_s=0.2", "controller.baseline_s=0.2",
 )  # fmt: skip
 OPEN = 10  # counts
 CONFIRMED = ("--confirm-motion",)
@@ -223,6 +223,6 @@ class Lab:
     def height_m(self) -> float:
         clock = WallClock()
         with open_arm(self.config, lambda: clock.now_ns) as arm:
-            arm.pump(clock.now_ns)
+            arm.poll(clock.now_ns)
             assert arm.state is not None
             return arm.state.position_m[2]

@@ -3,7 +3,7 @@
 A fixed surface is pressed as in the acquisition, without strokes, while a script disturbs it; both
 labels of slip say whether the contact truly moves, and `slip` leaves out what slides and goes
 nowhere. Or three fingers grasp an object that was drawn for the recording, in the lift's own cell
-(contact of level L1, or L3 from a blow on that may turn it), mostly without a reaction to slip;
+(contact of level L1, or L3 from an impact on that may turn it), mostly without a reaction to slip;
 `slip` says whether the object slides, as a detector can feel it (``as_felt``).
 """
 
@@ -39,7 +39,7 @@ from scenarios.world.truth import Truth
 
 GraspedCause = Literal[
     "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_uneven_load",
-    "grasped_set_down", "grasped_slip", "grasped_tap", "grasped_blow", "grasped_touch",
+    "grasped_set_down", "grasped_slip", "grasped_tap", "grasped_impact", "grasped_touch",
     "grasped_pull", "grasped_drag", "grasped_arm_vibration",
 ]  # fmt: skip
 GRASPED: tuple[str, ...] = get_args(GraspedCause)
@@ -85,7 +85,7 @@ def lift_config(metadata: Metadata, asked: Disturbances | None, turns: bool) -> 
         fixed["controller.hold_s"] = HOLDS_SHORTLY_S
     if asked is not None and asked.firm:
         fixed |= {"controller.firm": True, "controller.reactions": False}
-    fixed["world.blow_level"] = "L3" if turns else "L1"  # L4 costs more than it adds to a signal
+    fixed["world.impact_level"] = "L3" if turns else "L1"  # L4 costs more than it adds to a signal
     return with_values(_config(metadata.object, metadata.layout), fixed | metadata.parameters)
 
 
@@ -161,7 +161,9 @@ def _of_lift(
     # a hand that has let go may graze what it leaves: the detector is off, and nothing is slip
     held = np.array([t.touched and tick.decision.state not in OPEN_STATES for tick, t in seen])
     steps = np.diff(places, axis=0, prepend=places[:1]) * held[:, None]
-    steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
+    steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[
+        :, None
+    ]  # an impact's slip lies between samples
     speed, turn = np.hypot(*steps[:, :2].T), abs(steps[:, 2]) / TURN_LEVER_M
     velocity, spin = _of_thumb(steps, frames)
     slides = slip_label(speed, turn)
@@ -191,7 +193,7 @@ def as_felt(slides: NDArray[np.bool_], places_m: Floats) -> NDArray[np.bool_]:
     than half a millimetre for good is none (the pads give and swing back), and a short slip lasts
     until its traces have been read and felt.
 
-    A blow is over within one or two samples, which reach the detector when the object is at rest.
+    An impact lasts one or two samples, which reach the detector when the object is at rest.
     """
     label = np.zeros_like(slides)
     for first, end in _spans(slides):

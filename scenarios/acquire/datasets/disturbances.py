@@ -1,7 +1,7 @@
-"""What a person or the arm does to a held object: blows of the mallet, touches, pulls, drags.
+"""What a person or the arm does to a held object: impacts of the mallet, touches, pulls, drags.
 
 How hard is found on the contact law alone, for the object as drawn and held as firmly as it is
-(`GripTrials`), as the mallet's own blow is (``scenarios.tap.mallet``); what it moves is measured.
+(`GripTrials`), as the mallet's own impact is (``scenarios.tap.mallet``); what it moves is measured.
 """
 
 import copy
@@ -16,12 +16,12 @@ from msgspec import Meta
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.acquire.labels import TURN_LEVER_M
-from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, TapSettings, blow_of, held_at
+from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, TapSettings, held_at, impact_of
 from scenarios.world import laws
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.objects import GraspObject
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import ContactSettings, Impact, Level
 from scenarios.world.truth import Truth
 
 Kind = Literal["near", "mallet", "weak", "elastic", "shove", "touch", "pull", "drag", "shake"]
@@ -32,18 +32,18 @@ Law = Callable[[float, Truth], float | None]
 
 # Drawn evenly between these bounds unless it says otherwise; all assumed.
 PAUSES_S = (0.35, 1.0)  # from the end of one disturbance to the next, and before the first
-NEAR = (0.75, 1.25)  # of the blow that moves it JUST_M for good
+NEAR = (0.75, 1.25)  # of the impact that moves it JUST_M for good
 WEAK = (0.05, 0.7)  # likewise, evenly in the logarithm
 ELASTIC_M = (0.0004, 0.0009)  # out and back
-BESIDE_M = 0.005  # deviation of where a blow lands
+BESIDE_M = 0.005  # deviation of where an impact lands
 SHOVES_M, SHOVES_S = (0.001, 0.012), (0.06, 0.2)
 TOUCH_SHARE, TOUCHES_S = (0.1, 0.9), (0.08, 1.0)  # peak, of what is left of friction
 PULL_SHARE, RAMPS_S, PULLS_S = (0.2, 0.97), (0.02, 0.5), (0.1, 0.6)
 DRAGS_MPS, DRAGS_M = (0.004, 0.06), (0.0015, 0.015)  # speeds evenly in the logarithm
 SHAKE_SHARE, SHAKES_HZ, SHAKES_S = (0.1, 0.6), (2.0, 9.0), (0.5, 2.0)
-# and for all blows of a recording
+# and for all impacts of a recording
 DURATIONS_S, FOLLOWS, FOLLOWS_S = (0.004, 0.015), (0.0, 0.2), (0.02, 0.06)
-SIDE_OFFSETS_M = (-0.02, 0.06)  # where blows on the side land, above the grip
+SIDE_OFFSETS_M = (-0.02, 0.06)  # where impacts on the side land, above the grip
 
 MOST_SHAKEN_MPS2 = 6.0
 SPREAD, AIM_M = TapSettings().spread, TapSettings().aim_m
@@ -55,7 +55,7 @@ LEFT_M = 0.0004  # at most, by elastic motion: less than the label `slip` takes 
 LEAST_N_S = 0.002
 HALVINGS = 9  # of the logarithm: to 1.4 %
 CURVE = np.geomspace(0.05, 1.0, 9)  # of the impulse that just moves it
-LOOK_S, LOOKS = 0.001, 60  # at how far a blow moves it for a moment
+LOOK_S, LOOKS = 0.001, 60  # at how far an impact moves it for a moment
 
 
 class Disturbances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -67,7 +67,7 @@ class Disturbances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         default_factory=lambda: {"top": 0.5, "side": 0.5}
     )
     firm: bool = False  # by a full grip, not the first one
-    turning: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # of the recordings: blows may turn it
+    turning: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # of the recordings: impacts may turn it
 
 
 class Done(msgspec.Struct, frozen=True):
@@ -93,7 +93,7 @@ class Performer:
         self._due_s: float | None = None
         self._begun: Done | None = None
         self._law: Law | None = None  # of the force that acts now, until it is let go
-        self._force_n: float | None = None  # None: a blow, or nothing
+        self._force_n: float | None = None  # None: an impact, or nothing
 
     def take(self, tick: Tick, truth: Truth | None) -> bool:
         """True when the object is to be set down."""
@@ -130,10 +130,10 @@ class Performer:
             return
         if kind == "shove" and direction == "closing":
             direction = "top"
-        blow = self._struck(kind, direction)
-        self._cell.tap(blow)
-        until_s = t_s + blow.duration_s + blow.follow_s
-        self._begun = Done(kind, direction, t_s, until_s, blow.impulse_n_s + blow.follow_n_s)
+        impact = self._struck(kind, direction)
+        self._cell.tap(impact)
+        until_s = t_s + impact.duration_s + impact.follow_s
+        self._begun = Done(kind, direction, t_s, until_s, impact.impulse_n_s + impact.follow_n_s)
 
     def _go_on(self, begun: Done, t_s: float, truth: Truth) -> None:
         if self._force_n is not None:
@@ -153,7 +153,7 @@ class Performer:
         self.done.append(msgspec.structs.replace(begun, until_s=t_s))
         self._due_s = t_s + self._between(PAUSES_S)
 
-    def _struck(self, kind: str, direction: str) -> Blow:
+    def _struck(self, kind: str, direction: str) -> Impact:
         rng, trials = self._rng, self._trials
         if kind == "touch":
             peak_n = self._between(TOUCH_SHARE) * trials.spare_n(direction)
@@ -168,7 +168,7 @@ class Performer:
             "elastic": lambda: trials.elastic(direction, self._between(ELASTIC_M)),
         }[kind]()
         beside_m = float(np.clip(rng.standard_normal(), -2.5, 2.5)) * BESIDE_M
-        return trials.blow(direction, min(hard, MOST_N_S), beside_m)
+        return trials.impact(direction, min(hard, MOST_N_S), beside_m)
 
     def _pulling(self, from_m: float) -> Law:
         """Up to a share of what friction still bears, for a while, and let go."""
@@ -214,7 +214,7 @@ class Performer:
 
 
 class Impulses(msgspec.Struct, frozen=True):
-    """Of blows in one direction, N s."""
+    """Of impacts in one direction, N s."""
 
     just: float  # moves it JUST_M for good
     aim: float  # and the mallet's aim
@@ -223,7 +223,7 @@ class Impulses(msgspec.Struct, frozen=True):
 
 
 class GripTrials:
-    """The object in a grip, on which blows are tried before they are struck."""
+    """The object in a grip, on which impacts are tried before they are struck."""
 
     def __init__(
         self, body: GraspObject, hand: ContactSettings, grip_n: tuple[float, float, float],
@@ -247,9 +247,9 @@ class GripTrials:
         whole = {"top": self.spare_down_n, "side": self.spare_aside_n}
         return whole.get(direction, 0.5 * self._grip_n[0])
 
-    def blow(self, direction: str, impulse_n_s: float, beside_m: float = 0.0) -> Blow:
+    def impact(self, direction: str, impulse_n_s: float, beside_m: float = 0.0) -> Impact:
         """The recording's own mallet, so hard."""
-        return blow_of(self._mallet, direction, impulse_n_s, 0.0, beside_m)
+        return impact_of(self._mallet, direction, impulse_n_s, 0.0, beside_m)
 
     def impulses(self, direction: str) -> Impulses:
         """Searched once; along the closing axis as hard as on the top, as the mallet does."""
@@ -260,22 +260,22 @@ class GripTrials:
 
     def _searched(self, way: str) -> Impulses:
         def moved(impulse_n_s: float) -> float:
-            return self.tried(self.blow(way, impulse_n_s))[1]
+            return self.tried(self.impact(way, impulse_n_s))[1]
 
         just = least(lambda j: moved(j) >= JUST_M, LEAST_N_S, MOST_N_S)
         aim = least(lambda j: moved(j) >= AIM_M, just, min(4 * just, MOST_N_S))
-        tries = [self.tried(self.blow(way, part * just)) for part in CURVE.tolist()]
+        tries = [self.tried(self.impact(way, part * just)) for part in CURVE.tolist()]
         furthest, left = zip(*tries, strict=True)
         return Impulses(just, aim, furthest, left)
 
-    def tried(self, blow: Blow) -> tuple[float, float]:
+    def tried(self, impact: Impact) -> tuple[float, float]:
         """How far the object is at most, m, and for good; both infinite where it is lost."""
-        level = Level.SPIN if self._turns or blow.direction == "side" else Level.SLIDER
+        level = Level.SPIN if self._turns or impact.direction == "side" else Level.SLIDER
         if level not in self._held:
             self._held[level] = held_at(self.body, self._hand, self._grip_n, level)
         trial = copy.deepcopy(self._held[level])
         before = _place(trial)
-        trial.contact.strike(blow, SETTLE_S)
+        trial.contact.strike(impact, SETTLE_S)
         furthest = 0.0
         for i in range(LOOKS):
             trial.waits(SETTLE_S + i * LOOK_S, LOOK_S)
@@ -295,7 +295,7 @@ class GripTrials:
         )
         return known.just * part
 
-    def shove(self, direction: str, moved_m: float, lasts_s: float) -> Blow:
+    def shove(self, direction: str, moved_m: float, lasts_s: float) -> Impact:
         """A push of a hand that takes so long and moves it so far for good, as searched."""
         spare_n = self.spare_n(direction)
 
@@ -319,11 +319,11 @@ def least(enough: Callable[[float], bool], low: float, high: float) -> float:
     return high
 
 
-def pressed(direction: str, peak_n: float, lasts_s: float) -> Blow:
+def pressed(direction: str, peak_n: float, lasts_s: float) -> Impact:
     """A half sine of force; as a mallet's follow-through, since it may last."""
     carried_n_s = 2.0 / math.pi * peak_n * lasts_s
     table = {
         "direction": direction, "impulse_n_s": 0.0, "duration_s": 0.001,
         "follow_n_s": min(carried_n_s, 5.0), "follow_s": lasts_s,
     }  # fmt: skip
-    return msgspec.convert(table, Blow)
+    return msgspec.convert(table, Impact)

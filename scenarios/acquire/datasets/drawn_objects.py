@@ -44,7 +44,7 @@ SCALES = {
 MASS = "mass_kg"
 NEAR_COUNTS, ASIDE_COUNTS = 6, 1  # grips tried: past first contact; a finger from another
 LEAST_N = (0.75, 0.3, 0.3)  # of a first grip: variation between trials takes some of it away
-CARRIED = 1.5  # times its weight, by a full grip, so that a blow does not simply knock it out
+CARRIED = 1.5  # times its weight, by a full grip, so that an impact does not simply knock it out
 MOST_TRIES = 1000
 LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
 

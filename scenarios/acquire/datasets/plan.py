@@ -273,7 +273,7 @@ def _metadata(
     ranges |= row.randomise if row is not None else {}
     grasped = row is not None and row.grasped
     return Metadata(
-        set="confusers" if row is not None else "slide", split=split, surface=name,
+        set="disturbances" if row is not None else "slide", split=split, surface=name,
         cause=row.cause if row is not None else "",
         motion=course.kind if course else "none",
         speed_mps=course.speed_mps if course else 0.0,

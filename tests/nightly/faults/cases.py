@@ -15,14 +15,14 @@ from grasp.states import State
 from tests.nightly.faults.registers import COMMAND_FIELDS, IMAGES
 from tests.nightly.faults.registers import FIELDS as HAND_FIELDS
 
-STATE = ("frozen", "missing", "not a number", "out of range", "jump")
+STATE = ("frozen", "missing", "not a number", "out of range", "close")
 LINK = ("cut", "blinking")
 ARM_FIELDS = (
     "t_ns", "position_m", "velocity_mps", "moving", "protective_stop", "angle_rad", "spin_radps",
     "speed_fraction",
 )  # fmt: skip
 VECTORS, AXES = ("position_m", "velocity_mps"), "xyz"
-OF_AN_AXIS = frozenset({"not a number", "out of range", "jump"})  # others concern all three
+OF_AN_AXIS = frozenset({"not a number", "out of range", "close"})  # others concern all three
 TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
 TAXEL = "taxel"  # one of these, drawn
 PADS = ("finger A", "finger B", "finger C", TAXEL)

@@ -62,7 +62,7 @@ def wrong(name: str, kind: str, value: int) -> int:
     """What a field says that leaps, or is beyond its range."""
     field = FIELDS[name]
     if name == "gFLT":
-        return _WORST_FAULT if kind == "jump" else _RESERVED_FAULT
+        return _WORST_FAULT if kind == "close" else _RESERVED_FAULT
     if kind == "out of range":
         return field.most
     if kind == "some off":

@@ -83,7 +83,7 @@ class Attack:
         self.detector: FailingDetector | None = None
         self.rig: Rig[Any, Any] | None = None
         self._second: tuple[Fault, bool, int] | None = None  # of a pair, and ticks until then
-        self.struck_ns: list[int] = []
+        self.impact_ns: list[int] = []
         self._hits: list[Struck | None] = []  # the same; None: no wire was struck
 
     @property
@@ -116,7 +116,7 @@ class Attack:
         return found
 
     def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
-        self.struck_ns.append(now_ns)
+        self.impact_ns.append(now_ns)
         self._hits.append(None)
         if fault.device == "loop":
             self._stand_still(STANDSTILLS_S[fault.kind])
@@ -278,18 +278,18 @@ def _run(moment: Moment) -> Ended:
             attack.begin(case, rig.clock.now_ns)
         attack.tick(rig.clock.now_ns)
         if truth is not None:
-            seen.take(truth, bool(attack.struck_ns), tick.decision.state in SAFE_STATES)
+            seen.take(truth, bool(attack.impact_ns), tick.decision.state in SAFE_STATES)
 
     trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
     at_end, arm_mps = cell.truth(), speed(cell, rig.clock.now_ns)
     fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
     trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
     safe = trial.controller.state in SAFE_STATES
-    _wait(rig, attack.arm.watch, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
+    _wait(rig, attack.arm.watch, lambda: seen.take(cell.truth(), bool(attack.impact_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, case.seed, trial, None).outcome
     failure, said = trial.failure(config), trial.end(config) or End("", "", "")
-    arm_s, hand_s = _delays(trial, seen) if attack.struck_ns else (None, None)
+    arm_s, hand_s = _delays(trial, seen) if attack.impact_ns else (None, None)
     (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
     safe_ns = seen.safe_ns
     return Ended(

@@ -108,7 +108,7 @@ def test_what_another_client_writes_once_is_written_over_and_told(
 def test_what_failed_once_ends_well() -> None:
     for case in (
         Case(0, "can", 0, OPENED, State.HOLD, 1, 33, recovers=True),
-        Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), State.BRACE),
+        Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "close"), State.BRACE),
         Case(0, "ball", 1, FROZEN, State.RETREAT),
         Case(
             0, "cardboard", 2, Fault("gripper", "state", "gDTA", "missing"), State.SETTLE,

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from detector.training.sequences import (
-    BLOW_SAMPLES,
+    IMPACT_SAMPLES,
     UNMOVED_WEIGHT,
     crops,
     digest,
     fingers_of,
     targets,
 )
-from tests.unit.detector.blow_toys import struck
+from tests.unit.detector.impact_toys import struck
 from tests.unit.detector.toys import toys
 
 MADE = [
@@ -36,10 +36,10 @@ def test_recordings_that_moved_otherwise_are_other_data() -> None:
     assert digest(still) != digest(MADE)
 
 
-def test_a_blow_teaches_by_what_it_moved_and_not_by_its_own_length() -> None:
+def test_an_impact_teaches_by_what_it_moved_and_not_by_its_own_length() -> None:
     recording = struck((2.0, 0.003), (4.0, 0.0008), (6.0, 0.0001))
     labels, weights = targets(recording, "slip")
-    assert np.flatnonzero(labels).tolist() == list(range(203, 203 + BLOW_SAMPLES))
+    assert np.flatnonzero(labels).tolist() == list(range(203, 203 + IMPACT_SAMPLES))
     assert set(weights[200:250]) == {1.0}
     assert set(weights[400:450]) == {0.0}
     assert set(weights[600:650]) == {UNMOVED_WEIGHT}

@@ -48,7 +48,7 @@ def arm_driver(**settings: Any) -> tuple[ArmDriver, StandingArm]:
     link = StandingArm()
     wide = {"workspace_low_m": (-1.0,) * 3, "workspace_high_m": (1.0,) * 3, "max_jump_m": 1.0}
     driver = ArmDriver(link, ArmSettings(**{**wide, **settings}))
-    driver.pump(0)
+    driver.poll(0)
     return driver, link
 
 
@@ -84,7 +84,7 @@ def hardest_stop_mps2(v: float) -> float:
 def trusted(v: float, age_s: float) -> bool:
     driver, _ = arm_driver(stale_after_s=v)
     try:
-        driver.pump(round(age_s * 1e9))
+        driver.poll(round(age_s * 1e9))
     except Stale:
         return False
     return True
@@ -105,7 +105,7 @@ def missed_until_stale(v: int) -> int:
     bench = Bench(TakkTileSettings(stale_after_missed=v)).take_rest()
     bench.board.time_out(50)
     while not bench.frame.stale:
-        bench.pump()
+        bench.poll()
     return bench.frame.missed
 
 
@@ -116,9 +116,9 @@ def still_new(v: float, age_ms: float) -> bool:
         return Bench(TakkTileSettings(max_age_ms=v)).take_rest()
 
     usual, late = bench(), bench()
-    usual.pump()
+    usual.poll()
     late.link.advance(usual.now_ns)  # the same sample has come
-    late.driver.pump(usual.frame.sampled_ns + round(age_ms * MS))
+    late.driver.poll(usual.frame.sampled_ns + round(age_ms * MS))
     return late.frame.missed == 0
 
 
@@ -138,7 +138,7 @@ def between_writes_s(value: float) -> float:
     for counts in range(50, 250):
         made.driver.move_to((counts,) * 3, 0.11, 10.0)
         made.advance(1)
-        made.driver.pump(made.now_ns)
+        made.driver.poll(made.now_ns)
     return float(np.diff(made.written_ns).min()) * 1e-9
 
 
@@ -148,7 +148,7 @@ def reads_before_a_write(value: int, old_s: float) -> bool:
     made.step(2)
     before = made.driver.statistics.reads
     made.driver.move_to((50, 50, 50), 0.11, 10.0)
-    made.driver.pump(made.now_ns + round(old_s * 1e9))
+    made.driver.poll(made.now_ns + round(old_s * 1e9))
     return made.driver.statistics.reads > before + 1
 
 

@@ -47,17 +47,17 @@ class Bench:
         )
         self.frame: Any = frame()
         hand = SimpleNamespace(
-            state=self.gripper_state, acknowledged=True, pump=self._of("gripper pump"),
+            state=self.gripper_state, acknowledged=True, poll=self._of("gripper poll"),
             move_to=self._of("move_to"), close_fast=self._of("close_fast"), open=self._of("open"),
             hold=self._of("hold"),
         )  # fmt: skip
         if own_thread:
             hand.set_fallback = lambda command, words: self.fallbacks.append((command, words))
         body = SimpleNamespace(
-            state=arm(), pump=self._of("arm pump"), move_to=self._of("arm"), stop=self._of("stop")
+            state=arm(), poll=self._of("arm poll"), move_to=self._of("arm"), stop=self._of("stop")
         )
         board = SimpleNamespace(
-            frame=self.frame, rest_taken=True, pump=self._of("board pump"),
+            frame=self.frame, rest_taken=True, poll=self._of("board poll"),
             begin_rest=self._of("rest"),
         )  # fmt: skip
         self.hand, self.arm, self.board = hand, body, board
@@ -86,7 +86,7 @@ class Bench:
         )
 
     def verbs(self) -> list[tuple[Any, ...]]:
-        return [(name, *asked) for name, _, *asked in self.told if "pump" not in name]
+        return [(name, *asked) for name, _, *asked in self.told if "poll" not in name]
 
     def when(self, name: str) -> list[int]:
         return [at for said, at, *_ in self.told if said == name]

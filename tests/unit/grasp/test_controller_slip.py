@@ -27,7 +27,7 @@ TOP_UP = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
 
 
 def staged() -> Driver:
-    d = Driver(answer="jump")
+    d = Driver(slip_response="close")
     d.reach = REACH
     return d
 
@@ -118,7 +118,7 @@ def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowe
 
 
 def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> None:
-    d = Driver(answer="jump", hold_by_clock=True, hold_s=0.5).slip()
+    d = Driver(slip_response="close", hold_by_clock=True, hold_s=0.5).slip()
     d.commands.clear()
     while d.controller.state is State.COMPENSATE:
         d.climb(0.9, gripper=d.hand(detections=LATCHED))

@@ -47,7 +47,7 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
     bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.hand.state, bench.arm.state = gripper(10**9), arm(10**9)
-    bench.raises["gripper pump"] = LinkLost("gone", "look")
+    bench.raises["gripper poll"] = LinkLost("gone", "look")
     left = bench.loop.abort()
     assert bench.clock.now_ns == 10**9 + 210 * MS
     assert bench.verbs() == [("stop", 2.0), ("hold",)] * 4
@@ -55,7 +55,7 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
 
 
 @pytest.mark.parametrize("bug", [SystemExit(0), KeyboardInterrupt(), ValueError("a bug")], ids=repr)
-@pytest.mark.parametrize("device", ["arm pump", "gripper pump", "board pump", "hold"])
+@pytest.mark.parametrize("device", ["arm poll", "gripper poll", "board poll", "hold"])
 def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, device: str) -> None:
     bench = Bench(abort_s=0.2)
     bench.loop.tick()
@@ -77,7 +77,7 @@ def test_an_abort_ends_once_arm_and_hand_obey_and_begins_no_closing_again() -> N
         if now_ns >= 10**9 + 130 * MS:
             bench.hand.state = gripper(2 * 10**9)
 
-    bench.hand.pump = rests
+    bench.hand.poll = rests
     bench.loop.abort()
     assert bench.clock.now_ns == 10**9 + 160 * MS
     assert [name for name, *_ in bench.verbs()] == ["stop", "close_fast", "stop", "stop"]

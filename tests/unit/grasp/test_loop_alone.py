@@ -53,25 +53,25 @@ def test_each_command_goes_to_its_device_with_all_that_it_says_in_its_order() ->
     assert bench.ticks[2].issued == ()
 
 
-def test_gripper_is_pumped_right_after_a_command_so_that_it_goes_out_at_once() -> None:
+def test_gripper_is_polled_right_after_a_command_so_that_it_goes_out_at_once() -> None:
     bench = Bench()
     bench.decides = [(MOVE,)]
     bench.loop.tick()
     bench.loop.tick()
     sent = bench.told.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
-    assert bench.told[sent + 1] == ("gripper pump", 10**9 + 12 * MS, 10**9 + 12 * MS)
+    assert bench.told[sent + 1] == ("gripper poll", 10**9 + 12 * MS, 10**9 + 12 * MS)
 
 
-@pytest.mark.parametrize(("delay_s", "pumped"), [(0.001, 1), (0.001000001, 2)])
+@pytest.mark.parametrize(("delay_s", "polled"), [(0.001, 1), (0.001000001, 2)])
 @pytest.mark.parametrize("command", [RISE, StopArm(1.0)])
 def test_arm_is_asked_again_before_a_command_unless_it_was_just_now(
-    delay_s: float, pumped: int, command: Command
+    delay_s: float, polled: int, command: Command
 ) -> None:
     bench = Bench(decision_delay_s=delay_s)
     bench.decides = [(command,)]
     bench.loop.tick()
     bench.loop.tick()
-    assert len(bench.when("arm pump")) == pumped + 1
+    assert len(bench.when("arm poll")) == polled + 1
     assert len(bench.when("arm") + bench.when("stop")) == 1
 
 
@@ -98,7 +98,7 @@ def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
 def test_gripper_is_lost_until_it_answers_again() -> None:
     bench = Bench()
     for error in (None, LinkLost("gone", "look"), Refused("hot", "wait"), None):
-        bench.raises = {} if error is None else {"gripper pump": error}
+        bench.raises = {} if error is None else {"gripper poll": error}
         bench.loop.tick()
     assert [told.gripper_lost for told in bench.inputs] == [False, True, True, False]
 
@@ -131,7 +131,7 @@ def test_step_is_told_what_waits_how_late_it_is_and_how_long_the_one_before_took
 def test_a_loop_that_stands_still_while_it_reads_a_device_is_as_late() -> None:
     bench = Bench()
     bench.loop.tick()
-    bench.hand.pump = lambda _: bench.clock.sleep_until_ns(bench.clock.now_ns + 400 * MS)
+    bench.hand.poll = lambda _: bench.clock.sleep_until_ns(bench.clock.now_ns + 400 * MS)
     bench.loop.tick()
     assert (bench.inputs[-1].t_ns, bench.inputs[-1].late_ns) == (10**9 + 20 * MS, 400 * MS)
 

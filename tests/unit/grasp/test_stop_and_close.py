@@ -24,7 +24,7 @@ def quiet(d: Driver, steps: int) -> None:
 
 
 def test_arm_stops_before_the_hand_closes() -> None:
-    d = Driver(answer_stop_mps2=4.0).slip()
+    d = Driver(slip_stop_mps2=4.0).slip()
     assert [type(c) for c in d.commands] == [StopArm, CloseFast]
     assert told(d, StopArm) == [StopArm(4.0)]
 

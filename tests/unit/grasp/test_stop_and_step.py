@@ -16,7 +16,7 @@ from tests.unit.grasp.test_stop_and_close import told
 
 
 def stepping(height_m: float = 0.02, **settings: object) -> Driver:
-    d = Driver(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    d = Driver(slip_response="stop_and_step", **settings)  # type: ignore[arg-type]
     d.climbs_m = height_m
     return d.slip()
 
@@ -83,7 +83,7 @@ def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
     high = stepping(0.031)
     assert told(high, MoveFingers) == []
     assert len(told(high, CloseFast)) == 1
-    top = Driver(answer="stop_and_step", hold_s=5.0, lift_height_m=0.02).lift()
+    top = Driver(slip_response="stop_and_step", hold_s=5.0, lift_height_m=0.02).lift()
     top.height_m = 0.02
     top.until(State.HOLD)
     top.until(State.COMPENSATE, 0.9)
@@ -103,7 +103,7 @@ def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None
 
 def held_by(end: int, **settings: object) -> Driver:
     """A thumb that may go no further than that; the first grasp is at 55 counts."""
-    d = Driver(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    d = Driver(slip_response="stop_and_step", **settings)  # type: ignore[arg-type]
     d.end, d.climbs_m = end, 0.02
     return d
 
@@ -133,7 +133,7 @@ def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
 
 def alone(height_m: float = 0.01, **settings: object) -> StopAndStep:
     """Steps of one count each, on a line that begins so far below the arm."""
-    asked = ControllerSettings(answer="stop_and_step", **settings)  # type: ignore[arg-type]
+    asked = ControllerSettings(slip_response="stop_and_step", **settings)  # type: ignore[arg-type]
     plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.5))
     return StopAndStep(asked, plan, LiftLine(asked, (0.3, 0.2, 0.4 - height_m)))
 
@@ -162,7 +162,7 @@ def test_no_step_is_taken_from_the_height_on_that_ends_them(height_m: float) -> 
 @pytest.mark.parametrize("brake_mps2", [0.2, 0.19])
 def test_arm_may_take_all_the_time_of_a_step_to_stop(brake_mps2: float) -> None:
     """At 0.05 m/s."""
-    assert steps(alone(answer_stop_mps2=brake_mps2), at(moving=True)) == (brake_mps2 == 0.2)
+    assert steps(alone(slip_stop_mps2=brake_mps2), at(moving=True)) == (brake_mps2 == 0.2)
 
 
 @pytest.mark.parametrize(("thumb", "end"), [(252, 254), (253, 255), (254, 255)])

@@ -135,7 +135,7 @@ class Staged:
 
 # on the way down, as often as what is felt has it
 LANDING = ("lower.feel",)
-HAND_ALONE = "controller.answer=jump"  # answers slip, the arm goes on
+HAND_ALONE = "controller.slip_response=close"  # answers slip, the arm goes on
 ONE_SPEED = "controller.closing=constant"
 
 

@@ -27,8 +27,9 @@ HELD = Truth(
     force_rise_s=1.1, flank_slope=0.0,
 )  # fmt: skip
 FACTS = LiftFacts(
-    end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0, twin_onset_s=1.0,
-    peak_force_n=10.0, force_bound_n=11.0, cap_reached=False, alarm_stayed=False, fault="",
+    end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
+    open_loop_onset_s=1.0, peak_force_n=10.0, force_bound_n=11.0,
+    cap_reached=False, alarm_stayed=False, fault="",
 )  # fmt: skip
 
 
@@ -40,7 +41,7 @@ def lift_verdict(end: dict[str, float] | None, **facts: Any) -> LiftOutcome:
     return outcome(changed, body)
 
 
-MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+MOVED = ObjectMotion(impact_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
 
 
 def tap_verdict(

@@ -1,5 +1,5 @@
 """A lab's verbs at an emulated cell: what is there, what they move, what they refuse, what stops
-them. What a pumped core answers in virtual time is in tests/unit."""
+them. What a polled core answers in virtual time is in tests/unit."""
 
 import json
 import re
@@ -132,7 +132,7 @@ def test_arm_that_somebody_drives_is_stopped_without_asking_them(lab: Lab) -> No
         with open_arm(lab.config, lambda: clock.now_ns) as arm:
             try:
                 while True:
-                    arm.pump(clock.now_ns)
+                    arm.poll(clock.now_ns)
                     arm.drive((0.0, 0.0, 0.01), 0.0, 0.5)
                     if arm.state is not None and arm.state.velocity_mps[2] > 0.005:
                         moves.set()

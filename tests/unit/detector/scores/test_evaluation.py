@@ -36,7 +36,7 @@ from drivers.errors import BadFile
 JSON_FIELDS = {
     "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
     "auc", "event_recall", "event_precision", "false_events_per_min", "delay_ms", "delay_mm",
-    "release_delay_ms", "ece", "compute_us", "threshold", "blows", "confusion", "true_events",
+    "release_delay_ms", "ece", "compute_us", "threshold", "impacts", "confusion", "true_events",
     "missed_events", "registered_events",
     "false_events", "label", "weighted_precision", "false_events_per_min_by_cause",
     "false_events_per_min_hand", "intervals", "recordings",
@@ -254,7 +254,7 @@ def test_a_scripted_detector_gets_the_score_that_can_be_counted() -> None:
 
 def metadata(cause: str) -> Metadata:
     return Metadata(
-        set="confusers" if cause else "slide", split="test", surface="planar", motion="none",
+        set="disturbances" if cause else "slide", split="test", surface="planar", motion="none",
         speed_mps=0.0, spin_radps=0.0, direction="", seed=0, cause=cause,
     )  # fmt: skip
 

@@ -63,7 +63,7 @@ class Transport(ModelTransport):
 
 
 class Rig:
-    """Driver pumped at 100 Hz, model stepped at 1 kHz."""
+    """Driver polled at 100 Hz, model stepped at 1 kHz."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class Rig:
     def step(self, steps: int = 1) -> None:
         for _ in range(steps):
             self.advance(10)
-            self.driver.pump(self.now_ns)
+            self.driver.poll(self.now_ns)
 
     def answer_late(self, ms: int) -> None:
         """One exchange whose answer tells of how the hand is that much later."""
@@ -117,11 +117,11 @@ class Rig:
             return read(first_register, count, self.now_ns)
 
         self.transport.read = late
-        self.driver.pump(asked_ns)
+        self.driver.poll(asked_ns)
         self.transport.read = read
 
     def settle(self, limit: int = 1000) -> None:
-        """Pump until everything rests; fails when it does not."""
+        """Poll until everything rests; fails when it does not."""
         for _ in range(limit):
             self.step()
             if self.state.at_rest and not self.model.moving:

@@ -24,19 +24,19 @@ class Cell:
         self.now_ns = BEGIN_NS
         self.acknowledged_ns = 0
         self.state: Any = None
-        self.pumped_ns: list[int] = []
+        self.polled_ns: list[int] = []
         self.verbs: list[tuple[object, ...]] = []
-        self.acts: list[Callable[[], None]] = []  # one a pump
+        self.acts: list[Callable[[], None]] = []  # one a poll
         self.refuses = False
         self.writes_from_ns = 1 << 62
-        self._pumped = threading.Semaphore(0)
+        self._polled = threading.Semaphore(0)
 
     def clock(self) -> int:
         return self.now_ns
 
-    def pump(self, now_ns: int) -> None:
-        self.pumped_ns.append(now_ns)
-        self._pumped.release()
+    def poll(self, now_ns: int) -> None:
+        self.polled_ns.append(now_ns)
+        self._polled.release()
         if self.acts:
             self.acts.pop(0)()
         if now_ns >= self.writes_from_ns:
@@ -60,15 +60,15 @@ class Cell:
         self.acknowledged_ns = self.now_ns
 
     def wait(self) -> None:
-        until(lambda: self._pumped.acquire(timeout=0.005))
+        until(lambda: self._polled.acquire(timeout=0.005))
 
 
 Made = Callable[..., tuple[Cell, ThreadedGripper]]
 
 
-def settled(gripper: ThreadedGripper, pumps: int) -> None:
+def settled(gripper: ThreadedGripper, polls: int) -> None:
     """After so many exchanges, with what follows from them."""
-    until(lambda: gripper.pumps >= pumps)
+    until(lambda: gripper.polls >= polls)
 
 
 def until(true: Callable[[], bool]) -> None:
@@ -76,15 +76,15 @@ def until(true: Callable[[], bool]) -> None:
     for _ in range(2000):
         if true():
             return
-        assert pumping(), "the thread has ended"
+        assert polling(), "the thread has ended"
         pause.wait(0.005)
     raise AssertionError("never")
 
 
-def pumping() -> int:
-    """How many threads there are that pump a gripper."""
+def polling() -> int:
+    """How many threads there are that poll a gripper."""
     return [thread.name for thread in threading.enumerate()].count("gripper")
 
 
 def idle(cell: Cell) -> None:
-    """A pump that takes no time and writes nothing."""
+    """A poll that takes no time and writes nothing."""

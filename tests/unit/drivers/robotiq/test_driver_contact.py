@@ -17,7 +17,7 @@ def test_a_state_is_stale_from_the_verb_on_until_the_echo(rig) -> None:
     assert made.state.at_rest
     made.driver.move_to((80, 80, 80), FAST, 10.0)
     assert not made.state.fresh, "before it is even written"
-    made.driver.pump(made.now_ns + 1)
+    made.driver.poll(made.now_ns + 1)
     stale = made.state
     assert not stale.fresh and not stale.at_rest
     assert stale.fingers[0].detection is Detection.AT_TARGET, "of the motion before"
@@ -46,7 +46,7 @@ def test_an_echo_of_the_command_before_last_proves_nothing(rig) -> None:
     made.driver.move_to((80, 80, 80), FAST, 10.0)
     made.step()
     made.driver.move_to((50, 50, 50), FAST, 10.0)
-    made.driver.pump(made.now_ns + 1 * MS)
+    made.driver.poll(made.now_ns + 1 * MS)
     made.driver.move_to((80, 80, 80), FAST, 30.0)
     made.step()
     assert not made.state.fresh, "80 is echoed, but from the first request"
@@ -104,7 +104,7 @@ def test_a_close_right_after_open_does_not_trust_the_stale_contact(rig, springs)
 def test_a_grip_taken_over_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
     made = gripped(rig, springs)
     other = RobotiqDriver(made.transport, DriverSettings(), PAPER)
-    other.pump(made.now_ns)
+    other.poll(made.now_ns)
     assert not other.close_fast(20.0, ALL, (255, 255, 255), FAST).effective
 
 

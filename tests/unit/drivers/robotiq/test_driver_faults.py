@@ -138,7 +138,7 @@ def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
     assert made.state.positions == (90, 90, 90), "not taken for written already"
 
 
-FIRST = 2  # pumps after which a status has been read
+FIRST = 2  # polls after which a status has been read
 
 
 def lie_about_a_reset(made, boot_s: float = 0.0) -> None:
@@ -196,7 +196,7 @@ def test_a_status_within_one_refresh_needs_no_other_read_before_a_write(rig) -> 
     made.step(FIRST)
     reads = made.driver.statistics.reads
     made.driver.move_to((90, 90, 90), FAST, 10.0)
-    made.driver.pump(made.now_ns + 5 * MS)
+    made.driver.poll(made.now_ns + 5 * MS)
     assert len(made.written) == 1
     assert made.driver.statistics.reads == reads + 1
 
@@ -263,8 +263,8 @@ def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
 
     driver = RobotiqDriver(Wire(), DriverSettings(), paper)
     now_ns = 0
-    driver.pump(now_ns)
-    for verb, pumps in script:
+    driver.poll(now_ns)
+    for verb, polls in script:
         if verb[0] == "fault":
             hand.inject_fault(verb[1])
         elif verb[0] == "link":
@@ -274,7 +274,7 @@ def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
                 cap = apply_verb(driver, verb)
                 if cap >= 0:
                     caps.append(cap)
-        for _ in range(pumps):
+        for _ in range(polls):
             now_ns += 10 * MS
             with suppress(LinkLost, DeviceFault):
-                driver.pump(now_ns)
+                driver.poll(now_ns)

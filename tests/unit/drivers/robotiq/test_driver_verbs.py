@@ -188,10 +188,10 @@ def test_over_rtu_the_registers_have_other_addresses() -> None:
     model = GripperModel(QUICK, 0, active=True)
     transport = ModelTransport(model, "rtu")
     driver = RobotiqDriver(transport, DriverSettings(link="rtu"), PAPER)
-    driver.pump(0)
+    driver.poll(0)
     driver.move_to((50, 50, 50), FAST, 10.0)
     for tick in range(1, 200):
-        driver.pump(tick * 10 * MS)
+        driver.poll(tick * 10 * MS)
     assert driver.state is not None and driver.state.positions == (50, 50, 50)
 
 

@@ -51,7 +51,7 @@ def test_what_is_wanted_at_first_is_written_once_a_status_says_the_hand_is_activ
     for active in [True, False]:
         made, _ = exchange(active)
         made.want(command(60, 60, 60))
-        made.pump(0)
+        made.poll(0)
         assert made.statistics.writes == active, active
 
 
@@ -59,7 +59,7 @@ def test_nothing_is_written_while_no_status_was_understood() -> None:
     made, wire = exchange()
     wire.garbage = [(), ()]
     made.want(command(60, 60, 60))
-    assert made.pump(0) is None
+    assert made.poll(0) is None
     assert made.statistics.writes == 0
 
 
@@ -67,15 +67,15 @@ def test_what_is_wanted_again_after_the_link_was_lost_is_written_again() -> None
     made, wire = exchange()
     made.want(command(60, 60, 60))
     for t_ns in range(0, 100 * MS, 10 * MS):
-        made.pump(t_ns)
+        made.poll(t_ns)
     assert made.confirmed and made.statistics.writes == 1
     wire.down = True
     with pytest.raises(LinkLost):
-        made.pump(100 * MS)
+        made.poll(100 * MS)
     wire.down = False
     made.want(command(60, 60, 60))
     for t_ns in (110 * MS, 120 * MS):
-        made.pump(t_ns)
+        made.poll(t_ns)
     assert made.statistics.writes == 2
 
 
@@ -83,7 +83,7 @@ def test_each_new_write_is_logged_with_all_registers() -> None:
     written: list[tuple[int, ...]] = []
     made, _ = exchange(log=lambda now_ns, registers: written.append(registers))
     made.want(command(60, 60, 60))
-    made.pump(0)
+    made.poll(0)
     assert written == [command(60, 60, 60).to_registers()]
 
 
@@ -113,7 +113,7 @@ def test_writes_are_no_further_apart_than_they_must(rig) -> None:
     for count in range(20):
         made.driver.move_to((100 + count,) * 3, FAST, 10.0)
         made.advance(2)
-        made.driver.pump(made.now_ns)
+        made.driver.poll(made.now_ns)
     gaps = [b - a for a, b in zip(made.written_ns, made.written_ns[1:], strict=False)]
     assert min(gaps) == 10 * MS
     made.step(2)
@@ -126,7 +126,7 @@ def test_a_major_fault_that_was_there_before_is_raised_by_the_first_exchange() -
     model.advance(10 * MS, FingerLoads(np.zeros(3), np.zeros(3)))
     driver = RobotiqDriver(Transport(model), DriverSettings(), PAPER)
     with pytest.raises(DeviceFault, match="release completed"):
-        driver.pump(10 * MS)
+        driver.poll(10 * MS)
     with pytest.raises(Refused, match="gripper fault: automatic release completed"):
         driver.open(FAST)
 

@@ -90,18 +90,18 @@ def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exch
     assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from when it was given"
 
 
-def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_pump(
+def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_poll(
     silent: Callable[..., Silence],
 ) -> None:
     hand = silent()
     hand.cell.refuses = True
     hand.gripper.hold()
-    hand.gripper.pump(0)
+    hand.gripper.poll(0)
     hand.ends()
     until(lambda: hand.gripper.acknowledged)
     with pytest.raises(Refused, match="not so"):
-        hand.gripper.pump(0)
-    hand.gripper.pump(0)
+        hand.gripper.poll(0)
+    hand.gripper.poll(0)
     assert len(hand.cell.verbs) == 1
 
 

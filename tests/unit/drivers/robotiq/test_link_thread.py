@@ -27,7 +27,7 @@ def raised(gripper: ThreadedGripper) -> None:
     """Until the thread has come so far."""
     pause = threading.Event()
     for _ in range(2000):
-        gripper.pump(0)
+        gripper.poll(0)
         pause.wait(0.005)
 
 
@@ -65,7 +65,7 @@ def closes(core: Any) -> Any:
 
 def exchanges(cell: Cell, gripper: ThreadedGripper) -> None:
     """Two more, the second of which began after now."""
-    settled(gripper, gripper.pumps + 2)
+    settled(gripper, gripper.polls + 2)
 
 
 def test_without_a_poll_for_a_second_the_thread_gives_the_fallback_command_once_and_logs_it(
@@ -86,13 +86,13 @@ def test_without_a_poll_for_a_second_the_thread_gives_the_fallback_command_once_
     assert caplog.record_tuples == [("drivers.robotiq.link", logging.WARNING, said)]
 
 
-@pytest.mark.parametrize("polls", ["pump", "hold"])
+@pytest.mark.parametrize("polls", ["poll", "hold"])
 def test_hand_that_is_polled_or_commanded_gets_no_fallback_command(polls: str, made: Made) -> None:
     cell, gripper = made(period_s=0.001)
     gripper.set_fallback(closes, "close")
     for _ in range(3):
         cell.passes(SECOND_NS // 2)
-        gripper.pump(0) if polls == "pump" else gripper.hold()
+        gripper.poll(0) if polls == "poll" else gripper.hold()
         exchanges(cell, gripper)
     assert CLOSING not in cell.verbs
 
@@ -120,7 +120,7 @@ def test_periods_that_passed_are_missed_and_the_grid_is_kept(made: Made) -> None
     cell, gripper = made(lambda cell: cell.passes(35 * MS), period_s=0.01)
     cell.wait()
     settled(gripper, 2)
-    assert cell.pumped_ns[:2] == [BEGIN_NS, BEGIN_NS + 35 * MS]
+    assert cell.polled_ns[:2] == [BEGIN_NS, BEGIN_NS + 35 * MS]
 
 
 def test_verbs_go_to_the_core_as_they_are(made: Made) -> None:

@@ -18,7 +18,7 @@ PERIOD_NS = 10 * MS
 
 
 class Bench:
-    """A driver on a board whose codes the test sets; time advances a period a pump."""
+    """A driver on a board whose codes the test sets; time advances a period a poll."""
 
     def __init__(
         self,
@@ -40,25 +40,25 @@ class Bench:
         felt = self.codes + sign * self.noise, np.full(18, temperature, np.int16)
         return lambda: felt
 
-    def pump(self, times: int = 1) -> None:
+    def poll(self, times: int = 1) -> None:
         for _ in range(times):
             self.now_ns += PERIOD_NS
             self.link.advance(self.now_ns)
-            self.driver.pump(self.now_ns)
+            self.driver.poll(self.now_ns)
 
     def take_rest(self) -> "Bench":
         self.driver.start()
         self.driver.begin_rest()
-        self.pump(51)
+        self.poll(51)
         return self
 
-    def failure(self, pumps: int) -> GraspError:
-        """What the last of so many pumps raises."""
-        for _ in range(pumps - 1):
+    def failure(self, polls: int) -> GraspError:
+        """What the last of so many polls raises."""
+        for _ in range(polls - 1):
             with contextlib.suppress(LinkLost, DeviceFault):
-                self.pump()
+                self.poll()
         with pytest.raises(GraspError) as caught:
-            self.pump()
+            self.poll()
         return caught.value
 
     @property
@@ -73,7 +73,7 @@ def bench() -> Bench:
 
 def test_counts_are_raw_minus_rest_and_pressing_is_negative(bench):
     bench.codes = bench.codes - 30
-    bench.pump(2)
+    bench.poll(2)
     frame = bench.frame
     assert frame.counts.tolist() == [[-30] * 6] * 3
     assert frame.rest.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
@@ -91,7 +91,7 @@ def test_a_frame_is_the_newest_that_a_pending_read_has_brought_and_says_how_old_
     bench.take_rest()
     ages = []
     for _ in range(200):
-        bench.pump()
+        bench.poll()
         started_ns = bench.frame.sampled_ns - 1_500_000
         assert bench.frame.temperature[0, 0] == started_ns // 100_000 % 1024
         ages.append((bench.now_ns - bench.frame.sampled_ns) / MS)
@@ -101,7 +101,7 @@ def test_a_frame_is_the_newest_that_a_pending_read_has_brought_and_says_how_old_
 
 def test_a_frame_that_waited_long_to_be_taken_is_missed_not_taken_for_new(bench):
     bench.link.advance(bench.now_ns + PERIOD_NS)
-    bench.driver.pump(bench.now_ns + 200 * MS)
+    bench.driver.poll(bench.now_ns + 200 * MS)
     assert bench.frame.missed == 1
     assert bench.driver.statistics.too_old == 1
 
@@ -110,7 +110,7 @@ def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench)
     before = bench.frame
     bench.board.time_out(1)
     for missed in range(1, 9):
-        bench.pump()
+        bench.poll()
         frame = bench.frame
         assert frame.missed == missed
         assert frame.stale == (missed >= 5)
@@ -118,7 +118,7 @@ def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench)
         assert frame.sampled_ns == before.sampled_ns
         assert frame.seq == before.seq + missed
         assert frame.counts is before.counts
-    bench.pump(3)
+    bench.poll(3)
     assert bench.driver.statistics.timeouts == 1
     assert bench.driver.statistics.empty_ticks >= 8
     assert bench.frame.missed == 0
@@ -127,7 +127,7 @@ def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench)
 
 def test_three_timeouts_restart_the_board_and_keep_the_rest(bench):
     bench.board.time_out(3)
-    bench.pump(32)
+    bench.poll(32)
     assert bench.driver.statistics.restarts == 1
     assert bench.driver.rest_taken
     assert bench.frame.missed == 0
@@ -138,7 +138,7 @@ def test_a_shrunken_frame_never_shifts_taxels_and_is_named_in_the_end(bench):
     bench.board.kill_column(2)
     bench.codes = bench.codes - 100
     with pytest.raises(DeviceFault, match="no whole frames"):
-        bench.pump(6)
+        bench.poll(6)
     assert bench.frame.counts is before
     assert "other cells alive: row 0 column 2, row 1 column 2" in bench.failure(20).message
     assert bench.driver.statistics.wrong_lengths == 9
@@ -147,7 +147,7 @@ def test_a_shrunken_frame_never_shifts_taxels_and_is_named_in_the_end(bench):
 @pytest.mark.parametrize(("fault", "args"), [("split_frame", ()), ("shorten_frame", (4,))])
 def test_a_frame_that_is_not_whole_is_dropped_and_the_next_one_read_in_step(bench, fault, args):
     getattr(bench.board, fault)(*args)
-    bench.pump()
+    bench.poll()
     assert bench.frame.missed == 0
     assert bench.frame.raw.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
     assert bench.driver.statistics.wrong_lengths == 1
@@ -158,7 +158,7 @@ def test_a_board_left_running_is_stopped_before_it_is_scanned():
     bench.board.control(UsbRequest.TIMER, 100, 0xFF, 1, 0)
     bench.now_ns = PERIOD_NS
     bench.driver.start()  # a scan while sampling would hang the board
-    bench.pump(2)
+    bench.poll(2)
     assert bench.driver.statistics.frames == 2
 
 
@@ -174,11 +174,11 @@ def test_the_rest_is_the_median_so_one_outlier_leaves_no_trace():
     bench = Bench()
     bench.driver.start()
     bench.driver.begin_rest()
-    bench.pump(20)
+    bench.poll(20)
     bench.codes = bench.codes - 8
-    bench.pump()
+    bench.poll()
     bench.codes = bench.codes + 8
-    bench.pump(30)
+    bench.poll(30)
     assert bench.frame.rest[0, 0] == 440
 
 
@@ -186,10 +186,10 @@ def test_a_sample_converted_before_rest_was_asked_for_is_not_part_of_it():
     bench = Bench()
     bench.codes[9] = 380
     bench.driver.start()
-    bench.pump(3)
+    bench.poll(3)
     bench.codes[9] = 449  # the hand has opened, and at once the rest is taken
     bench.driver.begin_rest()
-    bench.pump(51)
+    bench.poll(51)
     assert bench.frame.rest[1, 3] == 449
 
 
@@ -203,7 +203,7 @@ def test_a_loaded_fingertip_is_refused_by_name_and_rest_can_be_taken_again():
     assert bench.frame is None
     bench.codes[9] = 449
     bench.driver.begin_rest()
-    bench.pump(51)
+    bench.poll(51)
     assert bench.driver.rest_taken
 
 
@@ -221,15 +221,15 @@ def test_an_unplugged_board_is_a_lost_link_and_comes_back_without_its_rest(bench
     bench.board.unplug()
     for _ in range(10):
         with pytest.raises(LinkLost, match="unplugged"):
-            bench.pump()
+            bench.poll()
     assert bench.frame.stale
     bench.board.replug()
     for _ in range(100):
         with contextlib.suppress(LinkLost):
-            bench.pump()
+            bench.poll()
     assert bench.driver.statistics.reopens == 1
     assert not bench.driver.rest_taken
     assert bench.frame is None
     bench.driver.begin_rest()
-    bench.pump(51)
+    bench.poll(51)
     assert bench.frame.missed == 0

@@ -21,14 +21,14 @@ def model() -> ArmModel:
 @pytest.fixture
 def driver(model: ArmModel) -> ArmDriver:
     driver = ArmDriver(model, ArmSettings())
-    driver.pump(0)
+    driver.poll(0)
     return driver
 
 
 def test_a_drive_is_followed_and_told_in_the_state(driver: ArmDriver) -> None:
     for t in range(10, 700, 10):
         driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
-        driver.pump(t * MS)
+        driver.poll(t * MS)
     assert driver.state is not None
     assert driver.state.velocity_mps == pytest.approx((0.02, 0.0, 0.0))
     assert driver.state.spin_radps == pytest.approx(0.5)
@@ -39,10 +39,10 @@ def test_a_drive_is_followed_and_told_in_the_state(driver: ArmDriver) -> None:
 def test_a_drive_that_is_not_renewed_is_stopped(driver: ArmDriver, model: ArmModel) -> None:
     driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
     for t in range(10, 110, 10):
-        driver.pump(t * MS)
+        driver.poll(t * MS)
     assert model.velocity(109 * MS) == pytest.approx((0.02, 0.0, 0.0))
     for t in range(110, 800, 10):
-        driver.pump(t * MS)
+        driver.poll(t * MS)
     assert driver.state is not None
     assert not driver.state.moving
     assert driver.state.spin_radps == 0.0
@@ -75,10 +75,10 @@ def test_a_drive_forgotten_at_the_worst_moment_stays_inside(driver, model, what)
     t = 0
     with pytest.raises(Refused):
         for t in range(10, 60_000, 10):
-            driver.pump(t * MS)
+            driver.poll(t * MS)
             driver.drive((speed, 0.0, 0.0), spin, 0.5)
     for later in range(t + 10, t + 3_000, 10):
-        driver.pump(later * MS)
+        driver.poll(later * MS)
     end = model.read((t + 3_000) * MS)
     assert not end.moving
     slack = 0.03  # of a controller cycle and the command's way there

@@ -44,31 +44,31 @@ def wire() -> Wire:
 @pytest.fixture
 def driver(wire: Wire) -> ArmDriver:
     driver = ArmDriver(wire, ArmSettings())
-    driver.pump(0)
+    driver.poll(0)
     return driver
 
 
-def pump_until(driver: ArmDriver, start_ms: int, end_ms: int) -> None:
+def poll_until(driver: ArmDriver, start_ms: int, end_ms: int) -> None:
     for t in range(start_ms, end_ms, 10):
-        driver.pump(t * MS)
+        driver.poll(t * MS)
 
 
 def test_the_arm_counts_as_moving_from_the_command_on(wire, driver):
-    driver.pump(6 * MS)
+    driver.poll(6 * MS)
     driver.move_to((X, Y, Z + 0.1), 0.1, 0.5)  # starts at 8 ms: the sample of 8 ms shows no speed
     assert driver.state.moving
     for t in (7, 8, 15, 100):
-        driver.pump(t * MS)
+        driver.poll(t * MS)
         assert driver.state.moving
 
 
 def test_a_stopped_move_is_over_although_its_target_was_not_reached(wire, driver):
     driver.move_to((X, Y, Z + 0.4), 0.1, 0.5)
-    pump_until(driver, 10, 400)
+    poll_until(driver, 10, 400)
     driver.stop(1.0)
-    driver.pump(400 * MS)
+    driver.poll(400 * MS)
     assert driver.state.moving
-    pump_until(driver, 410, 600)
+    poll_until(driver, 410, 600)
     assert not driver.state.moving
 
 
@@ -100,9 +100,9 @@ def test_a_move_exactly_at_the_limits_is_sent(wire, driver):
 
 def test_the_workspace_is_a_box_around_the_pose_at_start_not_the_present_one(wire):
     driver = ArmDriver(wire, ArmSettings(max_jump_m=1.0))
-    driver.pump(0)
+    driver.poll(0)
     driver.move_to((X, Y, Z + 0.3), 0.25, 1.2)
-    pump_until(driver, 10, 2000)
+    poll_until(driver, 10, 2000)
     with pytest.raises(Refused, match=r"0\.6 m breaks .*\(z from start\)") as caught:
         driver.move_to((X, Y, Z + 0.6), 0.25, 1.2)
     assert "-0.01 to 0.5 m" in caught.value.remedy
@@ -138,36 +138,36 @@ def test_payload_is_limited(wire, driver):
 
 
 def test_the_controllers_own_clock_decides_what_is_stale(wire, driver):
-    driver.pump(100 * MS)
+    driver.poll(100 * MS)
     wire.frozen = wire.model.read(100 * MS)
-    driver.pump(150 * MS)
+    driver.poll(150 * MS)
     assert driver.state.age_ns(150 * MS) == 50 * MS
     with pytest.raises(Stale, match="clock stands still"):
-        driver.pump(151 * MS)
+        driver.poll(151 * MS)
     with pytest.raises(Stale):
-        driver.pump(160 * MS)
+        driver.poll(160 * MS)
     wire.frozen = None
-    driver.pump(170 * MS)
+    driver.poll(170 * MS)
     assert driver.state.age_ns(170 * MS) == 0
 
 
 def test_a_protective_stop_is_a_fault_once_an_onset_and_stays_in_the_state(wire, driver):
     driver.move_to((X, Y, Z + 0.4), 0.1, 0.5)
-    pump_until(driver, 10, 300)
+    poll_until(driver, 10, 300)
     wire.model.trip(300 * MS)
     with pytest.raises(DeviceFault, match="protective stop"):
-        driver.pump(310 * MS)
-    pump_until(driver, 320, 500)
+        driver.poll(310 * MS)
+    poll_until(driver, 320, 500)
     assert driver.state.stopped_by_safety
     assert not driver.state.moving
     with pytest.raises(Refused, match="protective stop"):
         driver.move_to(START, 0.1, 0.5)
     wire.model.release()
-    driver.pump(500 * MS)
+    driver.poll(500 * MS)
     assert not driver.state.stopped_by_safety
     wire.model.trip(505 * MS)
     with pytest.raises(DeviceFault):
-        driver.pump(510 * MS)
+        driver.poll(510 * MS)
 
 
 def test_a_move_that_the_controller_does_not_take_is_refused(wire, driver):

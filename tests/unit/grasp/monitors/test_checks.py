@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.commands import Command, HoldFingers, MoveArm
 from grasp.fault import ARM, GRIPPER, Fault
-from grasp.monitors.checks import CHECKS, Monitors, failed, no_probabilities, not_believed
+from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, no_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, SAFE_STATES, State
@@ -98,10 +98,10 @@ def test_report_mode_lets_go_what_is_implausible_and_nothing_that_takes_control_
 
 
 def test_a_hand_without_its_activation_is_believed_and_one_that_leaps_is_not() -> None:
-    assert not not_believed([failed("gripper_inactive")], GRIPPER)
+    assert not implausible([failed("gripper_inactive")], GRIPPER)
     leapt = failed("gripper_impossible", finger="A", how="leapt")
-    assert not_believed([failed("gripper_inactive"), leapt], GRIPPER)
-    assert not not_believed([leapt], ARM)
+    assert implausible([failed("gripper_inactive"), leapt], GRIPPER)
+    assert not implausible([leapt], ARM)
 
 
 @pytest.mark.parametrize(

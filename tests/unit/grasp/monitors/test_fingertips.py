@@ -143,7 +143,7 @@ def test_jump_counts(value: int) -> None:
     assert jumps(value - 1) == jumps(1 - value) == ""
 
 
-def test_taxels_that_change_in_both_directions_are_a_blow() -> None:
+def test_taxels_that_change_in_both_directions_are_an_impact() -> None:
     both = codes(4) + np.where(np.arange(18).reshape(3, 6) < 9, 200, -200).astype(np.int16)
     assert until_wrong([both]) == (0, "")
 

@@ -8,7 +8,7 @@ import pytest
 
 from detector.recordings import Recording, write
 from scenarios.benchmark.scoring import contender, evidence, read_split
-from tests.unit.detector.blow_toys import struck
+from tests.unit.detector.impact_toys import struck
 from tests.unit.detector.toys import toy, toys
 from tests.unit.scenarios.conftest import EAGER
 

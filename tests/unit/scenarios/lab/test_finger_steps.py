@@ -41,7 +41,7 @@ class Bench:
         self.clock = VirtualClock(self._advance)
         self.speeds: list[float] = []
         self.heard: list[str] = []
-        self.rig.driver.pump(0)
+        self.rig.driver.poll(0)
         known = LAB if calibration is PAPER else config("gripper.calibration=manual")
         self.hand = Hand(known, self.rig.driver, None, self.clock, "grasp release")
         self.presser = Presser(self.hand, "A")

@@ -19,19 +19,19 @@ def tips(frames: list[int]) -> Any:
         statistics=SimpleNamespace(frames=0), latest_raw=np.full((3, 6), 440, np.int16)
     )
 
-    def pump(now_ns: int) -> None:
+    def poll(now_ns: int) -> None:
         driver.statistics.frames = next(left)
 
-    driver.pump = pump
+    driver.poll = poll
     return driver
 
 
 def test_fingertips_that_fall_silent_are_stale_and_a_few_lost_frames_are_not() -> None:
     touch = Touch(tips([1, 1, 2, 2, 2, 2, 2, 2, 2]), None, stale_ns=5 * TICK_NS)
     for tick in range(1, 9):
-        touch.pump(tick * TICK_NS)
+        touch.poll(tick * TICK_NS)
     with pytest.raises(Stale, match="no frame for 60 ms"):
-        touch.pump(9 * TICK_NS)
+        touch.poll(9 * TICK_NS)
 
 
 def test_counts_are_below_the_rest_and_unknown_without_one() -> None:

@@ -54,7 +54,7 @@ def fault_gripper(rig: Rig) -> None:
 
 
 def cut_gripper(rig: Rig) -> None:
-    rig.devices.gripper.pump = lost  # type: ignore[method-assign]
+    rig.devices.gripper.poll = lost  # type: ignore[method-assign]
 
 
 LINKS = (unplug_fingertips, trip_arm, fault_gripper, silence_fingertips, cut_gripper)
@@ -117,7 +117,7 @@ def stick_one_taxel_at_the_rail(rig: Rig) -> None:
 
 
 def replug_fingertips(rig: Rig) -> None:
-    """Between two pumps: the link opens the board again, and nobody hears of an error."""
+    """Between two polls: the link opens the board again, and nobody hears of an error."""
     cell(rig).board.unplug()
     cell(rig).board.replug()
     rig.tactile._link.start()  # type: ignore[attr-defined]

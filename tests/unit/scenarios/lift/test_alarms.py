@@ -74,7 +74,7 @@ SCRIPT = st.lists(
 )  # fmt: skip
 
 
-STEPS = "controller.answer=stop_and_step"
+STEPS = "controller.slip_response=stop_and_step"
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,8 @@ def answered_s(ticks: list[Tick]) -> float:
 
 
 PATTERNS = [
-    ("stop_and_jump", "foam", "energy", 4, 46), ("stop_and_step", "can", "energy", 2, 10),
-    ("stop_and_jump", "can", None, 6, 3), ("stop_and_step", "foam", None, 30, 10),
+    ("stop_and_close", "foam", "energy", 4, 46), ("stop_and_step", "can", "energy", 2, 10),
+    ("stop_and_close", "can", None, 6, 3), ("stop_and_step", "foam", None, 30, 10),
 ]  # fmt: skip
 
 
@@ -126,21 +126,21 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     answer: str, name: str, detector: str | None, loud: int, silent: int
 ) -> None:
     script = [(loud, EVERYWHERE), (silent, QUIET)]
-    words = (f"controller.answer={answer}", "controller.hold_s=1.0")
+    words = (f"controller.slip_response={answer}", "controller.hold_s=1.0")
     controller, ticks, held = run(script, *words, object_name=name, detector=detector)
     assert held
     assert controller.response.closings > 0
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
-    steps = 0 if answer == "stop_and_jump" else 5  # stop_and_step.STEP_TRIES
+    steps = 0 if answer == "stop_and_close" else 5  # stop_and_step.STEP_TRIES
     assert controller.response.closings <= 1 + steps  # and to the cap at last
 
 
-@pytest.mark.parametrize("answer", ["stop_and_jump", "stop_and_step"])
+@pytest.mark.parametrize("answer", ["stop_and_close", "stop_and_step"])
 def test_alarm_that_never_ends_is_borne_by_the_clock_though_commands_take_their_time(
     answer: str,
 ) -> None:
-    words = (f"controller.answer={answer}", "controller.hold_by_clock=true",
+    words = (f"controller.slip_response={answer}", "controller.hold_by_clock=true",
              "loop.decision_delay_s=0.02")  # fmt: skip
     controller, ticks, held = run([(1, ALARM)], *words)
     assert controller.state is State.SET_DOWN and held

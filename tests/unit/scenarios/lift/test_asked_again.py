@@ -73,12 +73,12 @@ def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back() -> None
 
         def act(rig: Rig, ms: int = ms) -> None:
             until_ns = rig.clock.now_ns + ms * 1_000_000
-            whole = rig.devices.gripper.pump
+            whole = rig.devices.gripper.poll
 
-            def pump(now_ns: int) -> None:
+            def poll(now_ns: int) -> None:
                 fault.lost() if now_ns < until_ns else whole(now_ns)
 
-            rig.devices.gripper.pump = pump  # type: ignore[method-assign]
+            rig.devices.gripper.poll = poll  # type: ignore[method-assign]
             fault.silence_fingertips(rig)
 
         closed_again(staged, staged.run(in_phase(phase, 1), act))

@@ -114,12 +114,12 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
 REFUSED = [
     (("guard.overshoot_n=0.1",), "overshoot_n"),
     (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
-    (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
+    (("hand.override_s=0.05", "controller.slip_response=stop_and_step"), "override_s"),
     (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
     (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
     (
         (
-            "controller.answer_stop_mps2=0.1",
+            "controller.slip_stop_mps2=0.1",
             "controller.lift_height_m=0.21",
             "controller.lower_speed_mps=0.1",
             "controller.phase_timeout_s=3",
@@ -130,23 +130,23 @@ REFUSED = [
     (("controller.lift_speed_mps=0.2", "arm.max_speed_mps=0.15"), "lift_speed_mps"),
     (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
     (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
-    (("arm.max_stop_mps2=7.9",), "answer_stop_mps2"),
+    (("arm.max_stop_mps2=7.9",), "slip_stop_mps2"),
     (
         (
-            "controller.landing_speed_mps=0.1",
+            "controller.feel_speed_mps=0.1",
             "controller.lift_speed_mps=0.05",
             "arm.max_speed_mps=0.09",
         ),
-        "landing_speed_mps",
+        "feel_speed_mps",
     ),
     (("controller.lift_height_m=0.51",), "lift_height_m"),
     (("controller.lift_height_m=0.3", "arm.max_jump_m=0.29"), "lift_height_m"),
-    (("controller.lift_height_m=0.5", "controller.answer_stop_mps2=0.4"), "answer_stop_mps2"),
+    (("controller.lift_height_m=0.5", "controller.slip_stop_mps2=0.4"), "slip_stop_mps2"),
     (("controller.lift_height_m=0.46",), "retreat_m"),
     (("arm.workspace_low_m=[0.2,-0.5,0.1]",), "workspace_low_m"),
     (("arm.workspace_low_m=[-0.1,-0.1,0.001]",), "workspace_low_m"),
     (("arm.workspace_high_m=[0.1,-0.01,0.5]",), "workspace_high_m"),
-    (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
+    (("arm.max_stop_mps2=0.9", "controller.slip_stop_mps2=0.9"), "stop_deceleration_mps2"),
 ]
 
 

@@ -67,7 +67,7 @@ def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
     """A pull of 6 N at the top is answered by a jump."""
     result = judged(
         f"hand.override_s={override_s}", "hand.override_n=30", "guard.travel_bound=true",
-        "controller.answer=stop_and_step", "pull.force_n=6", "pull.above_m=0.1",
+        "controller.slip_response=stop_and_step", "pull.force_n=6", "pull.above_m=0.1",
         object_name=object_name, seed=1,
     )  # fmt: skip
     assert thumb_n(result) <= BOUND_N

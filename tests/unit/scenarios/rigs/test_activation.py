@@ -40,7 +40,7 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
     rig.driver.move_to((at, at, at), 0.1, 15.0)
     for _ in range(300):
         clock.sleep_until_ns(clock.now_ns + 10 * MS)
-        rig.driver.pump(clock.now_ns)
+        rig.driver.poll(clock.now_ns)
     rig.model.inject_fault(code)
     clock.sleep_until_ns(clock.now_ns + 100 * MS)
     rig.driver = RobotiqDriver(  # of another run
@@ -58,7 +58,7 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
             rig.driver.activate()
     for _ in range(300):
         clock.sleep_until_ns(clock.now_ns + 10 * MS)
-        rig.driver.pump(clock.now_ns)
+        rig.driver.poll(clock.now_ns)
     assert rig.frames[told:] == []
     assert rig.state.positions == (at, at, at)
 
@@ -83,12 +83,12 @@ def test_hand_that_is_not_active_and_stands_closed_is_activated_only_by_leave_to
     rig.driver.move_to((60, 60, 60), 0.1, 15.0)
     for _ in range(300):
         clock.sleep_until_ns(clock.now_ns + 10 * MS)
-        rig.driver.pump(clock.now_ns)
+        rig.driver.poll(clock.now_ns)
     assert rig.state.positions == (60, 60, 60)
     rig.model.power_cycle()
     clock.sleep_until_ns(clock.now_ns + 1_000 * MS)
     rig.driver = RobotiqDriver(rig.transport, DriverSettings(), PAPER)  # of another run
-    rig.driver.pump(clock.now_ns)
+    rig.driver.poll(clock.now_ns)
     assert not rig.state.active
     at = rig.state.positions
     for begin in (activate, take_over):

@@ -93,7 +93,7 @@ class Tips:
 
     def begin_rest(self) -> None: ...
 
-    def pump(self, now_ns: int) -> None:
+    def poll(self, now_ns: int) -> None:
         code = next(self._codes)
         if code is None and self.frame is not None:
             self.frame = msgspec.structs.replace(self.frame, missed=self.frame.missed + 1)

@@ -14,8 +14,8 @@ from scenarios.tap.scoring import (
     verdict,
 )
 
-MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
-STUCK = ObjectMotion(struck_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
+MOVED = ObjectMotion(impact_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+STUCK = ObjectMotion(impact_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
 
 
 def facts(
@@ -51,7 +51,7 @@ def test_status_that_flaps_counts_from_its_last_return() -> None:
     assert verdict(flapping) is TapOutcome.REGISTERED
 
 
-def test_registration_between_blow_and_gross_slip_counts() -> None:
+def test_registration_between_impact_and_gross_slip_counts() -> None:
     assert verdict(facts((9.995, 10.1))) is TapOutcome.REGISTERED
 
 

@@ -18,7 +18,7 @@ from scenarios.tap.tap import TapTrial, tap
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
 from scenarios.trial.series import Bench
-from scenarios.world.cell import Blow
+from scenarios.world.cell import Impact
 
 
 def config(*assignments: str, object_name: str = "can") -> TapConfig:
@@ -55,15 +55,15 @@ class Staged:
 
 
 def sent_while_watched(staged: Staged, trial: TapTrial) -> list[Issued]:
-    """Commands that went out between the blow and the end of the watch."""
+    """Commands that went out between the impact and the end of the watch."""
     assert trial.sequence.motion is not None
-    first, last = trial.sequence.motion.struck_s, trial.sequence.watched_until_s
+    first, last = trial.sequence.motion.impact_s, trial.sequence.watched_until_s
     issued = [i for tick in staged.ticks for i in tick.issued]
     return [i for i in issued if first * 1e9 < i.sent_ns < last * 1e9]
 
 
 @pytest.mark.parametrize(("seed", "direction"), [(0, "top"), (1, "side")])
-def test_blow_moves_the_object_is_registered_and_forgotten(seed: int, direction: str) -> None:
+def test_impact_moves_the_object_is_registered_and_forgotten(seed: int, direction: str) -> None:
     r = result_of(seed=seed)
     assert r.outcome == "registered"
     assert r.success and r.moved
@@ -71,10 +71,10 @@ def test_blow_moves_the_object_is_registered_and_forgotten(seed: int, direction:
     assert r.displacement_m is not None and 0.002 < r.displacement_m < 0.02
     assert r.down_m is not None and r.across_m is not None
     assert (abs(r.down_m) > abs(r.across_m)) == (direction == "top")
-    assert r.struck_s is not None and r.slip_onset_s is not None and r.slip_end_s is not None
-    assert r.struck_s < r.slip_onset_s < r.slip_end_s
+    assert r.impact_s is not None and r.slip_onset_s is not None and r.slip_end_s is not None
+    assert r.impact_s < r.slip_onset_s < r.slip_end_s
     assert r.slip_duration_ms is not None and 5 < r.slip_duration_ms < 150
-    assert r.slip_registered_s is not None and r.slip_registered_s > r.struck_s
+    assert r.slip_registered_s is not None and r.slip_registered_s > r.impact_s
     assert r.nominal_again_ms is not None and 0 <= r.nominal_again_ms < 1000
     assert r.mallet_mps is not None and 0.3 < r.mallet_mps < 4
 
@@ -87,7 +87,7 @@ def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
     assert sent_while_watched(staged, trial) == []
 
 
-def test_blow_much_too_hard_knocks_the_object_out() -> None:
+def test_impact_much_too_hard_knocks_the_object_out() -> None:
     r = result_of("tap.impulse_n_s=1.9", "tap.direction=side")
     assert r.outcome == "knocked_out"
     assert r.moved
@@ -99,7 +99,7 @@ def test_long_push_that_is_measured_well_above_the_limit_is_not_answered_either(
     trial = staged.run()
     motion = trial.sequence.motion
     assert motion is not None
-    after = [t for t in staged.ticks if motion.struck_s <= t.t_ns * 1e-9 <= motion.struck_s + 0.3]
+    after = [t for t in staged.ticks if motion.impact_s <= t.t_ns * 1e-9 <= motion.impact_s + 0.3]
     assert max(max(tick.measured_n) for tick in after) > 12.0
     assert all(not tick.issued for tick in after)
     positions = {tick.gripper.positions for tick in after}
@@ -121,9 +121,9 @@ def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
 class Person:
     """Strikes through the world when asked, waits a little, and reads the mark as told."""
 
-    def __init__(self, rig: Rig, blow: Blow, answers: list[str]) -> None:
+    def __init__(self, rig: Rig, impact: Impact, answers: list[str]) -> None:
         self.asked: list[str] = []
-        self._rig, self._blow, self._answers = rig, blow, answers
+        self._rig, self._impact, self._answers = rig, impact, answers
         self._polls = 0
         self._pending: list[str] = []
 
@@ -132,7 +132,7 @@ class Person:
         self._polls = 0
         if text.startswith("Tap"):
             assert self._rig.tap is not None
-            self._rig.tap(self._blow)
+            self._rig.tap(self._impact)
             self._pending = [""]
         else:
             self._pending = [self._answers.pop(0)]
@@ -146,7 +146,7 @@ def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
     """A tap on a rig that seems to have no world: a person does the rest."""
     c = tap.configure(config(*assignments))
     with open_rig(c, 0, paced=False) as rig:
-        person = Person(rig, swing(c, 0).blow, answers)
+        person = Person(rig, swing(c, 0).impact, answers)
         blind = msgspec.structs.replace(rig, tap=None, world=None)
         trial = tap.act(c, 0, blind, make_guard(c), lambda *_: None, person)
     return tap.judge(c, 0, trial, None), person

@@ -32,7 +32,7 @@ def cut_arm(rig: Rig) -> None:
     def lost(*_: object) -> None:
         raise LinkLost("link to the arm lost: it said nothing", "connect it again")
 
-    rig.devices.arm.pump = lost  # type: ignore[method-assign]
+    rig.devices.arm.poll = lost  # type: ignore[method-assign]
 
 
 def cut_everything(rig: Rig) -> None:

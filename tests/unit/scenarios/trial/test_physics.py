@@ -31,6 +31,6 @@ def test_lifts_and_taps_of_the_objects_have_the_levels_of_their_row(name: str) -
 
 def test_weight_beside_the_grip_and_a_pull_want_rotation() -> None:
     aside = lifted("object.centre_aside_m=0.006")
-    assert aside is not None and (aside.level, aside.blow_level) == ("L3", "L4")
+    assert aside is not None and (aside.level, aside.impact_level) == ("L3", "L4")
     pulled = lifted("pull.force_n=6")
     assert pulled is not None and pulled.level == "L4"

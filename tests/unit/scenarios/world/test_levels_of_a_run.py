@@ -11,7 +11,7 @@ from scenarios.world.contact import (
     Contact,
     Floats,
 )
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import ContactSettings, Impact, Level
 from tests.unit.scenarios.world.test_contact import body, squeeze, travel
 
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)
@@ -30,9 +30,11 @@ def lifted(contact: Contact, grip: Floats, seconds: float = 0.6) -> Contact:
     return contact
 
 
-def held(level: Level, blow_level: Level | None = None, **fields: object) -> tuple[Contact, Floats]:
+def held(
+    level: Level, impact_level: Level | None = None, **fields: object
+) -> tuple[Contact, Floats]:
     what = body(mass_kg=0.35, **fields)
-    contact = Contact(PADS, what, level, blow_level)
+    contact = Contact(PADS, what, level, impact_level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
     grip = np.array(squeeze(what, 5.0, 5.0))
@@ -40,15 +42,17 @@ def held(level: Level, blow_level: Level | None = None, **fields: object) -> tup
     return contact, grip
 
 
-def struck(blow: Blow, level: Level, blow_level: Level | None = None, **fields: object) -> Floats:
-    contact, grip = held(level, blow_level, **fields)
-    contact.strike(blow, 0.3)
+def struck(
+    impact: Impact, level: Level, impact_level: Level | None = None, **fields: object
+) -> Floats:
+    contact, grip = held(level, impact_level, **fields)
+    contact.strike(impact, 0.3)
     contact.advance(0.3, 0.4, 0.0, 0.0, 0.0, grip, grip)
     return contact.state
 
 
-def blow(direction: str = "side", offset_m: float = 0.04, impulse_n_s: float = 0.2) -> Blow:
-    return Blow(
+def impact(direction: str = "side", offset_m: float = 0.04, impulse_n_s: float = 0.2) -> Impact:
+    return Impact(
         impulse_n_s=impulse_n_s, duration_s=0.008, direction=direction,  # type: ignore[arg-type]
         offset_m=offset_m,
     )  # fmt: skip
@@ -73,10 +77,10 @@ def test_centred_lift_is_the_same_at_every_compliant_level(
 
 
 @pytest.mark.parametrize("level", TURNING)
-def test_blow_above_the_grip_turns_the_object_over_and_one_below_turns_it_back(
+def test_impact_above_the_grip_turns_the_object_over_and_one_below_turns_it_back(
     level: Level,
 ) -> None:
-    over, under = (struck(blow(offset_m=at), level) for at in (0.04, -0.04))
+    over, under = (struck(impact(offset_m=at), level) for at in (0.04, -0.04))
     assert over[laws.TURN] < -0.02  # from upwards to across
     assert under[laws.TURN] > 0.02
     assert over[laws.ACROSS] > 0.0 and over[laws.SLIP] > 0.0
@@ -89,10 +93,10 @@ def after(contact: Contact, grip: Floats, start_s: float, seconds: float) -> Flo
     return contact.state
 
 
-def test_object_that_stands_after_a_blow_goes_on_at_the_level_before_it() -> None:
+def test_object_that_stands_after_an_impact_goes_on_at_the_level_before_it() -> None:
     (falls_back, grip), (stays, _) = held(Level.SLIDER, Level.BRUSH), held(Level.BRUSH)
     for contact in (falls_back, stays):
-        contact.strike(blow(), 0.3)
+        contact.strike(impact(), 0.3)
         after(contact, grip, 0.3, 0.5)
         assert contact.level is Level.BRUSH
         after(contact, grip, 0.8, 3.0)

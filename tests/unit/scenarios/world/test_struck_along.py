@@ -1,4 +1,4 @@
-"""What a blow along the closing axis has struck: a mass between three springs that only push."""
+"""What an impact along the closing axis has struck: a mass between three springs that only push."""
 
 import math
 
@@ -16,7 +16,7 @@ from scenarios.world.contact import (
     let_along,
     parameters,
 )
-from scenarios.world.settings import Blow, ContactSettings, Level
+from scenarios.world.settings import ContactSettings, Impact, Level
 from tests.unit.scenarios.world.test_contact import body, squeeze
 
 MASS_KG = 0.4
@@ -75,7 +75,7 @@ def test_at_any_step_fingers_only_push_and_no_energy_comes_from_nowhere(
 
 
 PADS = ContactSettings()
-ALONG = Blow(impulse_n_s=0.2, duration_s=0.008, direction="closing")
+ALONG = Impact(impulse_n_s=0.2, duration_s=0.008, direction="closing")
 
 
 def held(level: Level) -> tuple[Contact, Floats]:

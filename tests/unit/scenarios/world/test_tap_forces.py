@@ -1,4 +1,4 @@
-"""Blows on a held object: down, across, and the step of two directions."""
+"""Impacts on a held object: down, across, and the step of two directions."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def struck(
     return s
 
 
-def test_side_blow_moves_the_object_across_and_lets_it_sink_by_friction_spent_sideways() -> None:
+def test_side_impact_moves_the_object_across_and_lets_it_sink_by_friction_spent_sideways() -> None:
     p, state, pads = held()
     s = struck((p, state, pads), laws.SIDE, 0.25)
     across, sunk = s[laws.ACROSS], s[laws.SLIP] - state[laws.SLIP]
@@ -42,8 +42,8 @@ def test_side_blow_moves_the_object_across_and_lets_it_sink_by_friction_spent_si
 
 @pytest.mark.parametrize("step_s", [1e-4, 1e-3, 5e-3, 0.05])
 @pytest.mark.parametrize("duration_s", [0.001, 0.016])
-def test_no_step_loses_any_of_a_blow_s_impulse(step_s: float, duration_s: float) -> None:
-    p = parameters(ContactSettings(blow_step_s=step_s), body())
+def test_no_step_loses_any_of_an_impact_s_impulse(step_s: float, duration_s: float) -> None:
+    p = parameters(ContactSettings(impact_step_s=step_s), body())
     state, pads, open_hand = initial_state(), fresh_pads(), travel(10, 10, 10)
     state[laws.HEIGHT], state[laws.TAP_DIRECTION] = 1.0, laws.SIDE
     state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.0031, duration_s, 0.2

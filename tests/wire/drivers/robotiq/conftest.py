@@ -54,7 +54,7 @@ def joined(serve, connect) -> Callable[..., tuple[Served, Client]]:
     def make(**options: object) -> tuple[Served, Client]:
         served = serve(**options)
         client = connect(served)
-        client.pump_until(lambda: client.state is not None)
+        client.poll_until(lambda: client.state is not None)
         return served, client
 
     return make

@@ -47,7 +47,7 @@ def with_objects(model: GripperModel, touch_m: float = TOUCH_M) -> GripperModel:
 
 
 class Client:
-    """The real driver on the real wire, pumped by the test."""
+    """The real driver on the real wire, polled by the test."""
 
     def __init__(self, emulator: GripperEmulator, **settings: object) -> None:
         host, port = emulator.address
@@ -62,16 +62,16 @@ class Client:
     def state(self):
         return self.driver.state
 
-    def pump(self, times: int = 1) -> None:
+    def poll(self, times: int = 1) -> None:
         for _ in range(times):
-            self.driver.pump(time.monotonic_ns())
+            self.driver.poll(time.monotonic_ns())
 
-    def pump_until(self, true: Callable[[], bool]) -> None:
-        """Pump through losses of the link, which are kept."""
+    def poll_until(self, true: Callable[[], bool]) -> None:
+        """Poll through losses of the link, which are kept."""
 
         def once() -> bool:
             try:
-                self.pump()
+                self.poll()
             except LinkLost as error:
                 self.errors.append(error)
                 return False
@@ -80,7 +80,7 @@ class Client:
         until(once)
 
     def settle(self) -> None:
-        self.pump_until(lambda: self.state.at_rest)
+        self.poll_until(lambda: self.state.at_rest)
 
     def threaded(self, period_s: float = 0.01) -> ThreadedGripper:
         return ThreadedGripper(self.driver, period_s, close=self.transport.close)

@@ -46,12 +46,12 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
 def test_a_lost_link_is_taken_up_again_without_moving_anything(joined) -> None:
     served, client = joined()
     client.driver.move_to((200, 200, 200), 0.022, 10.0)
-    client.pump_until(lambda: client.state.fresh and client.state.positions[0] > 12)
+    client.poll_until(lambda: client.state.fresh and client.state.positions[0] > 12)
     served.emulator.disconnect()
     with pytest.raises(LinkLost):
-        client.pump_until(lambda: bool(client.errors) and raised(client.errors.pop()))
+        client.poll_until(lambda: bool(client.errors) and raised(client.errors.pop()))
     before = len(served.writes)
-    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    client.poll_until(lambda: client.driver.statistics.reconnects == 1)
     client.settle()
     held = served.writes[before:]
     assert held, "the hand that was moving is told to stay"
@@ -73,11 +73,11 @@ def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: i
     client.driver.move_to((60, 60, 60), FAST, 10.0)
     with pytest.raises(LinkLost) as lost:
         for _ in range(3):
-            client.pump()
+            client.poll()
             time.sleep(0.01)
     assert lost.value.remedy
     assert client.driver.statistics.link_losses == 1
-    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    client.poll_until(lambda: client.driver.statistics.reconnects == 1)
     assert client.driver.statistics.resynced == 1
     client.driver.move_to((50, 50, 50), FAST, 10.0)
     client.settle()
@@ -88,15 +88,15 @@ def test_an_exception_reply_says_so_and_keeps_the_connection(joined) -> None:
     served, client = joined()
     served.emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, code=6))
     with pytest.raises(LinkLost, match="exception 6 to function 4"):
-        client.pump()
-    client.pump()
+        client.poll()
+    client.poll()
     assert client.transport.connections == 1
 
 
 def test_a_reply_in_pieces_is_a_reply(joined) -> None:
     served, client = joined()
     served.emulator.faults.add(WireFault(trouble=Trouble.SPLIT, seconds=0.001))
-    client.pump()
+    client.poll()
 
 
 def test_a_late_reply_does_not_pass_for_the_next(joined) -> None:
@@ -117,7 +117,7 @@ def test_a_connection_closed_between_requests_is_noticed_before_the_next(joined)
     before = len(served.frames)
     client.driver.move_to((60, 60, 60), FAST, 10.0)
     with pytest.raises(LinkLost, match="closed"):
-        client.pump()
+        client.poll()
     assert len(served.frames) == before, "nothing went over a new connection unnoticed"
 
 
@@ -126,20 +126,20 @@ def test_a_connection_that_the_library_gave_up_is_not_renewed_silently(joined) -
     client.transport.close()  # as pymodbus does by itself
     before = len(served.frames)
     with pytest.raises(LinkLost, match="closed"):
-        client.pump()
+        client.poll()
     assert len(served.frames) == before
-    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    client.poll_until(lambda: client.driver.statistics.reconnects == 1)
 
 
 def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
     """With its defaults pymodbus waits 3 s and asks four times: 12 s for one read."""
     served = serve()
     client = connect(served)
-    client.pump_until(lambda: client.state is not None)
+    client.poll_until(lambda: client.state is not None)
     served.emulator.faults.add(WireFault(trouble=Trouble.DROP, times=1000))
     before = served.emulator.requests
     with pytest.raises(LinkLost):
-        client.pump()
+        client.poll()
     assert served.emulator.requests == before + 1, "asked once"
 
 
@@ -149,5 +149,5 @@ def test_nobody_there() -> None:
     driver = RobotiqDriver(transport, DriverSettings(), PAPER)
     for _ in range(3):
         with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1") as lost:
-            driver.pump(0)
+            driver.poll(0)
     assert "address" in lost.value.remedy

@@ -26,8 +26,8 @@ QUICK = (
     "hand.activation_s=0.1",
     "controller.hold_s=0.3",
     "controller.lift_height_m=0.06",
-    "controller.relax_s=0.15",
-    "controller.listen_s=0.15",
+    "controller.settle_s=0.15",
+    "controller.baseline_s=0.15",
     "controller.lower_speed_mps=0.2",
 )
 FOR_GOOD = 1_000_000_000

@@ -1,4 +1,4 @@
-"""Blows found on the contact law: what just moves an object, and what only swings it."""
+"""Impacts found on the contact law: what just moves an object, and what only swings it."""
 
 import numpy as np
 import pytest
@@ -22,6 +22,6 @@ def test_what_just_moves_it_does_and_a_little_less_does_not(
     bench: GripTrials, direction: str
 ) -> None:
     known = bench.impulses(direction)
-    assert bench.tried(bench.blow(direction, known.just))[1] >= JUST_M
-    assert bench.tried(bench.blow(direction, 0.95 * known.just))[1] < JUST_M
-    assert bench.tried(bench.blow(direction, known.aim))[1] == pytest.approx(AIM_M, rel=0.15)
+    assert bench.tried(bench.impact(direction, known.just))[1] >= JUST_M
+    assert bench.tried(bench.impact(direction, 0.95 * known.just))[1] < JUST_M
+    assert bench.tried(bench.impact(direction, known.aim))[1] == pytest.approx(AIM_M, rel=0.15)

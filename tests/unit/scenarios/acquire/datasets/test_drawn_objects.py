@@ -19,7 +19,7 @@ from scenarios.acquire.datasets.drawn_objects import (
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pressing
 from scenarios.world.objects import GraspObject
 
-SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
+SETS = ("paper", "disturbances", "grasped-slip", "mallet", "turning")
 DRAWS = 300  # of each kind of object
 
 

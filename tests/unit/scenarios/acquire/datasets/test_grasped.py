@@ -17,7 +17,7 @@ SETS = config_dir() / "datasets"
 
 @pytest.fixture(scope="module")
 def jobs() -> list[Job]:
-    return plan(load_dataset_config(SETS / "confusers.toml"))
+    return plan(load_dataset_config(SETS / "disturbances.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +54,10 @@ def test_an_open_hand_that_leaves_the_object_feels_no_slip(jobs: list[Job], caus
         assert r.moved_m[last + 2 :].max() == 0.0
 
 
-def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
+def test_the_mallets_own_impacts_slide_the_object_and_the_labels_say_how_far(
     slips: list[Job],
 ) -> None:
-    (r,) = of(slips, "grasped_blow")
+    (r,) = of(slips, "grasped_impact")
     assert r.metadata is not None and r.moved_m is not None
     hard = [a for a in r.metadata.acts if a.kind == "mallet" and 0.003 < a.moved_m < 0.03]
     assert hard
@@ -67,7 +67,7 @@ def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
         assert r.moved_m[after].max() == pytest.approx(act.furthest_m, rel=0.25)
 
 
-@pytest.mark.parametrize("cause", ["grasped_blow", "grasped_slip"])
+@pytest.mark.parametrize("cause", ["grasped_impact", "grasped_slip"])
 def test_a_recording_is_made_alike_twice(slips: list[Job], cause: str, tmp_path: Path) -> None:
     for name in ("a.npz", "b.npz"):
         write(tmp_path / name, of(slips, cause)[0])
@@ -77,7 +77,7 @@ def test_a_recording_is_made_alike_twice(slips: list[Job], cause: str, tmp_path:
 
 def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all() -> None:
     step_m = np.zeros(40)
-    step_m[5:7] = 0.003  # a blow
+    step_m[5:7] = 0.003  # an impact
     step_m[20:22] = (0.002, -0.0018)  # the pads give, and swing back
     step_m[25:39] = 0.001  # a slide
     places_m = np.stack([np.cumsum(step_m), np.zeros(40)], axis=1)

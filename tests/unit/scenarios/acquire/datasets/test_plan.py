@@ -22,7 +22,7 @@ from scenarios.rigs.simulated import any_cell
 from scenarios.world import fingertip
 from scenarios.world.settings import Surface
 
-SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
+SETS = ("paper", "disturbances", "grasped-slip", "mallet", "turning")
 
 
 @cache

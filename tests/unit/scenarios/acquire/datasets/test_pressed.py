@@ -1,4 +1,4 @@
-"""Pressed confusers: the fingertip is shaken, and only true motion of the contact is labelled."""
+"""Pressed disturbances: the fingertip is shaken; only true motion of the contact is labelled."""
 
 import msgspec
 import numpy as np
@@ -9,13 +9,13 @@ from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
 
-CONFUSERS = config_dir() / "datasets" / "confusers.toml"
+DISTURBANCES = config_dir() / "datasets" / "disturbances.toml"
 FIXED = ("contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift")
 
 
 @pytest.fixture(scope="module")
 def jobs() -> list[Job]:
-    return plan(load_dataset_config(CONFUSERS))
+    return plan(load_dataset_config(DISTURBANCES))
 
 
 def first(jobs: list[Job], cause: str, **parameters: float) -> Recording:
@@ -32,7 +32,7 @@ def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) ->
     assert not r.slip.any()
     assert r.slip_true.mean() < 0.03  # a shaken pad may slide for moments, there and back
     assert r.metadata is not None
-    assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
+    assert (r.metadata.set, r.metadata.cause) == ("disturbances", cause)
 
 
 def test_strokes_under_lost_samples_slip_half_a_millimetre_and_more(jobs: list[Job]) -> None:

@@ -74,14 +74,14 @@ def driver(transport):
 
 def reach(driver: RobotiqDriver, true) -> None:
     def once() -> bool:
-        driver.pump(time.monotonic_ns())
+        driver.poll(time.monotonic_ns())
         return true(driver.state)
 
     until(once)
 
 
 def test_activate_and_move(driver) -> None:
-    driver.pump(time.monotonic_ns())
+    driver.poll(time.monotonic_ns())
     driver.activate()
     reach(driver, lambda state: state.active and state.fresh)
     driver.move_to((60, 70, 80), 0.11, 10.0)
@@ -92,16 +92,16 @@ def test_activate_and_move(driver) -> None:
 def test_what_is_not_answered_is_a_lost_link_once(quick, driver) -> None:
     for trouble in [Trouble.DROP, Trouble.GARBLE, Trouble.EXCEPTION]:
         with case(trouble):
-            driver.pump(time.monotonic_ns())
+            driver.poll(time.monotonic_ns())
             quick.faults.add(WireFault(trouble=trouble))
             with pytest.raises(LinkLost, match="does not answer"):
-                driver.pump(time.monotonic_ns())
+                driver.poll(time.monotonic_ns())
             until(lambda: answers(driver))
 
 
 def answers(driver: RobotiqDriver) -> bool:
     try:
-        driver.pump(time.monotonic_ns())
+        driver.poll(time.monotonic_ns())
     except LinkLost:
         return False
     return True

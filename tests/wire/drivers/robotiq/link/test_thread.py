@@ -39,7 +39,7 @@ def script(gripper, rest) -> None:
 
 
 def bytes_in_a_loop() -> list[bytes]:
-    """The driver pumped in virtual time, no wire."""
+    """The driver polled in virtual time, no wire."""
     model = GripperModel(QUICK, 0)
     written: list[bytes] = []
 
@@ -52,7 +52,7 @@ def bytes_in_a_loop() -> list[bytes]:
     def rest() -> None:
         for _ in range(2000):
             now[0] += 10 * MS
-            core.pump(now[0])
+            core.poll(now[0])
             if done(core.state) and not model.moving:
                 return
         raise AssertionError("the hand did not come to rest")
@@ -73,7 +73,7 @@ def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
 
         def rest() -> None:
             until(lambda: done(gripper.state) and not model.moving)
-            gripper.pump(0)
+            gripper.poll(0)
 
         script(gripper, rest)
     assert without_repeats(served.writes) == bytes_in_a_loop()
@@ -86,7 +86,7 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         assert not gripper.state.fresh, "from the verb on"
         until(lambda: len(served.writes) == 1)
         until(lambda: len(gripper.acknowledgements_ns) == 1)
-        assert gripper.pumps >= 2
+        assert gripper.polls >= 2
 
 
 def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
@@ -103,7 +103,7 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
 def test_a_refusal_comes_back_to_the_caller(serve, connect) -> None:
     with connect(serve()).threaded() as gripper, pytest.raises(Refused):
         gripper.move_to((60, 60, 60), FAST, 1.0)
-        until(lambda: gripper.pump(0))  # a verb that met an exchange is refused after it
+        until(lambda: gripper.poll(0))  # a verb that met an exchange is refused after it
 
 
 def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
@@ -114,8 +114,8 @@ def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
         until(lambda: client.driver.statistics.link_losses == 1)
         until(lambda: client.driver.statistics.reconnects == 1)
         with pytest.raises(LinkLost):
-            until(lambda: gripper.pump(0))
-        gripper.pump(0)
+            until(lambda: gripper.poll(0))
+        gripper.poll(0)
         seq = gripper.state.seq
         until(lambda: gripper.state.seq > seq)
 
@@ -126,10 +126,10 @@ def test_a_fault_is_raised_once(serve, connect) -> None:
         served.emulator.inject_fault(0x0D)
         until(lambda: gripper.state.fault == 0x0D)
         with pytest.raises(DeviceFault):
-            until(lambda: gripper.pump(0))
+            until(lambda: gripper.poll(0))
         seq = gripper.state.seq
         until(lambda: gripper.state.seq > seq + 3)
-        gripper.pump(0)
+        gripper.poll(0)
 
 
 def test_it_can_be_stopped_and_started_again(serve, connect) -> None:

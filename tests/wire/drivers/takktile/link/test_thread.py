@@ -27,28 +27,28 @@ def reader(bench: Bench):
         yield made
 
 
-def pump_until(sensor: TactileSensor, condition: Callable[[], bool], what: str) -> None:
-    """Pump every 10 ms; link trouble on the way is what the caller waits to see the end of."""
+def poll_until(sensor: TactileSensor, condition: Callable[[], bool], what: str) -> None:
+    """Poll every 10 ms; link trouble on the way is what the caller waits to see the end of."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, f"never: {what}"
         time.sleep(0.01)
         with contextlib.suppress(LinkLost, DeviceFault):
-            sensor.pump(time.monotonic_ns())
+            sensor.poll(time.monotonic_ns())
 
 
 def take_rest(sensor: TactileSensor) -> None:
     sensor.begin_rest()
-    pump_until(sensor, lambda: sensor.rest_taken, "rest")
+    poll_until(sensor, lambda: sensor.rest_taken, "rest")
 
 
 def failure(reader: TakkTileDriver) -> LinkLost | DeviceFault:
-    """The error that pumping meets in the end."""
+    """The error that polling meets in the end."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         time.sleep(0.01)
         try:
-            reader.pump(time.monotonic_ns())
+            reader.poll(time.monotonic_ns())
         except (LinkLost, DeviceFault) as error:
             return error
     raise AssertionError("nothing failed")
@@ -58,13 +58,13 @@ def test_frames_are_raw_minus_rest(bench, reader):
     take_rest(reader)
     assert not reader.frame.counts.any()
     bench.codes = bench.codes - 30
-    pump_until(reader, lambda: reader.frame.counts.max() == -30, "press")
+    poll_until(reader, lambda: reader.frame.counts.max() == -30, "press")
     assert reader.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
 
 
 def test_frames_that_nobody_fetches_are_overruns(reader):
     eventually(lambda: reader.statistics.overruns > 0, "ring full")
-    reader.pump(time.monotonic_ns())
+    reader.poll(time.monotonic_ns())
     assert reader.latest_raw is not None
     assert reader.statistics.decimated == 63
 
@@ -73,10 +73,10 @@ def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
     take_rest(reader)
     last = reader.frame
     bench.spoil("time_out", 2)
-    pump_until(reader, lambda: reader.frame.stale, "stale")
+    poll_until(reader, lambda: reader.frame.stale, "stale")
     assert reader.frame.missed >= 5
     assert (reader.frame.counts == last.counts).all()
-    pump_until(reader, lambda: not reader.frame.stale, "fresh again")
+    poll_until(reader, lambda: not reader.frame.stale, "fresh again")
     assert reader.rest_taken
     assert reader.statistics.timeouts == 2
     assert reader.statistics.empty_ticks >= 5
@@ -87,10 +87,10 @@ def test_unplugged_while_a_read_is_pending_and_plugged_in_again(bench, reader):
     take_rest(reader)
     bench.spoil("unplug")
     assert isinstance(failure(reader), LinkLost)
-    pump_until(reader, lambda: reader.frame.stale, "stale")
+    poll_until(reader, lambda: reader.frame.stale, "stale")
     bench.spoil("replug")
-    pump_until(reader, lambda: reader.statistics.reopens == 1, "found again")
-    pump_until(reader, lambda: not reader.rest_taken, "rest forgotten")
+    poll_until(reader, lambda: reader.statistics.reopens == 1, "found again")
+    poll_until(reader, lambda: not reader.rest_taken, "rest forgotten")
     assert reader.frame is None
     take_rest(reader)
     assert not reader.frame.counts.any()
@@ -108,7 +108,7 @@ def test_a_column_that_dies_is_named_in_the_end_and_never_shifts_taxels(bench, r
 def test_stopping_stops_the_board_so_that_the_next_start_is_clean(bench):
     for _ in range(3):
         with reader_on(bench) as reader:
-            pump_until(reader, lambda: reader.latest_raw is not None, "a frame")
+            poll_until(reader, lambda: reader.latest_raw is not None, "a frame")
         assert bench.board.ready_ns is None
         assert reader.statistics.wrong_lengths == 0
 

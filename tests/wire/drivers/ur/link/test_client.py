@@ -34,23 +34,23 @@ class Arm:
         self.link = UrLink(UrSettings(host=host, **(EASY | settings)))
         self.link.connect()
         self.driver = ArmDriver(self.link, ArmSettings(stale_after_s=0.3))
-        self.pump()
+        self.poll()
         self.start_m = self.state.position_m
 
     @property
     def state(self):
         return self.driver.state
 
-    def pump(self):
-        self.driver.pump(time.monotonic_ns())
+    def poll(self):
+        self.driver.poll(time.monotonic_ns())
 
-    def pump_until(self, condition, patient=True):
-        """Pump at about 100 Hz; ``patient``: a machine that is late is not a failure here."""
+    def poll_until(self, condition, patient=True):
+        """Poll at about 100 Hz; ``patient``: a machine that is late is not a failure here."""
         deadline = time.monotonic() + LONG_S
         while not condition():
             assert time.monotonic() < deadline, self.state
             try:
-                self.pump()
+                self.poll()
             except Stale:
                 if not patient:
                     raise
@@ -67,9 +67,9 @@ class Arm:
         return self.risen_m() > 0.01
 
     def trouble(self, kind, match):
-        """Pump until it comes."""
+        """Poll until it comes."""
         with pytest.raises(kind, match=match) as caught:
-            self.pump_until(lambda: False)
+            self.poll_until(lambda: False)
         assert caught.value.remedy
         return caught.value
 
@@ -97,7 +97,7 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     arm.driver.set_payload(2.6)
     arm.rise(0.05)
     assert arm.state.moving
-    arm.pump_until(lambda: not arm.state.moving)
+    arm.poll_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
 
@@ -106,14 +106,14 @@ def test_stop_on_the_way_is_confirmed(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     arm.driver.stop(1.0)
-    arm.pump_until(lambda: not arm.state.moving)
+    arm.poll_until(lambda: not arm.state.moving)
     assert arm.risen_m() < 0.3
     assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
     here = arm.state.position_m
     arm.driver.move_to((*here[:2], here[2] + 0.02), 0.1, 1.0)  # and it moves again
-    arm.pump_until(lambda: not arm.state.moving)
+    arm.poll_until(lambda: not arm.state.moving)
     assert arm.state.position_m[2] == pytest.approx(here[2] + 0.02, abs=1e-3)
 
 
@@ -121,7 +121,7 @@ def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, con
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     emulator.do("protective_stop")
     arm.trouble(DeviceFault, "protective stop")
     with pytest.raises(Refused, match="protective stop"):
@@ -129,14 +129,14 @@ def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, con
     with pytest.raises(DeviceFault, match="PROTECTIVE_STOP"):
         arm.link.connect()
     with pytest.raises(LinkLost, match="not connected"):
-        arm.pump()
+        arm.poll()
 
 
 def test_emergency_stop_is_typed(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     emulator.do("emergency_stop")
     error = arm.trouble(DeviceFault, "safety system")
     assert "emergency stop" in error.remedy
@@ -152,12 +152,12 @@ def test_killed_program_is_typed_and_another_connection_starts_it(emulate, conne
     emulator.do("kill_program")
     error = arm.trouble(DeviceFault, "program on the arm controller has ended")
     assert "start the run again" in error.remedy
-    arm.pump()  # once for each onset
+    arm.poll()  # once for each onset
     with pytest.raises(DeviceFault, match="program"):
         arm.rise(0.05)
     arm.link.connect()
     arm.rise(0.05)
-    arm.pump_until(lambda: not arm.state.moving)
+    arm.poll_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
 
 
@@ -166,13 +166,13 @@ def test_frozen_controller_is_stale_first_then_lost(emulate, connect):
     arm = connect()
     emulator.do("freeze", seconds=3.0)
     with pytest.raises(Stale, match="the arm controller's clock stands still"):
-        arm.pump_until(lambda: False, patient=False)
+        arm.poll_until(lambda: False, patient=False)
     arm.trouble(LinkLost, "sends no data")
     with pytest.raises(LinkLost):
         arm.rise(0.05)
     emulator.state_when(lambda state: True)  # it thaws
     arm.link.connect()
-    arm.pump_until(lambda: arm.state.position_m[2] == pytest.approx(arm.start_m[2], abs=1e-3))
+    arm.poll_until(lambda: arm.state.position_m[2] == pytest.approx(arm.start_m[2], abs=1e-3))
 
 
 def test_dropped_link_is_lost_and_not_repaired_by_itself(emulate, connect):
@@ -181,30 +181,30 @@ def test_dropped_link_is_lost_and_not_repaired_by_itself(emulate, connect):
     emulator.do("drop_link")
     arm.trouble(LinkLost, "link to the arm lost")
     arm.link.connect()
-    arm.pump()
+    arm.poll()
 
 
 def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     (pid,) = workers()
     os.kill(pid, signal.SIGKILL)
     arm.trouble(LinkLost, "worker process ended")
     ended = emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.39, ended
     arm.link.connect()
-    arm.driver.pump(time.monotonic_ns())
+    arm.driver.poll(time.monotonic_ns())
     arm.rise(0.0)
-    arm.pump_until(lambda: not arm.state.moving)
+    arm.poll_until(lambda: not arm.state.moving)
 
 
 def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
     emulator = emulate()
     arm = connect(heartbeat_timeout_s=0.2)
     arm.rise(0.4, 0.05)  # 8 s
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.35
     arm.trouble(DeviceFault, "program")
@@ -291,7 +291,7 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     arm = connect()
     (pid,) = workers()
     arm.rise(0.4)
-    arm.pump_until(arm.rising)
+    arm.poll_until(arm.rising)
     arm.link.close()
     assert not os.path.exists(f"/proc/{pid}")
     assert threading.active_count() == before

@@ -1,4 +1,4 @@
-"""Blows on a held object, as a recording's metadata lists them, and what a decision rule makes of
+"""Impacts on a held object, as a recording's metadata lists them, and what a decision rule makes of
 those that moved it, and of those that did not."""
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from detector.scores.quantiles import Quantiles, quantiles
 
 KINDS = frozenset({"near", "mallet", "weak", "elastic"})
 WEAK = "weak"  # with 5 to 70 % of what moves it: next to nothing comes of most of these
-MOVED_M = 0.001  # for good: a blow that a detector has to register
+MOVED_M = 0.001  # for good: an impact that a detector has to register
 UNMOVED_M = 0.0005  # within this it stays: one that it must not
 FAR_M = 0.002  # one moved so far is expected to be registered,
 SOON_MS = 100.0  # and within this
-WATCHED_S = 0.5  # after a blow, or until the next act
-MOTION_S = 0.1  # after a blow its motion begins, or never
+WATCHED_S = 0.5  # after an impact, or until the next act
+MOTION_S = 0.1  # after an impact its motion begins, or never
 
 
-class Blow(msgspec.Struct, frozen=True):
+class Impact(msgspec.Struct, frozen=True):
     """Samples of a recording: the first after it struck, the first of motion (or the same), and the
     first that is not its own any more."""
 
@@ -33,8 +33,8 @@ class Blow(msgspec.Struct, frozen=True):
     weak: bool
 
 
-def blows_of(recording: Recording) -> list[Blow]:
-    """Every blow of a recording, in the order of time; none where none is noted."""
+def impacts_of(recording: Recording) -> list[Impact]:
+    """Every impact of a recording, in the order of time; none where none is noted."""
     acts = recording.metadata.acts if recording.metadata else ()
     t_s = recording.t_s - recording.t_s[0]
     starts_s = [act.t_s for act in acts] + [np.inf]
@@ -49,12 +49,12 @@ def blows_of(recording: Recording) -> list[Blow]:
         if recording.slip_true is not None and recording.slip_true[struck:motion].any():
             onset += int(recording.slip_true[struck:motion].argmax())
         if struck < until:
-            found.append(Blow(struck, onset, until, act.moved_m, act.kind == WEAK))
+            found.append(Impact(struck, onset, until, act.moved_m, act.kind == WEAK))
     return found
 
 
-class BlowScore(msgspec.Struct, frozen=True):
-    """Blows by how far they moved what is held, for good, and which of them were registered."""
+class ImpactScore(msgspec.Struct, frozen=True):
+    """Impacts by how far they moved what is held, for good, and which of them were registered."""
 
     moved: int  # 1 mm or more
     registered: int  # of these, before the next act
@@ -67,26 +67,26 @@ class BlowScore(msgspec.Struct, frozen=True):
     delay_ms: Quantiles | None  # of `moved`; infinite where missed
 
 
-def answers(registered: Events, blows: Sequence[Blow], t_s: Floats) -> Floats:
-    """Time (k,) from the first motion of each blow to the event that begins before the next act,
+def answers(registered: Events, impacts: Sequence[Impact], t_s: Floats) -> Floats:
+    """Time (k,) from the first motion of each impact to the event that begins before the next act,
     ms; infinite where none does."""
     starts = registered[:, 0]
-    at = np.searchsorted(starts, [b.struck for b in blows])
+    at = np.searchsorted(starts, [b.struck for b in impacts])
     first = np.append(starts, len(t_s))[at]
-    detected = first < [b.until for b in blows]
-    delays: Floats = np.full(len(blows), np.inf)
-    onsets = np.array([b.onset for b in blows], np.intp)
+    detected = first < [b.until for b in impacts]
+    delays: Floats = np.full(len(impacts), np.inf)
+    onsets = np.array([b.onset for b in impacts], np.intp)
     delays[detected] = (t_s[first[detected]] - t_s[onsets[detected]]) * 1e3
     return delays
 
 
-def blow_score(moved_m: Floats, delays_ms: Floats, weak: NDArray[np.bool_]) -> BlowScore | None:
-    """The score of blows (k,) with these answers; None of none."""
+def impact_score(moved_m: Floats, delays_ms: Floats, weak: NDArray[np.bool_]) -> ImpactScore | None:
+    """The score of impacts (k,) with these answers; None of none."""
     if not len(moved_m):
         return None
     moved, far, unmoved = moved_m >= MOVED_M, moved_m >= FAR_M, moved_m < UNMOVED_M
     nearly, detected = unmoved & ~weak, np.isfinite(delays_ms)
-    return BlowScore(
+    return ImpactScore(
         moved=int(moved.sum()),
         registered=int((moved & detected).sum()),
         far=int(far.sum()),
