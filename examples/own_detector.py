@@ -1,18 +1,18 @@
-"""A detector of one's own, in a file of its own: how much does a fingertip tremble?
+"""A user-defined slip detector: the vibration of a fingertip as a probability.
 
-grasp run lift --object can --detector own_detector.py:Tremble --set own.counts=9
+grasp run lift --object can --detector own_detector.py:Vibration --set own.counts=9
 """
 
 import numpy as np
 
 
-class Tremble:
+class Vibration:
     """A running mean of the change from frame to frame, as a probability."""
 
-    threshold = 0.5  # above which a sample reads as slip
-    memory = 0  # samples that play a part in an answer; 0: it fades, and never ends
+    threshold = 0.5  # probability above which a sample counts as slip
+    memory = 0  # length of the input window, samples; 0: a decaying memory
 
-    def __init__(self, fingers, counts=12.0):  # given what it asks for: fingers, taxels, own.*
+    def __init__(self, fingers, counts=12.0):  # arguments by name: fingers, taxels, [own] settings
         self.fingers, self.counts = fingers, counts
 
     def reset(self):
@@ -29,4 +29,4 @@ if __name__ == "__main__":
     import grasp
 
     for name in ("can", "box"):
-        print(grasp.lift(object=name, detector=f"{__file__}:Tremble").verdict)
+        print(grasp.lift(object=name, detector=f"{__file__}:Vibration").verdict)

@@ -143,14 +143,14 @@ def _paper(scenario: str, name: str) -> str:
 
 def _average(variant: Variant) -> str:
     text = f"{variant.average:.1%}"
-    if any(cell.apart for cell in variant.cells):
-        text += f"\n{variant.average_of_all:.1%} of all, those apart counted as failed"
+    if any(cell.excluded for cell in variant.cells):
+        text += f"\n{variant.average_of_all:.1%} of all, with excluded trials as failures"
     return text
 
 
 def _rate(rate: float, interval: tuple[float, float]) -> str:
     if math.isnan(rate):
-        return "   -"  # nothing was judged
+        return "   -"  # no trial has a verdict
     return f"{rate:4.0%} ({interval[0] * 100:.0f}-{interval[1] * 100:.0f})"
 
 
@@ -160,13 +160,13 @@ def _shown(cell: Cell) -> str:
         parts = (cell.within_6cm, cell.within_12cm)
         text += "  " + "+".join(f"{100 * part / cell.trials:.0f}" for part in parts)
     text += f"  n {cell.trials}"
-    if cell.apart:
-        text += f" of {cell.trials + sum(cell.apart.values())}: {cell.rate_of_all:.0%} of all"
+    if cell.excluded:
+        text += f" of {cell.trials + sum(cell.excluded.values())}: {cell.rate_of_all:.0%} of all"
     text += f", {_plural(cell.errors, 'error')}" if cell.errors else ""
-    good = ("held", "registered", *cell.apart)
+    good = ("held", "registered", *cell.excluded)
     lost = {name: n for name, n in cell.outcomes.items() if not name.startswith(good)}
     text += "".join(f"\n{n} {name}" for name, n in lost.items())
-    text += "".join(f"\n{n} {name}, apart" for name, n in cell.apart.items())
+    text += "".join(f"\n{n} {name}, excluded" for name, n in cell.excluded.items())
     return text + (f"\n{cell.alarms_stayed} held, alarm stayed" if cell.alarms_stayed else "")
 
 

@@ -63,7 +63,7 @@ def _add_run(group: Parser) -> None:
     lift = group.command("lift", "lift an object held too weakly", "", (
         "grasp run lift --object can",
         "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
-        "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
+        "grasp run lift --detector mine.py:Vibration --set object.mass_kg=0.3 --json",
         "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
     ))  # fmt: skip
     tap = group.command("tap", "strike an object held at the force limit", "", (
@@ -159,7 +159,7 @@ def _add_detector(group: Parser) -> None:
     labelled = "folders of `grasp dataset build` or `collect`"
     evaluate = group.command("evaluate", "score detectors on labelled fingertip recordings", "", (
         "grasp detector evaluate tcn energy --recording fingertip.csv",
-        "grasp detector evaluate mine.onnx mine.py:Tremble --data sets/paper"))  # fmt: skip
+        "grasp detector evaluate mine.onnx mine.py:Vibration --data sets/paper"))  # fmt: skip
     evaluate.option("detector NAME", "one or more of config/detectors, or your own", nargs="+")
     source = evaluate.add_mutually_exclusive_group(required=True)
     source.add_argument("--recording", type=Path, metavar="RUN|FILE", help="folder of `grasp run "
@@ -171,7 +171,7 @@ def _add_detector(group: Parser) -> None:
         "slides; moved: 1 mm from its last rest", choices=LABELS, default="slip")  # fmt: skip
     evaluate.option("--out FILE.json", "scores and misses, for `grasp report`", file_to_write)
     tune = group.command("tune", "find the quickest decision within a budget of false events", "",
-        ("grasp detector tune mine.py:Tremble --data sets/paper sets/disturbances",))  # fmt: skip
+        ("grasp detector tune mine.py:Vibration --data sets/paper sets/disturbances",))  # fmt: skip
     tune.option("detector NAME", "one of config/detectors, or your own")
     tune.option("--budget N", "false events a minute of a hand", decimal(0, 6000), default=1.0)
     source = tune.add_mutually_exclusive_group(required=True)

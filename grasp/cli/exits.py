@@ -49,8 +49,8 @@ def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
 def say_end(end: Any, remedy: str = "") -> None:
     """Where arm and hand were left, and how; what to do, and how to go on: a line each."""
     where = f"{end.where}: " if end.where else ""
-    missed = f"; asked for, and not seen to be so: {', '.join(end.unreached)}"
-    state = f"{where}{end.arm}; {end.hand}{missed if end.unreached else ''}"
+    missed = f"; not confirmed: {', '.join(end.unconfirmed)}"
+    state = f"{where}{end.arm}; {end.hand}{missed if end.unconfirmed else ''}"
     for line in (state, remedy, end.advice):
         say(line)
 

@@ -57,7 +57,7 @@ def run_lift(args: argparse.Namespace) -> int:
             print(rule)
         warn_of_untuned_rule(config, trial_layers(*chosen))
 
-    scenario = EXPERIMENTS[args.scenario].own(config)
+    scenario = EXPERIMENTS[args.scenario].select(config)
     return run_trials(args, scenario, permit, begin)
 
 

@@ -21,7 +21,7 @@ from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
 from scenarios.report.live_feed import LiveTrials
 from scenarios.trial.result import Failure
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 
 
 class _Ended(NamedTuple):
@@ -97,12 +97,12 @@ def _follow(
         Display(config.rig, args.json, operator is not None, not single, page=page) as display,
     ):
         display.setting_up()
-        bench = Bench(
+        context = TrialContext(
             args.runs, is_paced(args), display.tick, operator, permit, on_trial=display.trial,
             watch=None if page is None else page.watch, placed=args.first,
         )  # fmt: skip
         try:
-            for finished, row in trial_series.run(experiment, bench, store):
+            for finished, row in trial_series.run(experiment, context, store):
                 failure, result = finished.failure, finished.result
                 if row is not None:
                     rows[row.trial] = row

@@ -33,7 +33,7 @@ from scenarios.acquire.labels import parts_of, recording
 from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
-from scenarios.trial.ending import End
+from scenarios.trial.final_state import FinalState
 from scenarios.trial.foxglove import (
     EVERY_TICKS,
     INFO,
@@ -222,12 +222,12 @@ def _run_to_end(session: Session, samples: int) -> Ended:
     return AcquireOutcome.COMPLETE, None, None
 
 
-def _left(session: Session) -> End:
+def _left(session: Session) -> FinalState:
     try:
         arm = session.stand()
     except Exception:  # what ended the session, perhaps
         arm = "the arm may still move: it cannot be told to stand"
-    return End(arm, "the hand was told nothing", "")
+    return FinalState(arm, "no command was sent to the hand", "")
 
 
 def _finish(

@@ -250,7 +250,7 @@ class Session:
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         if trouble:
             return f"the arm {'was still moving' if self._moving else 'stood'}{trouble}"
-        return "the arm is still moving" if moving else "the arm stands"
+        return "the arm is still moving" if moving else "the arm is stationary"
 
     @property
     def _moving(self) -> bool:

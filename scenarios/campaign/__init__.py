@@ -1,1 +1,1 @@
-"""Experiments by the hundred: a grid of trials, run in parallel, one row each, nothing lost."""
+"""Campaigns: a grid of simulated trials, run in parallel, one database row each."""

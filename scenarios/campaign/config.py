@@ -1,4 +1,4 @@
-"""The experiments, and the settings that a file or a command line may give for any of them."""
+"""The experiments by name, and loading of their settings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,10 +21,10 @@ class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     tap: TapSettings = TapSettings()
 
     def for_lift(self) -> LiftConfig:
-        return lift.own(self)
+        return lift.select(self)
 
     def for_tap(self) -> TapConfig:
-        return tap.own(self)
+        return tap.select(self)
 
 
 def load_config(
@@ -35,8 +35,8 @@ def load_config(
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> RunConfig:
-    """From the layers of ``trial_layers``. Raises ConfigError for an unknown name or the first
-    setting that is not allowed, or that the detector or the answer to slip does not read."""
+    """Settings from the layers of ``trial_layers``. Raises ConfigError for an unknown name, a value
+    out of range, or a user setting that detector, rule or slip response do not read."""
     layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
     own = own_layers(files, assignments)
@@ -51,5 +51,6 @@ def load_for_devices(
     assignments: Sequence[str] = (),
     detector: str = "energy",
 ) -> RunConfig:
-    """For who runs no trial: one's own files may speak of any detector. Raises as `load_config`."""
+    """Settings for commands without a trial, whose files may configure any detector. Raises as
+    `load_config`."""
     return load(RunConfig, trial_layers(object_name, rig, detector, files, assignments))

@@ -1,4 +1,4 @@
-"""Runs what a campaign still lacks, and writes every trial as it finishes."""
+"""Runs the missing trials of a campaign, and stores each as it finishes."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -16,12 +16,12 @@ CAMPAIGNS = Path("runs/campaigns")
 
 
 class Progress(msgspec.Struct, frozen=True):
-    """Where a campaign stands."""
+    """Progress of a campaign, in trials."""
 
     total: int
-    done: int  # rows in the file, this call's and those of calls before
-    new: int  # rows of this call
-    successes: int  # among those of this call
+    done: int  # rows in the file
+    new: int  # of these, rows of this call
+    successes: int  # among the new ones
     errors: int
 
 
@@ -41,21 +41,21 @@ def run(
     on_progress: OnProgress = lambda progress: None,
     work: Work = run_trial,
 ) -> Progress:
-    """Run the trials that the file lacks; those that errored before are run again.
+    """Run the trials that the file lacks, and again those with an error.
 
     Raises ConfigError before anything runs, CouldNotRecord when a row cannot be written.
-    KeyboardInterrupt passes through: every row that was reported is in the file.
+    KeyboardInterrupt passes through: every reported row is in the file.
     """
-    places = combinations(spec)
-    with CampaignStore.create(out, spec, places, resume) as store:
-        every = list(trials(spec, places))
-        had = store.finished()
-        todo = [trial for trial in every if trial.number not in had]
-        progress = Progress(len(every), len(had), 0, 0, 0)
+    grid = combinations(spec)
+    with CampaignStore.create(out, spec, grid, resume) as store:
+        tasks = list(trials(spec, grid))
+        finished = store.finished()
+        todo = [task for task in tasks if task.number not in finished]
+        progress = Progress(len(tasks), len(finished), 0, 0, 0)
         on_progress(progress)
-        # closed at once when something goes wrong here: the workers must not outlive it
-        with closing(outcomes(work, todo, workers)) as found:
-            for outcome in found:
+        # closed on any exception: the workers must not outlive this call
+        with closing(outcomes(work, todo, workers)) as results:
+            for outcome in results:
                 row = store.add(outcome.result or Finished(_error_row(outcome)))
                 progress = Progress(
                     total=progress.total,

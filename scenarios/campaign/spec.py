@@ -1,4 +1,4 @@
-"""What a campaign file says, and the trials that it stands for."""
+"""Specification of a campaign, and the trials of its grid."""
 
 import itertools
 import math
@@ -21,7 +21,7 @@ from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name
 
 MOST_TRIALS = 1_000_000
-SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
+SEEDS_APART = 10_000  # so that campaigns with different `seeds` share no trial seed
 
 
 Listed = Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -29,16 +29,17 @@ Seed = Annotated[int, Meta(ge=0, lt=100)]
 
 
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A grid: every combination of what is listed, each so many times. Empty: as the profile.
-    Paths are relative to the campaign's file."""
+    """A grid of trials: every combination of the lists, each ``repetitions`` times.
+
+    Empty ``detectors``: the profile's. Paths are relative to the campaign's file."""
 
     name: Name
     scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
-    objects: Listed  # of config/objects, or paths
+    objects: Listed  # names in config/objects, or paths
     profiles: Listed = ("default",)
-    detectors: tuple[str, ...] = ()  # of config/detectors, or FILE.py:NAME, or FILE.onnx
+    detectors: tuple[str, ...] = ()  # names in config/detectors, FILE.py:NAME or FILE.onnx
     sweep: dict[str, tuple[Any, ...]] = {}  # settings, section.key = [values]
-    config: tuple[str, ...] = ()  # TOML files for every trial; later ones on top
+    config: tuple[str, ...] = ()  # TOML files for every trial; later ones override earlier ones
     settings: tuple[str, ...] = ()  # section.key=value, for every trial
     seeds: Annotated[tuple[Seed, ...], Meta(min_length=1)] = (0,)  # times SEEDS_APART
     repetitions: Annotated[int, Meta(ge=1, le=SEEDS_APART)] = 20  # of every combination (paper: 20)
@@ -46,9 +47,9 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One trial of a campaign: everything that decides its outcome."""
+    """One trial of a campaign, with everything that determines its result."""
 
-    number: int  # place in the grid, from 0
+    number: int  # in the order of execution, from 0
     scenario: str
     repetition: int
     seed: int
@@ -58,7 +59,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Combination(msgspec.Struct, frozen=True):
-    """One place of the grid, settings resolved."""
+    """One combination of the grid, with resolved settings."""
 
     scenario: str
     swept: dict[str, Any]
@@ -66,56 +67,56 @@ class Combination(msgspec.Struct, frozen=True):
 
 
 def read_spec(path: Path) -> CampaignSpec:
-    """Raises ConfigError for a file that is missing, malformed or says something unknown."""
+    """Read a campaign file. Raises ConfigError for a missing or malformed file or unknown keys."""
     spec = load(CampaignSpec, [read_toml(path)])
 
-    def found(word: str) -> str:
-        own = by_path(word) or is_code(word) or is_weights(word)
-        return str(path.parent / word) if own else word
+    def resolved(name: str) -> str:
+        is_path = by_path(name) or is_code(name) or is_weights(name)
+        return str(path.parent / name) if is_path else name
 
     return msgspec.structs.replace(
         spec,
-        objects=tuple(map(found, spec.objects)),
-        detectors=tuple(map(found, spec.detectors)),
-        config=tuple(str(path.parent / word) for word in spec.config),
+        objects=tuple(map(resolved, spec.objects)),
+        detectors=tuple(map(resolved, spec.detectors)),
+        config=tuple(str(path.parent / name) for name in spec.config),
     )
 
 
 def combinations(spec: CampaignSpec) -> list[Combination]:
-    """Every combination once, checked as far as can be without running it.
+    """Every combination once, checked as far as possible without running it.
 
-    Raises ConfigError for an axis that is empty or says something twice, an unknown name, a
-    setting out of range, a force limit that the gripper cannot keep, or a detector that cannot be
-    loaded.
+    Raises ConfigError for an empty axis or a repeated value, an unknown name, a setting out of
+    range, a force limit that the gripper cannot keep, or a detector that cannot be loaded.
     """
     _check_axes(spec)
-    found, called = [], dict[str, str]()
-    files = [Path(word) for word in spec.config]
+    found, sources = [], dict[str, str]()
+    files = [Path(name) for name in spec.config]
     for scenario, profile, detector, name, *values in itertools.product(
         spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
-        words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
-        base = _load(name, detector, files, words, profile, swept)
-        if called.setdefault(base.object.name, name) != name:
-            both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
-            raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
+        settings = [*spec.settings, *(f"{key}={_literal(x)}" for key, x in swept.items())]
+        base = _load(name, detector, files, settings, profile, swept)
+        if sources.setdefault(base.object.name, name) != name:
+            both = f"{sources[base.object.name]} and {name} are both named {base.object.name!r}"
+            raise ConfigError("campaign", "objects", both, "a different object.name for each")
         make_guard(base)
         experiment = EXPERIMENTS[scenario]
-        own: TrialConfig = experiment.own(base)
-        experiment.configure(own)
-        found.append(Combination(scenario, swept, own))
+        config: TrialConfig = experiment.select(base)
+        experiment.configure(config)
+        found.append(Combination(scenario, swept, config))
     _check_detectors([each.config for each in found])
     return found
 
 
 def _load(
-    name: str, detector: str | None, files: list[Path], words: list[str], profile: str,
+    name: str, detector: str | None, files: list[Path], settings: list[str], profile: str,
     swept: dict[str, Any],
 ) -> RunConfig:  # fmt: skip
-    """A place's settings. Raises ConfigError, which names the campaign where a word is its own."""
+    """Settings of a combination. Raises ConfigError, with the campaign as the source of a value
+    that its file sets."""
     try:
-        return load_config(name, "simulated", detector, files, words, profile)
+        return load_config(name, "simulated", detector, files, settings, profile)
     except ConfigError as error:
         file, key, problem, allowed = error.args
         if file != "--set":
@@ -125,12 +126,12 @@ def _load(
 
 
 def _check_axes(spec: CampaignSpec) -> None:
-    """Nothing is run twice and counted twice, and a sweep sweeps."""
-    named = ("scenarios", "objects", "profiles", "detectors", "seeds")
-    axes = {name: getattr(spec, name) for name in named}
+    """Raises ConfigError for a repeated value, an empty sweep or too many trials."""
+    lists = ("scenarios", "objects", "profiles", "detectors", "seeds")
+    axes = {name: getattr(spec, name) for name in lists}
     axes |= {f"sweep.{key}": values for key, values in spec.sweep.items()}
     if math.prod(len(values) or 1 for values in axes.values()) * spec.repetitions > MOST_TRIALS:
-        raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
+        raise ConfigError("campaign", "-", "is too large", f"at most {MOST_TRIALS} trials")
     for axis, values in axes.items():
         for text, times in Counter(map(_literal, values)).items():
             if times > 1:
@@ -140,7 +141,7 @@ def _check_axes(spec: CampaignSpec) -> None:
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:
-    """Load each detector once: weights that are missing are found before anything runs."""
+    """Load each detector once, so that missing weights are found before anything runs."""
     for config in {config.detector_name: config for config in configs}.values():
         try:
             config.make_detector(FINGERS)
@@ -156,14 +157,14 @@ def _literal(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Task]:
-    """All trials. Repetitions are outermost: a campaign that was cut short has run every
-    combination about equally often, on the same seeds."""
+def trials(spec: CampaignSpec, grid: list[Combination]) -> Iterator[Task]:
+    """All trials, with repetitions outermost: a campaign that was cut short has run every
+    combination about equally often, with the same seeds."""
     numbers = itertools.count()
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):
-        for place in places:
+        for each in grid:
             yield Task(
-                number=next(numbers), scenario=place.scenario, repetition=repetition,
-                seed=seed * SEEDS_APART + repetition, swept=place.swept, config=place.config,
+                number=next(numbers), scenario=each.scenario, repetition=repetition,
+                seed=seed * SEEDS_APART + repetition, swept=each.swept, config=each.config,
                 recordings=spec.recordings,
             )  # fmt: skip

@@ -1,6 +1,6 @@
-"""The SQLite file of a campaign: one row a trial, on the disk before the next trial begins.
+"""The SQLite file of a campaign: one row per trial, committed before the next trial begins.
 
-One process writes it at a time; others may read it.
+One process at a time may write it; others may read it.
 """
 
 import csv
@@ -28,15 +28,16 @@ from scenarios.campaign.worker import Finished, Row
 
 FORMAT = "grasp-campaign 7"
 COLUMNS = Row.__struct_fields__
-FOREIGN = "name the file of a campaign"
+FOREIGN = "give the file of a campaign"
 DAMAGED = "restore it from a copy, or run the campaign again into another --out"
-FREE = "free the disk or the file, then go on with --resume"
+FREE = "free disk space or close other users of the file, then continue with --resume"
 DISK_ERRORS = ("SQLITE_IOERR", "SQLITE_FULL", "SQLITE_BUSY")
-BEGINS = b"SQLite format 3\0"
+HEADER = b"SQLite format 3\0"
 
 
 @contextmanager
-def _written(path: Path) -> Iterator[None]:
+def _write_errors(path: Path) -> Iterator[None]:
+    """Turn errors while writing into CouldNotRecord."""
     try:
         yield
     except (sqlite3.Error, OSError) as error:
@@ -45,8 +46,9 @@ def _written(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _read(path: Path) -> Iterator[None]:
-    """Whatever damage makes SQLite, the text or the values raise becomes BadFile."""
+def _read_errors(path: Path) -> Iterator[None]:
+    """Turn every error that a damaged file causes into BadFile, a disk error into
+    CouldNotRecord."""
     try:
         yield
     except (sqlite3.Error, msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as e:
@@ -56,81 +58,81 @@ def _read(path: Path) -> Iterator[None]:
 
 
 def is_database(path: Path) -> bool:
-    """Whether a file is there that begins as SQLite's do."""
+    """Whether the path is a file with SQLite's header."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(BEGINS)) == BEGINS
+        return file.read(len(HEADER)) == HEADER
 
 
 class CampaignStore:
-    """One campaign on disk. Rows are committed one by one: a kill loses none that was written."""
+    """The file of one campaign. Rows are committed one by one, so that a kill loses none."""
 
-    spec: CampaignSpec  # what it was begun with
+    spec: CampaignSpec  # that the file was created with
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._held = ExitStack()
-        # A reader opens it to write too: half of a killed writer's last row is taken back first.
+        self._resources = ExitStack()
+        # Readers need write access too: SQLite first rolls back a killed writer's last row.
         # Reader and writer wait for each other for up to 30 s.
         uri = f"{path.absolute().as_uri()}?mode=rw"
         self._db = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)
-        self._held.callback(self._db.close)
+        self._resources.callback(self._db.close)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._held.close()
+        self._resources.close()
 
     @classmethod
     def create(
-        cls, path: Path, spec: CampaignSpec, places: Sequence[Combination], resume: bool = False
+        cls, path: Path, spec: CampaignSpec, grid: Sequence[Combination], resume: bool = False
     ) -> Self:
-        """A new file; with ``resume`` the one that is there, if it is of this campaign. Raises
-        ConfigError for another and while another process writes it, BadFile for a damaged one, and
-        CouldNotRecord when it cannot be made."""
-        with _claimed(path) as lock:
+        """Create a file, or with ``resume`` open an existing one of the same campaign.
+
+        Raises ConfigError for a file of another campaign and while another process writes it,
+        BadFile for a damaged one, and CouldNotRecord where it cannot be written."""
+        with _lock(path) as lock:
             if not path.exists():
-                with _written(path):
-                    write_whole(path, _new_file(spec, places), private=True)
-                return cls.open(path)._keeping(lock)
+                with _write_errors(path):
+                    write_whole(path, _new_file(spec, grid), private=True)
+                return cls.open(path)._keep_lock(lock)
             if not resume:
                 raise ConfigError(
-                    str(path), "--out", "exists already", "a new file, or --resume to go on with it"
+                    str(path), "--out", "exists already", "a new file, or --resume to continue it"
                 )
             store = cls.open(path)
             store.rows()  # damage is found before anything is written
-            if store.spec != spec or store.settings().keys() != {p.config.digest() for p in places}:
-                store._held.close()
+            if store.spec != spec or store.settings().keys() != {c.config.digest() for c in grid}:
+                store._resources.close()
                 raise ConfigError(
-                    str(path), "--resume", "was begun with another campaign or other settings",
+                    str(path), "--resume", "was created with another campaign or other settings",
                     "the same campaign file and settings, or another --out",
                 )  # fmt: skip
-            return store._keeping(lock)
+            return store._keep_lock(lock)
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """A file that exists, to read it. Raises BadFile when it is damaged or no campaign."""
+        """Open an existing file for reading. Raises BadFile for a damaged file or no campaign."""
         if not path.is_file():
             raise BadFile(path, "no such file", FOREIGN)
-        with _read(path):
+        with _read_errors(path):
             store = cls(path)
-            with on_failure(store._held.close):
+            with on_failure(store._resources.close):
                 store._check()
         return store
 
-    def _keeping(self, lock: ExitStack) -> Self:
-        """Keep the lock until the file is closed; remove what a killed writer left of a
-        recording."""
-        self._held.push(lock.pop_all())
+    def _keep_lock(self, lock: ExitStack) -> Self:
+        """Keep the lock until the file is closed; remove a killed writer's partial recordings."""
+        self._resources.push(lock.pop_all())
         with suppress(OSError):
             for part in self._recordings.glob(partial_of("*.mcap", "*")):
                 part.unlink()
         return self
 
     def _check(self) -> None:
-        """Raises BadFile unless this is a campaign of this format, whole as a database."""
+        """Raises BadFile unless this is an undamaged campaign of this format."""
         tables = {row[0] for row in self._db.execute("SELECT name FROM sqlite_master")}
         if not {"campaign", "configs", "trials"} <= tables:
             raise BadFile(self.path, "not a campaign", FOREIGN)
@@ -138,7 +140,7 @@ class CampaignStore:
         if known.get("format") != FORMAT:
             raise BadFile(
                 self.path, f"format {known.get('format')!r}, this version reads {FORMAT!r}",
-                "open it with the version that made it, or run the campaign again",
+                "open it with the version that created it, or run the campaign again",
             )  # fmt: skip
         (sound,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
         if sound != "ok":
@@ -146,32 +148,32 @@ class CampaignStore:
         self.spec = msgspec.json.decode(str(known.get("spec")), type=CampaignSpec)
 
     def settings(self) -> dict[str, dict[str, Any]]:
-        """The resolved settings of every combination by their hash, as they were given."""
-        with _read(self.path):
+        """The resolved settings of every combination, by their hash."""
+        with _read_errors(self.path):
             found = self._db.execute("SELECT config_hash, settings FROM configs").fetchall()
             return {digest: msgspec.json.decode(text) for digest, text in found}
 
     def finished(self) -> set[int]:
-        """Numbers of the trials that ran; those that errored are not among them."""
+        """Numbers of the trials that finished without an error."""
         return {row.trial for row in self.rows() if row.status == "done"}
 
     def add(self, finished: Finished) -> Row:
-        """Write the recording, then the row; both are on disk when this returns.
+        """Write the recording, then the row; both are on disk on return.
 
-        Raises CouldNotRecord, and leaves neither then.
+        On CouldNotRecord neither is left.
         """
-        row, kept = finished.row, None
+        row, file = finished.row, None
         if finished.recording is not None:
-            kept = self._keep(row, finished.recording)
-            row = msgspec.structs.replace(row, recording=f"{kept.parent.name}/{kept.name}")
+            file = self._write_recording(row, finished.recording)
+            row = msgspec.structs.replace(row, recording=f"{file.parent.name}/{file.name}")
         try:
-            with _written(self.path):
+            with _write_errors(self.path):
                 marks = ", ".join("?" * len(COLUMNS))
-                values = [*map(_plain, msgspec.structs.astuple(row))]
+                values = [*map(_storable, msgspec.structs.astuple(row))]
                 self._db.execute(f"INSERT OR REPLACE INTO trials VALUES ({marks})", values)
         except CouldNotRecord:
-            if kept is not None:
-                kept.unlink(missing_ok=True)
+            if file is not None:
+                file.unlink(missing_ok=True)
             raise
         return row
 
@@ -179,17 +181,17 @@ class CampaignStore:
     def _recordings(self) -> Path:
         return self.path.with_suffix(".recordings")
 
-    def _keep(self, row: Row, recording: bytes) -> Path:
-        """The recording's file, beside the campaign's; whole or not at all."""
+    def _write_recording(self, row: Row, recording: bytes) -> Path:
+        """Write the recording to the folder beside the campaign's file, atomically."""
         path = self._recordings / f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
-        with _written(self._recordings):
+        with _write_errors(self._recordings):
             make_private_folder(self._recordings)
             write_whole(path, recording, private=True)
         return path
 
     def rows(self) -> list[Row]:
-        """All rows by trial number; raises BadFile where one cannot be read."""
-        with _read(self.path):
+        """All rows in the order of trial numbers; raises BadFile where one cannot be read."""
+        with _read_errors(self.path):
             columns = ", ".join(COLUMNS)
             found = self._db.execute(f"SELECT {columns} FROM trials ORDER BY 1").fetchall()
             tables = (dict(zip(COLUMNS, values, strict=True)) for values in found)
@@ -203,10 +205,10 @@ class CampaignStore:
         writer.writerows(msgspec.structs.asdict(row) for row in self.rows())
 
 
-def _new_file(spec: CampaignSpec, places: Sequence[Combination]) -> bytes:
-    """A campaign's file without a row."""
+def _new_file(spec: CampaignSpec, grid: Sequence[Combination]) -> bytes:
+    """Content of a campaign's file without rows."""
     trial, *others = COLUMNS
-    configs = {p.config.digest(): msgspec.json.encode(p.config).decode() for p in places}
+    configs = {c.config.digest(): msgspec.json.encode(c.config).decode() for c in grid}
     known = [("format", FORMAT), ("spec", msgspec.json.encode(spec).decode())]
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as db:
         db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)")
@@ -218,9 +220,9 @@ def _new_file(spec: CampaignSpec, places: Sequence[Combination]) -> bytes:
 
 
 @contextmanager
-def _claimed(path: Path) -> Iterator[ExitStack]:
-    """The folder made and the file locked, until the stack is closed or here, on an error."""
-    if path.is_dir():  # it may have no name to lock
+def _lock(path: Path) -> Iterator[ExitStack]:
+    """Make the folder and lock the file; the lock ends with the stack, or on an error in here."""
+    if path.is_dir():  # `/` has no name to lock
         raise ConfigError(str(path), "--out", "is a folder", "a new file")
     try:
         make_private_folder(path.parent)
@@ -229,15 +231,15 @@ def _claimed(path: Path) -> Iterator[ExitStack]:
             raise ConfigError(str(path), "--out", str(error.strerror), "another file") from None
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:
-        beside = path.resolve().with_name(f"{path.resolve().name}.lock")
+        lock_file = path.resolve().with_name(f"{path.resolve().name}.lock")
         try:
-            lock.enter_context(locked(beside, PRIVATE_FILE, partial(_held, path)))
+            lock.enter_context(locked(lock_file, PRIVATE_FILE, partial(_in_use, path)))
         except OSError as error:
-            raise CouldNotRecord(f"{beside}: {error.strerror}", "choose another --out") from None
+            raise CouldNotRecord(f"{lock_file}: {error.strerror}", "choose another --out") from None
         yield lock
 
 
-def _held(path: Path, holder: Holder | None) -> ConfigError:
+def _in_use(path: Path, holder: Holder | None) -> ConfigError:
     by = f"process {holder.pid}: {one_line(holder.command)}" if holder else "another process"
     return ConfigError(
         str(path), "--out", f"is being written by {by}",
@@ -245,6 +247,6 @@ def _held(path: Path, holder: Holder | None) -> ConfigError:
     )  # fmt: skip
 
 
-def _plain(value: Any) -> Any:
-    """What SQLite can hold: text without half characters."""
+def _storable(value: Any) -> Any:
+    """The value with text that SQLite can store: without lone surrogates."""
     return value.encode(errors="replace").decode() if isinstance(value, str) else value

@@ -1,4 +1,4 @@
-"""Table IV from the rows of a campaign: rates with intervals, latencies, slip distances."""
+"""Summary of a campaign as in the paper's table IV: rates with intervals, latencies, slip."""
 
 import math
 from collections import Counter
@@ -16,10 +16,10 @@ Z_95 = 1.959964
 
 
 class PaperCell(msgspec.Struct, frozen=True):
-    """Successes of twenty (paper, table IV); a long object's lifts split at 6 and 12 cm."""
+    """Successes out of twenty (paper, table IV); lifts of long objects are split at 6 and 12 cm."""
 
     tap: int
-    near: int  # lift, within 6 cm; of the other objects: held
+    near: int  # lift, within 6 cm; for other objects: held
     far: int = 0  # lift, 6 to 12 cm
 
     @property
@@ -39,25 +39,27 @@ LONG = ("box", "cardboard", "can")
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """One object in one variant. Quantiles are of all trials in which the object slipped: what did
-    not come, or was lost, is infinity; None where none slipped."""
+    """One object in one variant.
+
+    Quantiles are over all trials in which the object slipped; an event that did not happen, or the
+    slip of a lost object, counts as infinite. None where no object slipped."""
 
     object: str
     trials: int  # of taps: those that moved the object
     errors: int
     successes: int
     interval: tuple[float, float]  # Wilson, 95 %
-    within_6cm: int | None  # a long object's lifts
+    within_6cm: int | None  # lifts of long objects only
     within_12cm: int | None
     outcomes: dict[str, int]
-    apart: dict[str, int]  # those that drop out of the rate: taps that moved nothing, or never fell
-    alarms_stayed: int  # lifts that succeeded with slip registered at the end of the hold
+    excluded: dict[str, int]  # outcomes outside the rate: taps without displacement, or never made
+    alarms_stayed: int  # successful lifts with slip registered at the end of the hold
     detection_latency_ms: Quantiles | None
     reaction_latency_ms: Quantiles | None
     nominal_again_ms: Quantiles | None  # after the end of motion; taps
     slip_distance_mm: Quantiles | None
-    turned_deg: Quantiles | None  # in the hand, either way
-    paused_s: Quantiles | None  # the arm, for answers to slip
+    turned_deg: Quantiles | None  # absolute rotation in the hand
+    paused_s: Quantiles | None  # stops of the arm to respond to slip
 
     @property
     def rate(self) -> float:
@@ -65,13 +67,13 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def rate_of_all(self) -> float:
-        """Of every trial that was judged, those that drop out of the rate among them."""
-        judged = self.trials + sum(self.apart.values())
+        """Success rate of all trials with a verdict, with the excluded ones as failures."""
+        judged = self.trials + sum(self.excluded.values())
         return self.successes / judged if judged else math.nan
 
 
 class Variant(msgspec.Struct, frozen=True, kw_only=True):
-    """One column of the table: a scenario under one profile, detector and set of swept values."""
+    """One column of the table: scenario, profile, detector and swept values."""
 
     scenario: str
     profile: str
@@ -79,11 +81,11 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     swept: str
     cells: list[Cell]
     average: float
-    average_of_all: float  # what drops out of the rates counted as failed
+    average_of_all: float  # with excluded trials as failures
 
 
 class Summary(msgspec.Struct, frozen=True):
-    """Of a whole campaign."""
+    """Summary of a campaign."""
 
     name: str
     trials: int
@@ -137,48 +139,48 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         within_6cm=outcomes.get(NEAR, 0) if split else None,
         within_12cm=outcomes.get(FAR, 0) if split else None,
         outcomes=outcomes,
-        apart=_outcomes([row for row in ran if row.trial not in counted]),
+        excluded=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=_of_a_world(
+        detection_latency_ms=_simulated(
             [_after_onset(r, r.detection_latency_ms) for r in done], done
         ),
-        reaction_latency_ms=_of_a_world(
+        reaction_latency_ms=_simulated(
             [_after_onset(r, r.reaction_latency_ms) for r in done], done
         ),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_unless_lost(r, r.slip_distance_m, 1e3) for r in done]),
-        turned_deg=_of_a_world([None if t is None else abs(t) for t in turned_deg], done),
+        turned_deg=_simulated([None if t is None else abs(t) for t in turned_deg], done),
         paused_s=quantiles([row.paused_s for row in done]),
     )
 
 
 def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
-    """How often each came, most frequent first."""
+    """Number of trials by outcome, most frequent first."""
     return dict(Counter(str(row.outcome) for row in rows).most_common())
 
 
-def _of_a_world(figures: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
-    """Of a figure of each row that only a simulation knows, as when slip began: None of real
-    devices. None of a value is one that never came."""
+def _simulated(figures: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
+    """Quantiles of a value that only a simulation knows, one per row; None on real devices. A value
+    of None is an event that did not happen."""
     both = zip(figures, rows, strict=True)
-    # true forces: from a simulation
+    # a row with true forces is from a simulation
     known = [v for v, row in both if v is not None or row.peak_force_n is not None]
     return quantiles(known) if known else None
 
 
 def _after_onset(row: Row, latency_ms: float | None) -> float | None:
-    """An alarm that came before there was any slip has not registered it."""
+    """The latency; None for an alarm before any slip, which did not detect it."""
     return None if row.outcome == LiftOutcome.FALSE_START else latency_ms
 
 
 def _unless_lost(row: Row, value: float | None, factor: float) -> float | None:
-    """Slip in other units; a lifted object that was lost slipped for ever."""
+    """The value times ``factor``; None for a lifted object that was lost."""
     lost = row.scenario == "lift" and not row.success
     return None if value is None or lost else factor * value
 
 
 def paper_rate(scenario: str, name: str) -> float | None:
-    """The paper's success rate of an object; None for an object that is not the paper's."""
+    """The paper's success rate of an object; None for other objects."""
     cell = TABLE_IV.get(name)
     if cell is None:
         return None

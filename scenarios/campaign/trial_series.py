@@ -1,7 +1,7 @@
-"""Trials on one open rig, with a person's help where no world helps; kept as a campaign's are.
+"""Runs a series of trials on one rig, on hardware with an operator, and stores it as a campaign.
 
-The same rows, store and Table IV. A campaign runs in workers, where nobody watches, and stays off
-real devices; this runs in one process, and is how they get their rows.
+Rows, file and summary are those of a campaign. A campaign runs unattended in worker processes and
+never on real devices; a series runs in one process on any rig.
 """
 
 import os
@@ -17,25 +17,25 @@ from drivers.interfaces import Vector3
 from scenarios.campaign.config import EXPERIMENTS
 from scenarios.campaign.spec import CampaignSpec, Combination, Task
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import AnyRun, Finished, Row, error_row, judged, spent
+from scenarios.campaign.worker import AnyRun, Finished, Row, cost_columns, error_row, judged_row
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.series import Begun, Bench
+from scenarios.trial.series import RemainingTrials, TrialContext
 
-INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
-JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so; no device was to blame
+INTERRUPTED = "interrupted"  # kind of failure: no row, the trial is run again
+JUDGED = "safety_stop"  # kind of failure that counts as a verdict: no device failed
 
 
 class TrialSeries(msgspec.Struct, frozen=True):
-    """One experiment with one set of settings, so many times, with seeds one after the other."""
+    """One experiment with fixed settings, repeated with consecutive seeds."""
 
     scenario: Literal["lift", "tap"]
     config: TrialConfig
-    seed: int  # of the first
+    seed: int  # of the first trial
     trials: int
 
     def spec(self) -> CampaignSpec:
-        """As its file states it. Settings are compared by their hash alone, so that an address may
-        change before the series is resumed."""
+        """Specification for its file. Settings are compared by their hash only, so that an address
+        may change before the series is resumed."""
         config = self.config
         return CampaignSpec(
             name=f"{config.rig}-{self.scenario}-{config.object.name}-{self.seed}",
@@ -57,57 +57,57 @@ class TrialSeries(msgspec.Struct, frozen=True):
         ]  # fmt: skip
 
     def store(self, out: Path, resume: bool) -> CampaignStore:
-        """Its file, to go on with or a new one; raises what ``CampaignStore.create`` raises."""
-        places = [Combination(self.scenario, {}, self.config)]
-        return CampaignStore.create(out, self.spec(), places, resume)
+        """Create its file, or open it to resume; raises as ``CampaignStore.create``."""
+        grid = [Combination(self.scenario, {}, self.config)]
+        return CampaignStore.create(out, self.spec(), grid, resume)
 
 
 def run(
-    trials: TrialSeries, bench: Bench, store: CampaignStore | None
+    trials: TrialSeries, context: TrialContext, store: CampaignStore | None
 ) -> Iterator[tuple[AnyRun, Row | None]]:
-    """The trials that the store lacks, each with its row, which is written before the next begins.
+    """Run the trials that the store lacks; yields each with its row, which is already stored.
 
-    Ends after one that failed as a run. One that was interrupted or never began has no row, one
-    that a device ended has a row that says so: they are run again on resumption, or at once,
-    as ``scenarios.trial.series`` says. Raises what ``scenarios.trial.series`` raises, and
-    CouldNotRecord.
+    Ends after one with a failure. An interrupted trial has no row, and a device error makes an
+    error row: both are run again on resumption, or at once as in ``scenarios.trial.series``.
+    Raises as ``scenarios.trial.series``, and CouldNotRecord.
     """
     rows = [] if store is None else store.rows()
-    had = {row.trial for row in rows if row.status == "done"}
-    todo = {task.seed: task for task in trials.tasks() if task.number not in had}
+    stored = {row.trial for row in rows if row.status == "done"}
+    todo = {task.seed: task for task in trials.tasks() if task.number not in stored}
     if not todo:
         return
-    begun = Begun(tuple(task.number + 1 for task in todo.values()), trials.trials, home_of(rows))
+    numbers = tuple(task.number + 1 for task in todo.values())
+    remaining = RemainingTrials(numbers, trials.trials, home_of(rows))
     wall, cpu = time.perf_counter(), time.process_time()
-    bench = msgspec.structs.replace(bench, begun=begun)
+    context = msgspec.structs.replace(context, remaining=remaining)
     experiment = EXPERIMENTS[trials.scenario]
-    with closing(experiment.run_series(trials.config, list(todo), bench)) as series:
+    with closing(experiment.run_series(trials.config, list(todo), context)) as series:
         for finished in series:
-            result = finished.result  # none: it never began
+            result = finished.result  # None: the trial did not begin
             row = None if result is None else row_of(todo[result.seed], finished)
             if row is not None:
-                row = msgspec.structs.replace(row, **spent(wall, cpu))
+                row = msgspec.structs.replace(row, **cost_columns(wall, cpu))
                 if store is not None:
-                    left = None if result is None else result.recording  # where the run left it
-                    if left is not None:
-                        left = os.path.relpath(left, store.path.parent)
-                    row = store.add(Finished(msgspec.structs.replace(row, recording=left)))
+                    recording = None if result is None else result.recording
+                    if recording is not None:
+                        recording = os.path.relpath(recording, store.path.parent)
+                    row = store.add(Finished(msgspec.structs.replace(row, recording=recording)))
             yield finished, row
             wall, cpu = time.perf_counter(), time.process_time()
 
 
 def home_of(rows: Sequence[Row]) -> Vector3 | None:
-    """Of the arm, that the trials up to now began from; None where none of them has one."""
+    """The arm's home of the stored trials; None where no trial has one."""
     homes = (msgspec.json.decode(row.result).get("home_m") for row in rows if row.result)
     return next((msgspec.convert(home, Vector3) for home in homes if home is not None), None)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:
-    """Its row; None for a trial that was interrupted. One that ended before it had taken a home
-    tried nothing: it does not count."""
+    """The row of a trial; None for an interrupted one, an error row for one that a device error
+    ended or that ended before it took a home."""
     failure, result = finished.failure, finished.result
     if result is None or (failure is not None and failure.kind == INTERRUPTED):
         return None
     if failure is not None and (failure.kind != JUDGED or result.home_m is None):
         return error_row(task, failure.message, result)
-    return judged(task, result, failure)
+    return judged_row(task, result, failure)

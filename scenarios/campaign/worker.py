@@ -1,4 +1,4 @@
-"""Runs one trial of a campaign in a worker process and makes its row."""
+"""Runs one trial of a campaign in a worker process and returns its row."""
 
 import tempfile
 import time
@@ -14,15 +14,15 @@ from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 
 AnyRun = FinishedRun[Any]
-# columns of a row that only one of the experiments has
-OWN_COLUMNS = (
+# columns that only one experiment has
+EXPERIMENT_COLUMNS = (
     "reaction_latency_ms", "slip_distance_m", "turned_rad", "alarm_stayed", "moved", "direction",
     "nominal_again_ms",
 )  # fmt: skip
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of the campaign's table; docs/data-formats.md explains the columns."""
+    """One row of the campaign's table; docs/data-formats.md explains the columns."""
 
     trial: int
     scenario: str
@@ -38,14 +38,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     detection_latency_ms: float | None = None
     reaction_latency_ms: float | None = None
     alarm_stayed: bool | None = None  # a lift: slip was registered at the end of the hold
-    moved: bool | None = None  # a tap: what moved nothing is counted apart
+    moved: bool | None = None  # a tap: without displacement it is excluded from the rate
     direction: str | None = None
     nominal_again_ms: float | None = None
     slip_distance_m: float | None = None  # of a tap: the permanent displacement
     turned_rad: float | None = None  # in the hand, about the closing axis
     peak_force_n: float | None = None
     commanded_force_n: float | None = None
-    paused_s: float | None = None  # the arm, for answers to slip
+    paused_s: float | None = None  # stops of the arm to respond to slip
     result: str | None = None
     error: str | None = None
     config_hash: str
@@ -58,14 +58,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Finished(msgspec.Struct, frozen=True):
-    """A row and, if it is to be kept, the bytes of its recording."""
+    """A row, and the bytes of its recording if that is kept."""
 
     row: Row
     recording: bytes | None = None
 
 
 def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | None]:
-    """One judged trial; KeyboardInterrupt passes."""
+    """Run and judge one trial. Raises RuntimeError for an internal error, KeyboardInterrupt."""
     finished: AnyRun = EXPERIMENTS[trial.scenario].run(trial.config, trial.seed, runs)
     result, failure = finished.result, finished.failure
     if result is not None and result.outcome == INTERRUPTED:
@@ -78,18 +78,18 @@ def run_once(trial: Task, runs: Path | None) -> tuple[TrialResult, Failure | Non
 
 
 def run_trial(trial: Task) -> Finished:
-    """Never raises for what goes wrong in the trial: that is a row with its error."""
+    """Run one trial; an exception in it becomes a row with its error."""
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         finished = _run(trial)
     except Exception:
         finished = Finished(error_row(trial, traceback.format_exc()))
-    row = msgspec.structs.replace(finished.row, **spent(wall, cpu))
+    row = msgspec.structs.replace(finished.row, **cost_columns(wall, cpu))
     return Finished(row, finished.recording)
 
 
-def spent(wall: float, cpu: float) -> dict[str, Any]:
-    """What a row says of its machine: time since then, s, and what ran there."""
+def cost_columns(wall: float, cpu: float) -> dict[str, Any]:
+    """Columns of run time since the two start times, s, and of the versions."""
     return {
         "wall_s": round(time.perf_counter() - wall, 4),
         "cpu_s": round(time.process_time() - cpu, 4),
@@ -98,30 +98,30 @@ def spent(wall: float, cpu: float) -> dict[str, Any]:
 
 
 def error_row(trial: Task, error: str, result: TrialResult | None = None) -> Row:
-    """The row of a trial that could not be judged, with what it left, if it left something."""
-    left = None if result is None else _table(result)
-    return Row(**identity(trial), status="error", error=error, result=left)
+    """The row of a trial without a verdict, with its partial result if there is one."""
+    partial = None if result is None else _table(result)
+    return Row(**identity(trial), status="error", error=error, result=partial)
 
 
 def _run(trial: Task) -> Finished:
     if trial.recordings != "all":
         result, failure = run_once(trial, None)
         if trial.recordings == "none" or not result.failed:
-            return Finished(judged(trial, result, failure))
-    # one that failed is run again: it comes out alike, and most trials need no recording
+            return Finished(judged_row(trial, result, failure))
+    # a failed trial is repeated, with the same result, because most trials need no recording
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
         result, failure = run_once(trial, Path(folder))
         if result.recording is None:
             raise OSError("nothing was recorded" if failure is None else failure.message)
-        return Finished(judged(trial, result, failure), Path(result.recording).read_bytes())
+        return Finished(judged_row(trial, result, failure), Path(result.recording).read_bytes())
 
 
-def judged(trial: Task, result: TrialResult, failure: Failure | None) -> Row:
-    """The row of a trial that was judged, whatever its verdict."""
-    own: dict[str, Any] = {name: getattr(result, name, None) for name in OWN_COLUMNS}
+def judged_row(trial: Task, result: TrialResult, failure: Failure | None) -> Row:
+    """The row of a trial with a verdict."""
+    special: dict[str, Any] = {name: getattr(result, name, None) for name in EXPERIMENT_COLUMNS}
     return Row(
         **identity(trial),
-        **own,
+        **special,
         status="done",
         success=result.success,
         outcome=result.outcome,
@@ -136,7 +136,7 @@ def judged(trial: Task, result: TrialResult, failure: Failure | None) -> Row:
 
 
 def _table(result: TrialResult) -> str:
-    """All of a result that has no column of its own."""
+    """The result as JSON, without the values that have their own columns."""
     table: dict[str, Any] = msgspec.to_builtins(result)
     for column in ("timing", "recording", "versions"):
         del table[column]
@@ -144,7 +144,7 @@ def _table(result: TrialResult) -> str:
 
 
 def identity(trial: Task) -> dict[str, Any]:
-    """The columns that a row has before its trial has run."""
+    """The columns that are known before the trial runs."""
     return {
         "trial": trial.number,
         "scenario": trial.scenario,

@@ -45,7 +45,7 @@ from scenarios.rigs.calibration import FAR, MANUAL
 from scenarios.rigs.permission import MotionPermit, require
 from scenarios.rigs.rig import known_state
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.person import Operator
+from scenarios.trial.operator_prompts import Operator
 
 NEWTONS = {"n": 1.0, "g": N_PER_G, "kg": 1e3 * N_PER_G}
 READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)", re.IGNORECASE)

@@ -1,1 +1,1 @@
-"""What `import grasp` offers: calls of one line that return typed, frozen results with arrays."""
+"""The Python API of `import grasp`: functions that return typed, frozen results with arrays."""

@@ -1,4 +1,4 @@
-"""What the calls of the library return: typed, frozen, arrays that cannot be written."""
+"""Results of the Python API: typed, frozen, with read-only arrays."""
 
 import shutil
 import weakref
@@ -30,10 +30,10 @@ Flags = NDArray[np.bool_]
 
 
 class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
-    """One trial: its verdict, and what was recorded of it, one row a control step of 10 ms.
+    """One trial: its verdict and recorded arrays, one row per control step of 10 ms.
 
-    Fingers are A (the thumb), B, C. ``failure`` is why it ended in a safe state, if it did;
-    ``folder`` is the run's own, ``record`` all that its recording holds.
+    Fingers are A (the thumb), B, C. ``failure``: the cause if it ended in a safe state; ``folder``:
+    the run's folder; ``record``: all recorded data.
     """
 
     failure: Failure | None
@@ -42,7 +42,7 @@ class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
 
     @property
     def verdict(self) -> str:
-        """In one sentence."""
+        """The verdict in one sentence."""
         return sentence(self.record)
 
     @property
@@ -52,7 +52,7 @@ class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
 
     @property
     def probabilities(self) -> Floats:
-        """(n, 3) of slip, by the detector."""
+        """(n, 3) probability of slip by the detector."""
         return self.record.probabilities
 
     @property
@@ -66,23 +66,23 @@ class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
         return self.record.counts
 
     @property
-    def felt_force_n(self) -> Floats:
-        """(n, 3) newtons, as the fingertips feel them."""
-        return self.record.felt_n
+    def estimated_force_n(self) -> Floats:
+        """(n, 3) newtons, estimated from the fingertips."""
+        return self.record.estimated_n
 
     @property
     def true_force_n(self) -> Floats | None:
-        """(n, 3) newtons normal to the pads; None where no world tells."""
+        """(n, 3) newtons normal to the pads; None without a simulation."""
         return None if self.record.truth is None else self.record.truth.normal_n
 
     @property
     def slip_m(self) -> Floats | None:
-        """(n,) the object's way relative to the fingertips, down, while it is set down too: the
-        slip of the verdict is `result.slip_distance_m`. None where no world tells."""
+        """(n,) downward displacement of the object relative to the fingertips, m, including
+        set-down; `result.slip_distance_m` excludes it. None without a simulation."""
         return None if self.record.truth is None else self.record.truth.slip_m
 
     def page(self, out: Path | str) -> Path:
-        """Write the page that shows and plays the run, one file that opens from disk."""
+        """Write an interactive HTML page of the run, one self-contained file."""
         write_whole(Path(out), run_page(self.folder).encode())
         return Path(out)
 
@@ -94,35 +94,35 @@ class Trial(msgspec.Struct, frozen=True, eq=False, kw_only=True, weakref=True):
 
 
 class Lift(Trial, frozen=True, kw_only=True):
-    """One lift, as `grasp.lift` returns it."""
+    """Result of `grasp.lift`."""
 
     result: LiftResult
 
     @property
     def success(self) -> bool:
-        """Whether the object was held in spite of slip; False for a lift that was not judged."""
+        """Whether slip was detected and the object held; False without a verdict."""
         return bool(self.result.success)
 
     @property
     def outcome(self) -> str:
-        """How it ended, as `held_within_6cm` or `dropped`."""
+        """Name of the outcome, such as `held_within_6cm` or `dropped`."""
         return self.result.outcome
 
 
 class Tap(Trial, frozen=True, kw_only=True):
-    """One tap, as `grasp.tap` returns it."""
+    """Result of `grasp.tap`."""
 
     result: TapResult
 
 
 class Replayed(msgspec.Struct, frozen=True):
-    """A run fed through the controller again."""
+    """Result of `grasp.replay` of a run."""
 
     replay: Replay
 
     @property
     def same(self) -> bool:
-        """Whether every event and command is as recorded."""
+        """Whether every event and command equals the recorded one."""
         return not self.replay.differences
 
     def _repr_html_(self) -> str:
@@ -131,32 +131,34 @@ class Replayed(msgspec.Struct, frozen=True):
         return _table(f"{self.replay.steps} steps: {verdict}", ("t, s", "what"), events)
 
 
-class Heard(msgspec.Struct, frozen=True, eq=False):
-    """A fingertip's recording, and what detector and controller make of it."""
+class TactileResult(msgspec.Struct, frozen=True, eq=False):
+    """Result of `grasp.replay` of a fingertip's recording."""
 
     recording: Recording
-    probabilities: Floats  # (n, 3) of slip; fingers that were not recorded are at rest
-    registered: tuple[tuple[float, str], ...]  # (t_s, finger), nobody reacting
-    commands: tuple[SentCommand, ...]  # what the controller would have sent
+    probabilities: Floats  # (n, 3) of slip; fingers that were not recorded are unloaded
+    registered: tuple[tuple[float, str], ...]  # (t_s, finger), without any response
+    commands: tuple[SentCommand, ...]  # that the controller would have sent
     evaluation: Evaluation
 
     @classmethod
-    def of(cls, recording: Recording, told: TactileReplay, sheet: Evaluation) -> "Heard":
-        p = _frozen(np.array(told.probabilities))
-        return cls(recording, p, tuple(told.registered), tuple(told.commands), sheet)
+    def of(
+        cls, recording: Recording, replayed: TactileReplay, sheet: Evaluation
+    ) -> "TactileResult":
+        p = _frozen(np.array(replayed.probabilities))
+        return cls(recording, p, tuple(replayed.registered), tuple(replayed.commands), sheet)
 
     def _repr_html_(self) -> str:
         s = self.evaluation
         caption = (
             f"{s.detector} on {s.data}: {s.true_events - s.missed_events} of {s.true_events} "
-            f"slips caught, {s.false_events} false"
+            f"slips detected, {s.false_events} false"
         )
         rows = [(f"{t_s:.2f}", finger) for t_s, finger in self.registered]
         return _table(caption, ("registered, s", "finger"), rows)
 
 
 class Campaign(msgspec.Struct, frozen=True, eq=False):
-    """A grid of trials that was run; ``file`` is None where nobody asked for one."""
+    """Result of `grasp.campaign`; ``file`` is None where no file was given."""
 
     spec: CampaignSpec
     rows: tuple[Row, ...]
@@ -164,8 +166,8 @@ class Campaign(msgspec.Struct, frozen=True, eq=False):
     file: Path | None
 
     def column(self, name: str) -> NDArray[np.generic]:
-        """(trials,) of a column, as `slip_distance_m`; NaN where a number is missing. Raises
-        AttributeError for no column."""
+        """Values (trials,) of a column such as `slip_distance_m`; NaN where a number is missing.
+        Raises AttributeError for an unknown column."""
         values = [getattr(row, name) for row in self.rows]
         if any(isinstance(value, str) for value in values):
             return _frozen(np.array(["" if value is None else value for value in values]))
@@ -177,14 +179,14 @@ class Campaign(msgspec.Struct, frozen=True, eq=False):
             for v in self.summary.variants
             for cell in v.cells
         ]
-        heads = ("scenario", "object", "profile", "detector", "succeeded")
+        headings = ("scenario", "object", "profile", "detector", "succeeded")
         caption = f"{self.summary.name}: {self.summary.trials} trials, {self.summary.errors} errors"
-        return _table(caption, heads, rows)
+        return _table(caption, headings, rows)
 
 
-def _table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table of HTML; everything in it is escaped."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+def _table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """An HTML table with escaped texts."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in headings)
     body = "".join(
         f"<tr>{''.join(f'<td>{escape(str(value))}</td>' for value in row)}</tr>" for row in rows
     )
@@ -199,7 +201,7 @@ TrialT = TypeVar("TrialT", bound=Trial)
 
 
 def read_trial(folder: Path) -> RunRecord:
-    """A run as arrays that nobody can write; raises BadFile."""
+    """A run as read-only arrays; raises BadFile."""
     record = read_run(folder)
     for holder in (record, record.truth):
         for value in () if holder is None else msgspec.structs.astuple(holder):
@@ -214,7 +216,7 @@ def _frozen(array: ArrayT) -> ArrayT:
 
 
 def with_folder(trial: TrialT, temporary: Path | None) -> TrialT:
-    """The trial; the temporary folder, if there is one, goes when the trial goes."""
+    """The trial, whose temporary folder, if any, is deleted with it."""
     if temporary is not None:
         weakref.finalize(trial, shutil.rmtree, temporary, ignore_errors=True)
     return trial

@@ -1,4 +1,4 @@
-"""The object lift (paper, section V-C): grasp with too little force, lift, feel the slip, hold."""
+"""The object lift (paper, section V-C): grasp with too little force, lift, detect slip, hold."""
 
 from collections.abc import Sequence
 
@@ -17,15 +17,15 @@ from scenarios.lift.scoring import (
 )
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
-from scenarios.trial import person
+from scenarios.trial import operator_prompts
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch, make_guard, run_trial
 from scenarios.trial.experiment import Experiment
-from scenarios.trial.person import Operator, SlipReading
+from scenarios.trial.operator_prompts import Operator, SlipReading
 from scenarios.trial.result import later_ms, named, seconds
 from scenarios.world.truth import Truth
 
-ASKED_AFTER_S = 1.0  # at the top, before a person is asked how far the object has slipped
+ASKED_AFTER_S = 1.0  # pause at the top before the operator is asked for the slip distance
 
 
 class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -36,7 +36,7 @@ class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
-    """Lifts; the result of each says whether the object was held, and how far it slipped."""
+    """The lift experiment: whether the object is held, and how far it slips."""
 
     name = "lift"
     settings = LiftConfig
@@ -44,10 +44,10 @@ class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
     def configure(
         self, config: LiftConfig, seeds: Sequence[int] = (), operator: Operator | None = None
     ) -> LiftConfig:
-        """With a person, held until the slip has been read."""
+        """The settings; with an operator the object is held until the slip has been read."""
         if operator is None:
             return config
-        controller = msgspec.structs.replace(config.controller, hold_s=person.HOLD_S)
+        controller = msgspec.structs.replace(config.controller, hold_s=operator_prompts.HOLD_S)
         return msgspec.structs.replace(config, controller=controller)
 
     def act(
@@ -61,13 +61,14 @@ class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
         def follow(tick: Tick, truth: Truth | None) -> bool:
             return reading.take(tick)
 
-        trial = run_trial(config, rig, guard, watch, follow, person.DEADLINE_S, home)
+        trial = run_trial(config, rig, guard, watch, follow, operator_prompts.DEADLINE_S, home)
         return msgspec.structs.replace(trial, mark=reading.mark)
 
     def judge(
         self, config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | None
     ) -> LiftResult:
-        """Runs the twin, the same trial without reactions, where only that shows a false start."""
+        """Verdict and figures. If needed to detect a false start, repeats the trial in simulation
+        without reactions (open loop)."""
         facts = _facts(config, seed, trial)
         verdict = outcome(facts, config.object)
         judged = trial.bug is None and not trial.interrupted
@@ -97,14 +98,15 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
     peak_n: float | None
-    if trial.final is not None:  # from first contact to the last, setting down included
+    if trial.final is not None:  # whole contact, lowering included
         peak_n = max(trial.final.peak_n)
     else:
-        peak_n = None if trial.fault else max(trace.peak_measured_n)  # which a fault may belie
+        # a fault may corrupt the measured force
+        peak_n = None if trial.fault else max(trace.peak_measured_n)
         bound_n += guard.measured_margin_n
     facts = LiftFacts(
         end=end,
-        felt_n=trace.felt_n,
+        measured_n=trace.measured_n,
         had_compensated=trace.had_compensated,
         registered_s=seconds(trace.registered_ns),
         onset_s=end.slip_onset_s if end is not None else None,
@@ -114,7 +116,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
-        let_go_m=trace.let_go_m,
+        lost_at_m=trace.lost_at_m,
         mark=trial.mark,
     )
     judged = not trial.fault and not trial.interrupted
@@ -124,9 +126,10 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
 
 
 def open_loop_onset_s(config: LiftConfig, seed: int) -> float | None:
-    """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
+    """Onset of gross slip in the same trial simulated without reactions, s; None: no slip."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
-    twin = msgspec.structs.replace(config, rig="simulated", controller=controller)
-    with open_rig(twin.built_for(seed), seed, paced=False) as rig:
-        trial = run_trial(twin, rig, make_guard(twin), lambda tick, truth, controller: None)
+    open_loop = msgspec.structs.replace(config, rig="simulated", controller=controller)
+    with open_rig(open_loop.built_for(seed), seed, paced=False) as rig:
+        guard = make_guard(open_loop)
+        trial = run_trial(open_loop, rig, guard, lambda tick, truth, controller: None)
     return trial.final.slip_onset_s if trial.final is not None else None

@@ -1,14 +1,14 @@
-"""The result of a lift, and its verdict from what the world knows and the controller did.
+"""Result and verdict of a lift, from the simulated truth and the controller's actions.
 
 Success as in the paper (section V-C): slip correctly detected and compensated, object stably
-grasped and lifted; long objects are judged by the distance between first and final grasp.
+grasped and lifted. For long objects the distance between first and final grasp counts.
 """
 
 from enum import StrEnum
 
 import msgspec
 
-from scenarios.trial.person import TapeMark
+from scenarios.trial.operator_prompts import TapeMark
 from scenarios.trial.result import TrialResult
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
@@ -16,12 +16,12 @@ from scenarios.world.truth import Truth
 
 NEAR_M, FAR_M = 0.06, 0.12  # of a long object's slip (paper, table IV)
 EARLY_S = 0.05  # registered this long before gross slip is no false start; assumed
-FELT_N = 0.5  # without a simulation: less than this is not held; assumed
+LEAST_GRIP_N = 0.5  # without a simulation: below this measured force the object is lost; assumed
 LIFTED_M = 0.005  # the object must be this far off the table at the end; assumed
 
 
 class LiftOutcome(StrEnum):
-    """How a lift can end; the first three are successes, the last two are not judged."""
+    """Outcomes of a lift; the first three are successes, the last two are no verdict."""
 
     HELD_WITHIN_6CM = "held_within_6cm"
     HELD_WITHIN_12CM = "held_within_12cm"
@@ -36,8 +36,8 @@ class LiftOutcome(StrEnum):
     ALARM_STAYED = "alarm_stayed"
     OVER_FORCE = "over_force"
     FAULT = "fault"
-    INTERRUPTED = "interrupted"  # not judged
-    INTERNAL_ERROR = "internal_error"  # nor this
+    INTERRUPTED = "interrupted"  # no verdict
+    INTERNAL_ERROR = "internal_error"  # no verdict
 
 
 SUCCESSES = frozenset({LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM, LiftOutcome.HELD})
@@ -45,7 +45,7 @@ SUCCESSES = frozenset({LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM
 
 class LiftResult(TrialResult, frozen=True, kw_only=True):
     """Verdict of one lift; docs/data-formats.md explains each outcome. ``alarm_stayed``: slip was
-    registered at the end of the hold, whether or not that decides the outcome."""
+    registered at the end of the hold, even where another rule decided the outcome."""
 
     first_detection_s: float | None
     reaction_latency_ms: float | None
@@ -56,15 +56,15 @@ class LiftResult(TrialResult, frozen=True, kw_only=True):
 
 
 class LiftFacts(msgspec.Struct, frozen=True):
-    """What a verdict is drawn from; times in seconds since the run began.
+    """Input of the verdict; times in seconds since the run began.
 
-    ``end``: truth at the last instant in the air (before setting down), None without simulation.
-    ``mark``: what a person read at the top, None where nobody was asked.
-    ``open_loop_onset_s``: onset of gross slip in the twin run, None where it never slipped.
+    ``end``: truth at the last instant before lowering, None without simulation.
+    ``mark``: the operator's reading at the top, None without an operator.
+    ``open_loop_onset_s``: onset of gross slip in the open-loop run, None without slip.
     """
 
     end: Truth | None
-    felt_n: float  # highest measured force at that instant: all that hardware knows of holding
+    measured_n: float  # of the most loaded finger then: the only sign of a held object on hardware
     had_compensated: bool
     registered_s: float | None
     onset_s: float | None
@@ -75,11 +75,11 @@ class LiftFacts(msgspec.Struct, frozen=True):
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
-    let_go_m: float = 0.0  # the highest that the object was when the hand lost it; 0: nobody knows
+    lost_at_m: float = 0.0  # greatest height at which the hand lost the object; 0: none, or unknown
 
 
 def outcome(facts: LiftFacts, body: GraspObject) -> LiftOutcome:
-    """The first rule that applies, worst first."""
+    """The verdict: the first rule that applies, worst first."""
     if facts.peak_force_n is not None and facts.peak_force_n > facts.force_bound_n:
         return LiftOutcome.OVER_FORCE
     if facts.fault:
@@ -96,25 +96,25 @@ def outcome(facts: LiftFacts, body: GraspObject) -> LiftOutcome:
 
 
 def slip_distance_m(facts: LiftFacts) -> float | None:
-    """Between first and final grasp: as the world knows it, or as a person read it."""
+    """Distance between first and final grasp, m: simulated truth or the operator's reading."""
     if facts.end is not None:
         return facts.end.slip_distance_m
     return facts.mark.moved_m if facts.mark is not None and facts.mark.held else None
 
 
 def _not_held(facts: LiftFacts) -> LiftOutcome | None:
-    """How the object was lost, if it was; on hardware the fingers' own feeling is all there is."""
+    """Why the object is not held, if so; on hardware by reading and measured force only."""
     end = facts.end
     if end is None:
         if facts.mark is not None and not facts.mark.held:
             return LiftOutcome.DROPPED
         if facts.cap_reached:
             return LiftOutcome.CAP_REACHED
-        return LiftOutcome.DROPPED if facts.felt_n < FELT_N else None
+        return LiftOutcome.DROPPED if facts.measured_n < LEAST_GRIP_N else None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
-    if facts.let_go_m >= LIFTED_M:  # held at the top, and not set down
+    if facts.lost_at_m >= LIFTED_M:  # held at the top, then lost while lowering
         return LiftOutcome.DROPPED
     if _at_rest_in_the_air(end):
         alarm = facts.cap_reached or facts.alarm_stayed
@@ -136,7 +136,7 @@ def _held(slip_m: float | None, body: GraspObject) -> LiftOutcome:
 
 
 def false_start(facts: LiftFacts) -> bool:
-    """Registered although, without reaction, nothing would have slipped by then or soon after."""
+    """Whether slip was registered although nothing had slipped, or would soon without reaction."""
     if facts.registered_s is None:
         return False
     if facts.end is None:  # only a simulation knows the onset

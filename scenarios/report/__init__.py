@@ -1,1 +1,1 @@
-"""What a run looks like afterwards."""
+"""Pages, tables and plots of runs, campaigns and evaluations."""

@@ -17,18 +17,18 @@ from scenarios.report.run_settings import command_of
 from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 
-MOST_FAILURES = 400  # that are listed: a page stays below its size
-GOOD = ("held", "registered")  # how outcomes of a success begin
+MOST_FAILURES = 400  # listed, to limit the size of the page
+GOOD = ("held", "registered")  # prefixes of successful outcomes
 TITLES = {"lift": "Object lift", "tap": "Mallet tap"}
-KINDS = ("good", "bad", "apart", "error")
+KINDS = ("good", "bad", "excluded", "error")
 BARS = (
-    "Bars: 95 % intervals (Wilson), 0 to 100 %. Strips: successes, failures, what is apart from "
-    "the rate, errors. A tap that moved nothing is apart."
+    "Bars: 95 % intervals (Wilson), 0 to 100 %. Strips: successes, failures, trials excluded from "
+    "the rate, errors. A tap without displacement is excluded."
 )
 
 
 def campaign_page(file: Path, out: Path) -> str:
-    """The page of a campaign's file, with links from where it will stand; raises BadFile."""
+    """The page of a campaign's file; links are relative to ``out``. Raises BadFile."""
     with CampaignStore.open(file) as store:
         spec, rows, settings = store.spec, store.rows(), store.settings()
     sections = [
@@ -42,12 +42,12 @@ def campaign_page(file: Path, out: Path) -> str:
     headings = ("trial", "what", "outcome", "seed", "slip, mm", "recording", "again")
     left_out = len(failed) - len(shown)
     more = f"{left_out} more are in the file. " if left_out else ""
-    table = Table(headings, shown, f"{more}`grasp report RECORDING` makes the page of a recording, "
-                  "beside it; made again, this page links there.")  # fmt: skip
+    hint = f"{more}`grasp report RECORDING` makes a recording's page; then make this page again."
+    table = Table(headings, shown, hint)
     sections.append(Section(f"Trials that failed ({len(failed)})", [table]))
     errors = sum(row.status == "error" for row in rows)
     versions = dict.fromkeys(row.versions for row in rows if row.versions)
-    remarks = [f"{errors} trials ended with an error and are in no rate."] if errors else []
+    remarks = [f"{errors} trials ended with an error and count in no rate."] if errors else []
     seeds = ", ".join(map(str, spec.seeds))
     origins = [
         f"{sum(row.cpu_s or 0.0 for row in rows):.0f} s of processor time; {spec.repetitions} "
@@ -66,13 +66,13 @@ def _failed(row: Row) -> bool:
 
 
 def _counts(row: Row) -> bool:
-    """Whether a success rate is out of it: of taps, of those that moved the object."""
+    """Whether a trial counts in the success rate: every lift, and taps that moved the object."""
     return row.status == "done" and (row.scenario == "lift" or bool(row.moved))
 
 
 def _sentence(rows: Sequence[Row]) -> str:
-    """Success in figures, beside the paper's where its objects were tried."""
-    told = []
+    """Success rates, with the paper's for the same objects."""
+    parts = []
     for scenario in dict.fromkeys(row.scenario for row in rows):
         counted = [row for row in rows if row.scenario == scenario and _counts(row)]
         won = sum(bool(row.success) for row in counted)
@@ -80,17 +80,17 @@ def _sentence(rows: Sequence[Row]) -> str:
         share = f" ({100 * won / len(counted):.0f} %)" if counted else ""
         known = {row.object for row in counted} & TABLE_IV.keys()
         paper = [rate for name in known if (rate := paper_rate(scenario, name)) is not None]
-        told.append(f"{won} of {len(counted)} {what} succeeded{share}")
+        parts.append(f"{won} of {len(counted)} {what} succeeded{share}")
         if paper:
-            told[-1] += f"; the paper's of these objects {100 * sum(paper) / len(paper):.3g} %"
-    return ". ".join(told) + "." if told else "Nothing has been run yet."
+            parts[-1] += f"; the paper's rate for these is {100 * sum(paper) / len(paper):.3g} %"
+    return ". ".join(parts) + "." if parts else "No trial has been run yet."
 
 
 # Table IV
 
 
 def _scenario(scenario: str, variants: Sequence[Variant]) -> Section:
-    """Rates of each object beside the paper's, then how late and how far."""
+    """Success rate of each object and the paper's, then latencies and distances."""
     names = list(dict.fromkeys(cell.object for v in variants for cell in v.cells))
     paper = [rate for name in names if (rate := paper_rate(scenario, name)) is not None]
     headings = [_heading(variant) for variant in variants]
@@ -115,7 +115,7 @@ def _rate(rate: float, low: float, high: float, trials: str = "") -> Cell:
 
 
 def _cell(found: Counted | None) -> Cell:
-    """Its rate, and its trials by outcome: successes, failures, what stands apart, errors."""
+    """Success rate and number of trials by outcome: successes, failures, excluded, errors."""
     if found is None:
         return Cell()
     counts = [*found.outcomes.items(), *((("error", found.errors),) if found.errors else ())]
@@ -123,7 +123,7 @@ def _cell(found: Counted | None) -> Cell:
     parts = [Part(f"{n} {spelt(name)}", n / total, _kind(name, found)) for name, n in counts]
     parts.sort(key=lambda part: KINDS.index(part.kind))
     if not found.trials:
-        return Cell("none counts", parts=parts)
+        return Cell("none counted", parts=parts)
     rate = _rate(found.rate, *found.interval, f", n {found.trials}")
     return Cell(rate.text, interval=rate.interval, parts=parts)
 
@@ -131,23 +131,23 @@ def _cell(found: Counted | None) -> Cell:
 def _kind(outcome: str, cell: Counted) -> str:
     if outcome == "error":
         return "error"
-    if outcome in cell.apart:
-        return "apart"
+    if outcome in cell.excluded:
+        return "excluded"
     return "good" if outcome.startswith(GOOD) else "bad"
 
 
 def _heading(variant: Variant) -> str:
     swept = json.loads(variant.swept)
-    told = ", ".join(f"{key} = {json.dumps(value)}" for key, value in swept.items())
-    return ", ".join(filter(None, (variant.profile, variant.detector, told)))
+    values = ", ".join(f"{key} = {json.dumps(value)}" for key, value in swept.items())
+    return ", ".join(filter(None, (variant.profile, variant.detector, values)))
 
 
 def _delays(scenario: str, variants: Sequence[Variant]) -> Table:
     tap = scenario == "tap"
     headings = (
-        "object", "of", "registered after onset, ms",
+        "object", "variant", "slip registered after onset, ms",
         "nominal after motion, ms" if tap else "force rises after onset, ms",
-        "moved, mm" if tap else "slip, mm", "arm stood for answers, s",
+        "displacement, mm" if tap else "slip, mm", "arm stopped to respond, s",
     )  # fmt: skip
     rows = [
         cells(
@@ -157,7 +157,7 @@ def _delays(scenario: str, variants: Sequence[Variant]) -> Table:
         )
         for variant in variants for cell in variant.cells
     ]  # fmt: skip
-    return Table(headings, rows, "10, 50 and 90 %; –: that many never came, or were lost.")
+    return Table(headings, rows, "10, 50 and 90 % quantiles; –: infinite (never, or object lost).")
 
 
 def _three(quantiles: Any, form: str = "{:.0f}") -> str:
@@ -173,8 +173,10 @@ def _three(quantiles: Any, form: str = "{:.0f}") -> str:
 def _failure(
     spec: CampaignSpec, row: Row, settings: dict[str, Any], file: Path, out: Path
 ) -> list[Cell]:
-    kept = None if row.recording is None else file.parent / row.recording
-    files = [] if kept is None else [("page", kept.with_suffix(".html")), ("recording", kept)]
+    recording = None if row.recording is None else file.parent / row.recording
+    files = []
+    if recording is not None:
+        files = [("page", recording.with_suffix(".html")), ("recording", recording)]
     folder = out.parent.resolve()
     links = [(what, os.path.relpath(at.resolve(), folder)) for what, at in files if at.is_file()]
     swept = json.loads(row.swept)
@@ -187,5 +189,5 @@ def _failure(
         Cell(spelt(row.outcome or "error"), error),
         *cells(str(row.seed), slip_mm),
         Cell(links=links),
-        Cell(command_of(settings, str(row.seed), begun=False), code=True),
+        Cell(command_of(settings, str(row.seed), configured=False), code=True),
     ]

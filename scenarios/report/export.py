@@ -1,4 +1,4 @@
-"""A recorded trial as a table, or as a picture (extra `charts`), for `grasp export`."""
+"""Exports a recorded trial as CSV, or as a plot (extra `charts`), for `grasp export`."""
 
 import csv
 import io
@@ -16,12 +16,12 @@ from scenarios.report.run_view import bound_of, decided
 from scenarios.trial.result import spelt
 
 Floats = NDArray[np.float64]
-BEGINS = "t_s,phase,"  # how a table of ours is recognised
+BEGINS = "t_s,phase,"  # start of an exported table, to recognise it
 
 
 def as_csv(path: Path) -> str:
-    """One row a control step, units in the names of the columns; empty: not known then, or never.
-    Raises BadFile as ``read_run``."""
+    """The run as CSV, one row per control step; column names state the units, and unknown values
+    are empty. Raises BadFile as ``read_run``."""
     run = read_run(path)
     columns = _columns(run)
     begins = np.array([change.t_ns * 1e-9 for change in run.phases])
@@ -38,11 +38,11 @@ def as_csv(path: Path) -> str:
 
 
 def _columns(run: RunRecord) -> dict[str, Floats]:
-    """In order; without what the rig does not know."""
+    """Columns in order, without those that the rig cannot know."""
     found: dict[str, Floats] = {
         **{name: getattr(run, name).astype(float) for name in ("armed", "masked", "registered")},
         **_by_finger("probability", run.known(run.probabilities)),
-        **_by_finger("felt_n", run.known(run.felt_n)),
+        **_by_finger("estimated_n", run.known(run.estimated_n)),
         **_by_finger("position_counts", run.fingers_counts),
         **{f"arm_{axis}_m": run.arm_m[:, i] for i, axis in enumerate("xyz")},
     }
@@ -50,9 +50,9 @@ def _columns(run: RunRecord) -> dict[str, Floats]:
         for k in range(run.counts.shape[2]):
             found[f"taxel_{name}{k}_counts"] = run.counts[:, i, k]
     if (motion := run.motion) is not None:
-        found |= _by_finger("told_speed_mps", motion.speed_mps)
-        found |= _by_finger("told_direction_deg", motion.direction_deg)
-        found |= _by_finger("told_turning", motion.turning)
+        found |= _by_finger("reported_speed_mps", motion.speed_mps)
+        found |= _by_finger("reported_direction_deg", motion.direction_deg)
+        found |= _by_finger("reported_turning", motion.turning)
     if (truth := run.truth) is not None:
         found |= _by_finger("true_n", truth.normal_n)
         found |= _by_finger("true_shear_n", truth.shear_n)
@@ -73,7 +73,7 @@ def _by_finger(what: str, values: Floats) -> dict[str, Floats]:
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LIMIT_COLOUR = "#b00020"
 LOWERING_SHOWN_S = 0.3
-NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
+NAMES_APART = 0.03  # least distance of phase names, as a share of the plot's width
 SHADES = {
     "grasp.brace": "#eef3f8", "grasp.close": "#e8eff5", "grasp.settle": "#eef3f8",
     "grasp.baseline": "#e8eff5", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
@@ -92,8 +92,8 @@ def _pyplot() -> Any:
 
 
 def draw_run(path: Path, out: Path) -> None:
-    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``.
-    Raises BadFile as ``read_run``."""
+    """Plot force, slip probability and slip distance of a run over time, with shaded phases, to
+    ``out``. Raises BadFile as ``read_run``."""
     plt, run = _pyplot(), read_run(path)
     figure, (force, p, slip) = plt.subplots(
         3, 1, sharex=True, figsize=(9, 6.4), height_ratios=(3, 2, 2), layout="constrained"
@@ -104,20 +104,21 @@ def draw_run(path: Path, out: Path) -> None:
     for i, name in enumerate(FINGER_NAMES):
         line: dict[str, Any] = {"color": COLOURS[name]}
         label = f"{name} (thumb)" if i == 0 else name
-        force.plot(run.t_s, run.felt_n[:, i], lw=0.7, alpha=0.6, label="" if known else label,
+        force.plot(run.t_s, run.estimated_n[:, i], lw=0.7, alpha=0.6, label="" if known else label,
                    **line)  # fmt: skip
         if run.truth is not None:
             force.plot(run.t_s, run.truth.normal_n[:, i], lw=1.4, label=label, **line)
         p.plot(run.t_s, run.probabilities[:, i], lw=0.8, **line)
     force.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
-    force.set_ylabel(f"grip force, N\n{'(thin: felt, thick: true)' if known else '(felt)'}")
+    lines = "(thin: estimated, thick: true)" if known else "(estimated)"
+    force.set_ylabel(f"grip force, N\n{lines}")
     p.set(ylabel="slip probability", ylim=(0, 1.05))
     _draw_decision(p, run)
     if run.truth is not None:
         slip.plot(run.t_s, 1e3 * run.truth.slip_m, color="black", lw=1.2)
         first, last = _shown(run)
-        seen = (run.t_s >= first) & (run.t_s <= last)
-        slip.set_ylim(-1.0, 1.15 * max(2.0, float(1e3 * run.truth.slip_m[seen].max())))
+        visible = (run.t_s >= first) & (run.t_s <= last)
+        slip.set_ylim(-1.0, 1.15 * max(2.0, float(1e3 * run.truth.slip_m[visible].max())))
     slip.set(ylabel="slip, mm (true)", xlabel="time, s")
     for axes in (force, p, slip):
         _shade(axes, run, named=axes is force)
@@ -127,14 +128,14 @@ def draw_run(path: Path, out: Path) -> None:
 
 
 def title(run: RunRecord) -> str:
-    """What was run, and what came of it."""
+    """Title of the plot: experiment, object, seed, detector and outcome."""
     config = run.config
-    told = f"{run.scenario} of {config.object.name}, seed {run.seed}, {config.detector_name}"
-    return told if run.verdict is None else f"{told}: {spelt(run.verdict.outcome)}"
+    text = f"{run.scenario} of {config.object.name}, seed {run.seed}, {config.detector_name}"
+    return text if run.verdict is None else f"{text}: {spelt(run.verdict.outcome)}"
 
 
 def _draw_decision(axes: Any, run: RunRecord) -> None:
-    """What the rule made of the probabilities, beside what it had to pass."""
+    """Draw the values that the decision rule compares, with its threshold."""
     rule = bound_of(run.config.rule)
     values = decided(run.config.rule, run.probabilities, run.armed, run.masked)
     what = "threshold"
@@ -155,11 +156,11 @@ def _shown(run: RunRecord) -> tuple[float, float]:
 
 
 def _shade(axes: Any, run: RunRecord, named: bool) -> None:
-    """Phases as background, from the grasp until the object is set down, and when slip began."""
+    """Draw phases as background, from grasp to set-down, and the onset of slip."""
     starts = [change.t_ns * 1e-9 for change in run.phases]
     first, last = _shown(run)
     axes.set_xlim(first, last)
-    beside = first - NAMES_APART * (last - first)  # the name before
+    label_s = first - NAMES_APART * (last - first)  # position of the previous name
     for change, start, end in zip(
         run.phases, starts, [*starts[1:], float(run.t_s[-1])], strict=True
     ):
@@ -167,9 +168,9 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
             continue
         axes.axvspan(start, end, color=SHADES[change.phase], lw=0, zorder=0)
         if named and start <= last:
-            beside = max(start, beside + NAMES_APART * (last - first))
+            label_s = max(start, label_s + NAMES_APART * (last - first))
             axes.annotate(
-                change.phase.rpartition(".")[2], (beside, 1.0), xytext=(2, 2), fontsize=8,
+                change.phase.rpartition(".")[2], (label_s, 1.0), xytext=(2, 2), fontsize=8,
                 xycoords=("data", "axes fraction"), textcoords="offset points", rotation=40,
                 annotation_clip=True,
             )  # fmt: skip

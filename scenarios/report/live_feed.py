@@ -1,5 +1,5 @@
-"""Sends a run to its live page, which a process of its own serves, without ever waiting: what it
-cannot take in time is lost (`grasp.viewer_process`)."""
+"""Sends a run to its live page, which a separate process serves. Sending never waits: messages that
+the process cannot take in time are lost (`grasp.viewer_process`)."""
 
 import secrets
 import socket
@@ -15,7 +15,7 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.viewer_process import ViewerProcess
 from scenarios.report import live_server as server
-from scenarios.report.live_server import Begin, Row, Said, Serve
+from scenarios.report.live_server import Begin, Note, Row, Serve
 from scenarios.report.run_view import View, bound_of, scene, taxels_of
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.foxglove import taxel_places
@@ -23,15 +23,15 @@ from scenarios.world.truth import Truth
 
 Values = list[float | None]
 Columns = list[tuple[str, int]]
-OF_MOTION: Columns = [("told_speed", 3), ("told_way", 3), ("told_turning", 3)]
+OF_MOTION: Columns = [("reported_speed", 3), ("reported_direction", 3), ("reported_turning", 3)]
 OF_TRUTH: Columns = [
     ("true", 3), ("shear", 3), ("height", 1), ("slip", 1), ("slip_speed", 1), ("across", 1),
-    ("turn", 1), ("onset", 1), ("struck", 1),
+    ("turn", 1), ("onset", 1), ("impact", 1),
 ]  # fmt: skip
 
 
 class LiveTrials:
-    """Sends the ticks that ``watch`` is given to one page."""
+    """Sends the ticks passed to ``watch`` to one page."""
 
     def __init__(self, config: TrialConfig, title: str, of: int) -> None:
         """``of``: number of trials. Raises OSError where no socket can listen."""
@@ -51,20 +51,20 @@ class LiveTrials:
         self._number = number
 
     def watch(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Show one tick, if it is due or an event; another controller is another trial."""
+        """Show one tick if it is due or an event; a new controller begins a new trial."""
         if controller is not self._controller:
             self._controller = controller
             self.feed.begin(self._data(tick), self._number)
         phase = tick.decision.state.value
-        news = phase != self._phase or tick.decision.slip.event
+        event = phase != self._phase or tick.decision.slip.event
         self._phase = phase
-        if self.feed.due(news):
+        if self.feed.due(event):
             self.feed.show(phase, self._values(tick, truth))
 
     def _data(self, tick: Tick) -> dict[str, Any]:
         config, height_m = self._config, tick.arm.position_m[2]
         columns: Columns = [
-            ("t", 1), ("probability", FINGERS), ("felt", FINGERS),
+            ("t", 1), ("probability", FINGERS), ("estimated", FINGERS),
             ("counts", FINGERS * self._taxels), ("positions", FINGERS), ("arm", 1), ("status", 1),
             *([("decided", 1)] if self._fused else []),
             *(OF_MOTION if self._motion else []),
@@ -81,19 +81,19 @@ class LiveTrials:
 
     def _values(self, tick: Tick, truth: Truth | None) -> Values:
         """The columns of ``_data``, in their order."""
-        seen, slip = tick.observation, tick.decision.slip
+        obs, slip = tick.observation, tick.decision.slip
         status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
         values: Values = [tick.t_ns * 1e-9]
         if tick.frame is None:  # before rest counts were taken
             values += [None] * (FINGERS * (2 + self._taxels))
         else:
-            values += [*seen.probabilities.tolist(), *tick.measured_n]
+            values += [*obs.probabilities.tolist(), *tick.measured_n]
             values += tick.frame.counts.ravel().tolist()
         values += [*tick.gripper.positions, tick.arm.position_m[2], status]
         if self._fused:
-            values.append(float(fused(seen.probabilities[None], self._config.rule)[0, 0]))
+            values.append(float(fused(obs.probabilities[None], self._config.rule)[0, 0]))
         if self._motion:
-            motion = seen.motion if slip.armed else None
+            motion = obs.motion if slip.armed else None
             values += _empty(OF_MOTION) if motion is None else [
                 *motion.speed_mps, *motion.direction_deg, *motion.turning
             ]  # fmt: skip
@@ -107,7 +107,7 @@ class LiveTrials:
 
 
 def _reports_motion(config: TrialConfig) -> bool:
-    """Whether the detector reports the kind of slip; only the detector's file states it."""
+    """Whether the detector has auxiliary outputs of motion; only its file states that."""
     detector = config.make_detector(FINGERS)
     detector.update(np.zeros((FINGERS, taxels_of(config)), np.int16))
     return motion_told_by(detector)() is not None
@@ -119,56 +119,56 @@ def _empty(columns: Columns) -> Values:
 
 LOOPBACK = "127.0.0.1"
 STDERR = 2
-EVERY = 4  # ticks between two rows: 25 a second
+EVERY = 4  # control steps between two rows: 25 rows a second
 TOKEN_BYTES = 16
 
 
 class Feed:
-    """One page for all trials of a call. ``address`` is where it is."""
+    """One page for all trials of a call. ``address``: its URL."""
 
     def __init__(self, title: str, view: View, of: int) -> None:
         """``of``: number of trials. Raises OSError where no socket can listen."""
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
-            # what a browser says of itself is no part of a result on standard output
+            # the browser's messages must not mix with results on standard output
             self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
             self._viewer.tell(Serve(listening.fileno(), host, token, title, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._ticks = 0
-        self._begin: Begin | None = None  # not taken yet
+        self._begin: Begin | None = None  # not sent yet
 
     @property
     def pid(self) -> int:
-        """Of the process that serves."""
+        """Process id of the server."""
         return self._viewer.pid
 
     @property
     def lost(self) -> int:
-        """Messages that were not taken."""
+        """Number of lost messages."""
         return self._viewer.lost
 
     def say(self, text: str) -> None:
-        """A line between two trials."""
-        self._viewer.tell(Said(text))
+        """Show a message between two trials."""
+        self._viewer.tell(Note(text))
 
     def close(self) -> None:
-        """The page stays as it is in a browser; safe to call twice."""
+        """Stop the server; an open page keeps its content. Safe to call twice."""
         self._viewer.close()
 
     def begin(self, data: dict[str, Any], number: int = 1) -> None:
-        """Another trial, whose rows follow; ``number`` counts from 1."""
+        """Begin a trial, whose rows follow; ``number`` counts from 1."""
         self._ticks = 0
         self._begin = Begin(number, self._of, data)
 
-    def due(self, news: bool) -> bool:
-        """Whether this tick is shown."""
+    def due(self, event: bool) -> bool:
+        """Count a tick, and return whether to show it."""
         self._ticks += 1
-        return news or self._ticks % EVERY == 1
+        return event or self._ticks % EVERY == 1
 
     def show(self, phase: str, values: list[float | None]) -> None:
-        """One instant. A trial whose begin was lost is begun first."""
+        """Send one row, preceded by the trial's Begin if that is not sent yet."""
         if self._begin is not None:
             if not self._viewer.show(self._begin):
                 return

@@ -1,7 +1,7 @@
-"""The process that serves a live page: on loopback, to who knows the token.
+"""The process that serves a live page on loopback, to clients with the token.
 
-Started by `grasp.viewer_process`; reads one `Message` a line from standard input until that ends.
-A viewer is sent the trial so far, then each line as it comes. Nothing that a browser sends is read.
+Started by `grasp.viewer_process`; reads one `Message` per line from standard input until its end.
+A browser gets the trial so far, then each new line. Data from browsers is ignored.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from scenarios.report.run_view import View
 
 
 class Serve(msgspec.Struct, frozen=True, tag=True):
-    """The first message: listen on that descriptor, and hand this page to who knows the token."""
+    """First message: the socket to listen on, and the page to serve to clients with the token."""
 
     descriptor: int
     address: str  # host and port
@@ -37,7 +37,7 @@ class Serve(msgspec.Struct, frozen=True, tag=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """A trial begins. ``data`` is for the scripts of the page."""
+    """Begin of a trial. ``data``: input of the page's scripts."""
 
     number: int
     of: int
@@ -45,19 +45,19 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
 
 
 class Row(msgspec.Struct, frozen=True, tag=True):
-    """One instant: its phase, and the columns of ``Begin.data`` side by side; None: no number."""
+    """One instant: its phase and the values of all columns of ``Begin.data``; None: NaN."""
 
     phase: str
     values: list[float | None]
 
 
-class Said(msgspec.Struct, frozen=True, tag=True):
-    """A line between two trials, or when all is over."""
+class Note(msgspec.Struct, frozen=True, tag=True):
+    """A message between two trials, or after the last."""
 
     text: str
 
 
-Message = Serve | Begin | Row | Said
+Message = Serve | Begin | Row | Note
 
 
 SCRIPTS = (
@@ -65,13 +65,13 @@ SCRIPTS = (
 )  # fmt: skip
 MOST_LINES = 6_000  # of a trial: four minutes
 MOST_VIEWERS = 8
-MOST_BYTES = 1_024  # that a browser may send at once
-END_S = 2.0  # for a viewer to receive what came last
-NICE = 5  # the run has priority
+MOST_BYTES = 1_024  # of a browser's message
+END_S = 2.0  # for a browser to receive the last lines
+NICE = 5  # below the priority of the run
 
 
-class Story:
-    """The trial that goes on: its begin, its rows so far, and who follows it."""
+class TrialStream:
+    """The current trial: its begin, its rows so far, and the connected browsers."""
 
     def __init__(self) -> None:
         self.viewers: set[ServerConnection] = set()
@@ -90,7 +90,7 @@ class Story:
         return [*self._begin, *self._lines]
 
     async def show(self, viewer: ServerConnection) -> None:
-        """Send what came and what comes, until the viewer or the server closes."""
+        """Send past and future lines until the browser or the server closes."""
         broadcast([viewer], _message(self.so_far()))
         self.viewers.add(viewer)
         try:
@@ -104,26 +104,27 @@ def _message(lines: list[bytes]) -> str:
 
 
 class Server:
-    """One page and its viewers."""
+    """Answers requests for the page and for its web socket."""
 
-    def __init__(self, told: Serve, story: Story) -> None:
-        self._told, self._story = told, story
+    def __init__(self, options: Serve, stream: TrialStream) -> None:
+        self._options, self._stream = options, stream
         self._page = render(
-            "live.html", SCRIPTS, connect=f"ws://{told.address}", title=told.title,
-            fingers=FINGER_NAMES, view=told.view, data={"live": True, "phases": [], "marks": []},
+            "live.html", SCRIPTS, connect=f"ws://{options.address}", title=options.title,
+            fingers=FINGER_NAMES, view=options.view,
+            data={"live": True, "phases": [], "marks": []},
         ).encode()  # fmt: skip
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page, or None where a socket is asked for; nothing else is here."""
-        token = f"/{self._told.token}/"
-        # another name that leads here is refused
-        ours = request.headers.get_all("Host") == [self._told.address]
+        """The page, an error, or None for a web socket, which the caller then opens."""
+        token = f"/{self._options.token}/"
+        # requests under another host name are refused
+        ours = request.headers.get_all("Host") == [self._options.address]
         path = request.path.encode()
         if ours and hmac.compare_digest(path, token.encode()):
             return _response(HTTPStatus.OK, self._page, "text/html; charset=utf-8")
         if not ours or not hmac.compare_digest(path, f"{token}live".encode()):
             return _response(HTTPStatus.NOT_FOUND, b"not found\n")
-        if len(self._story.viewers) >= MOST_VIEWERS:
+        if len(self._stream.viewers) >= MOST_VIEWERS:
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many viewers\n")
         return None
 
@@ -137,37 +138,38 @@ def _response(status: HTTPStatus, body: bytes, kind: str = "text/plain") -> Resp
     return Response(status.value, status.phrase, headers, body)
 
 
-async def read_lines(story: Story, source: BinaryIO) -> None:
-    """That pipe, line by line in a thread, until it ends; a line that was cut off is left out."""
+async def read_lines(stream: TrialStream, source: BinaryIO) -> None:
+    """Pass the lines of a pipe to the stream until it ends, read in a thread; an incomplete last
+    line is dropped."""
     loop, decode = asyncio.get_running_loop(), msgspec.json.Decoder(Message).decode
 
     def read() -> None:
         for line in source:
             if line.endswith(b"\n"):
                 begins = isinstance(decode(line), Begin)
-                loop.call_soon_threadsafe(story.add, line.rstrip(b"\n"), begins)
+                loop.call_soon_threadsafe(stream.add, line.rstrip(b"\n"), begins)
 
     await asyncio.to_thread(read)
 
 
-async def _serve(told: Serve, source: BinaryIO) -> None:
-    story = Story()
-    server = Server(told, story)
-    with socket.socket(fileno=told.descriptor) as listening:
+async def _serve(options: Serve, source: BinaryIO) -> None:
+    stream = TrialStream()
+    server = Server(options, stream)
+    with socket.socket(fileno=options.descriptor) as listening:
         listening.setblocking(False)
         async with serve(
-            story.show, sock=listening, process_request=server.answer, max_size=MOST_BYTES,
-            origins=[Origin(f"http://{told.address}")], compression=None, server_header=None,
+            stream.show, sock=listening, process_request=server.answer, max_size=MOST_BYTES,
+            origins=[Origin(f"http://{options.address}")], compression=None, server_header=None,
             close_timeout=END_S,
         ):  # fmt: skip
-            await read_lines(story, source)
+            await read_lines(stream, source)
 
 
 def main() -> None:
-    """Serve what comes on standard input until it ends."""
+    """Serve the messages on standard input until its end."""
     ignore_signals()
     os.nice(NICE)
-    # more viewers than there are descriptors: no tracebacks on the terminal of a run
+    # no tracebacks on the run's terminal when file descriptors run out
     logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     first = sys.stdin.buffer.readline()
     if first:

@@ -1,8 +1,8 @@
-"""Pages that open from disk: template, style, scripts and data in one file that loads nothing, and
-the tables and small plots on them.
+"""Self-contained HTML pages (template, style, scripts and data in one file), and their tables and
+small plots.
 
-Text of a recording is not trusted: Jinja escapes it, data travel as JSON without `<`, and the
-page's policy lets a browser run only the scripts that were put in here.
+Text of a recording is not trusted: Jinja escapes it, data is embedded as JSON without `<`, and the
+page's content security policy allows only the scripts that are embedded here.
 """
 
 import base64
@@ -18,13 +18,15 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 PARTS = Path(__file__).parent / "page"
-BEGINS = "<!doctype html>\n<!-- made by grasp report -->"  # how a page of ours is told from others
+BEGINS = "<!doctype html>\n<!-- made by grasp report -->"  # to recognise a page made by this module
 STYLES = ("uplot/uPlot.min.css", "page.css")
 
 
 def render(template: str, scripts: Sequence[str], connect: str = "'none'", **context: Any) -> str:
-    """The page of a template in `page/`, with scripts of that folder. ``connect``: the one address
-    that they may contact. ``context`` goes to the template; its `data` becomes JSON for scripts."""
+    """Render a template of `page/` with scripts of that folder.
+
+    ``connect``: the one address that scripts may contact. ``context``: variables of the template;
+    its `data` becomes JSON for the scripts."""
     style = "\n".join(_part(name) for name in STYLES)
     script = "\n".join(_part(name) for name in scripts)
     policy = (
@@ -33,9 +35,9 @@ def render(template: str, scripts: Sequence[str], connect: str = "'none'", **con
         "base-uri 'none'; form-action 'none'"
     )
     page = _templates().get_template(template)
-    # none of this is foreign text
-    own = {"begins": Markup(BEGINS), "style": Markup(style), "script": Markup(script)}
-    return page.render(**own, policy=Markup(policy), **context)
+    # trusted text, not escaped
+    parts = {"begins": Markup(BEGINS), "style": Markup(style), "script": Markup(script)}
+    return page.render(**parts, policy=Markup(policy), **context)
 
 
 @cache
@@ -55,14 +57,15 @@ def _templates() -> Environment:
     )  # fmt: skip
 
 
-# Plots: numbers that the template `table.html` draws in SVG, without scripts
+# Plots, which the template `table.html` draws as SVG without scripts
 
 LEFT, RIGHT, TOP, BOTTOM = 36.0, 350.0, 12.0, 164.0
 TICKS = 5
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """From ``low`` to ``high``, what lies beyond drawn at the edge. ``log``: by decades."""
+    """An axis from ``low`` to ``high``; values outside are drawn at its ends. ``log``:
+    logarithmic."""
 
     label: str
     low: float
@@ -70,7 +73,7 @@ class Axis(msgspec.Struct, frozen=True):
     log: bool = False
 
     def share(self, value: float) -> float:
-        """Where a value stands, from 0 at ``low`` to 1 at ``high``."""
+        """Position of a value, from 0 at ``low`` to 1 at ``high``."""
         inside = min(max(value, self.low), self.high)
         if self.log:
             return math.log(inside / self.low) / math.log(self.high / self.low)
@@ -95,8 +98,8 @@ class Axis(msgspec.Struct, frozen=True):
 
 
 class Curve(msgspec.Struct, frozen=True):
-    """A line of a plot. ``style``: a class of `page.css`; empty: the next of its colours. ``dot``:
-    a point on it."""
+    """A line of a plot. ``style``: a class of `page.css`; empty: the next colour. ``dot``: a
+    highlighted point."""
 
     name: str
     points: Sequence[tuple[float, float]]
@@ -105,7 +108,7 @@ class Curve(msgspec.Struct, frozen=True):
 
 
 class Plot(msgspec.Struct, frozen=True):
-    """``spans`` of x are shaded."""
+    """A plot of curves; the ``spans`` of x are shaded."""
 
     title: str
     x: Axis
@@ -118,7 +121,7 @@ class Plot(msgspec.Struct, frozen=True):
 
 
 class Part(msgspec.Struct, frozen=True):
-    """One outcome of a cell, as a share of a strip. ``kind``: good, bad, apart or error."""
+    """One outcome in a cell's strip. ``kind``: good, bad, excluded or error."""
 
     text: str
     share: float
@@ -126,7 +129,7 @@ class Part(msgspec.Struct, frozen=True):
 
 
 class Cell(msgspec.Struct, frozen=True):
-    """One of a table: text, with what may stand below it. ``interval``: low, middle and high of a
+    """A table cell: text, with optional content below. ``interval``: low, middle and high of a
     share, drawn as a bar."""
 
     text: str = ""
@@ -138,7 +141,7 @@ class Cell(msgspec.Struct, frozen=True):
 
 
 class Table(msgspec.Struct, frozen=True):
-    """Its rows as long as its headings; the first cell of a row is its name."""
+    """A table; each row has one cell per heading, and the first cell is the row's name."""
 
     headings: Sequence[str]
     rows: Sequence[Sequence[Cell]]
@@ -146,7 +149,7 @@ class Table(msgspec.Struct, frozen=True):
 
 
 class Section(msgspec.Struct, frozen=True):
-    """Tables, then plots, under a title."""
+    """A titled section with tables, then plots."""
 
     title: str
     tables: Sequence[Table] = ()
@@ -163,7 +166,7 @@ def table_page(
     title: str, facts: str, sentence: str, sections: Sequence[Section],
     remarks: Sequence[str] = (), origins: Sequence[str] = (),
 ) -> str:  # fmt: skip
-    """The page. ``origins``: lines on where it comes from."""
+    """The page as HTML. ``origins``: lines on versions and sources of the data."""
     context: dict[str, Any] = {
         "title": title, "facts": facts, "sentence": sentence, "sections": sections,
         "remarks": remarks, "origins": origins, "data": {},

@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 
 
 def pack(columns: Mapping[str, Floats]) -> dict[str, Any]:
-    """What `unpack()` of `page/data.js` takes: (n,) or (n, width) columns, equally long, as 32-bit
-    floats, one after the other, deflated."""
+    """Pack columns (n,) or (n, width) of equal length as deflated 32-bit floats, for `unpack()` of
+    `page/data.js`."""
     flat = {name: values.reshape(len(values), -1).astype("<f4") for name, values in columns.items()}
     content = b"".join(values.T.tobytes() for values in flat.values())
     return {
@@ -38,13 +38,14 @@ def pack(columns: Mapping[str, Floats]) -> dict[str, Any]:
 
 PAGE = "report.html"
 SCRIPTS = (
-    "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js", "whole.js",
+    "uplot/uPlot.iife.min.js", "data.js", "run_scene.js", "run_plots.js", "run.js",
+    "finished_run.js",
 )  # fmt: skip
-LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers have closed
+LEAD_S = 0.15  # from registered slip to the first shown instant, when the fingers have closed
 
 
 def page_path(run: Path) -> Path:
-    """Where the page of a run goes when nobody says: beside its recording."""
+    """Default path of a run's page: beside its recording."""
     recording = find_recording(run)
     return recording.with_name(PAGE if recording.name == RECORDING else f"{recording.stem}.html")
 
@@ -63,16 +64,16 @@ def run_page(path: Path) -> str:
         fingers=FINGER_NAMES,
         view=View(*known, config.guard.force_limit_n, rule, evidence=not rule.probable),
         phases=_phase_rows(run), commands=[_command_row(sent) for sent in run.commands],
-        own_settings=[setting for setting in settings if setting.own],
-        compared=any(setting.usual is not None for setting in settings),
-        other_settings=[setting for setting in settings if not setting.own],
+        changed_settings=[setting for setting in settings if setting.changed],
+        compared=any(setting.default is not None for setting in settings),
+        other_settings=[setting for setting in settings if not setting.changed],
         origins=_origins(run), command=command_of(run.settings, run.seed),
         object_file=object_file(run.settings), data=_data(run, rule),
     )  # fmt: skip
 
 
 def _data(run: RunRecord, rule: Bound) -> dict[str, Any]:
-    """What the scripts of the page are given."""
+    """Input of the page's scripts."""
     marks = _marks(run)
     return {
         "series": pack(_columns(run, rule)),
@@ -91,16 +92,17 @@ def _columns(run: RunRecord, rule: Bound) -> dict[str, Floats]:
     values = decided(run.config.rule, run.probabilities, run.armed, run.masked)
     status = run.armed * 1.0 + run.masked * 2.0 + run.registered * 4.0
     columns = {
-        "t": run.t_s, "probability": run.known(run.probabilities), "felt": run.known(run.felt_n),
-        "counts": run.counts, "positions": run.fingers_counts, "arm": run.arm_m[:, 2],
+        "t": run.t_s, "probability": run.known(run.probabilities),
+        "estimated": run.known(run.estimated_n), "counts": run.counts,
+        "positions": run.fingers_counts, "arm": run.arm_m[:, 2],
         "status": status,
     }  # fmt: skip
     if values.shape != run.probabilities.shape or not rule.probable:
         columns["decided"] = values
     if (motion := run.motion) is not None:
         columns |= {
-            "told_speed": motion.speed_mps, "told_way": motion.direction_deg,
-            "told_turning": motion.turning,
+            "reported_speed": motion.speed_mps, "reported_direction": motion.direction_deg,
+            "reported_turning": motion.turning,
         }  # fmt: skip
     if (truth := run.truth) is not None:
         columns |= {
@@ -112,11 +114,11 @@ def _columns(run: RunRecord, rule: Bound) -> dict[str, Floats]:
 
 
 def _marks(run: RunRecord) -> list[dict[str, Any]]:
-    """Instants that plots name: of the verdict, else of the world and the recording."""
+    """Named instants: from the verdict, otherwise from the simulated truth or the recording."""
     verdict, truth = run.verdict, run.truth
     registered = np.flatnonzero(run.registered)
     found = (
-        ("struck", "tap", None if truth is None else truth.impact_s),
+        ("impact", "tap", None if truth is None else truth.impact_s),
         ("slip_onset", "slip begins", None if truth is None else truth.onset_s),
         ("slip_registered", "slip registered",
          float(run.t_s[registered[0]]) if len(registered) else None),
@@ -130,18 +132,19 @@ def _marks(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def _start_s(run: RunRecord, marks: list[dict[str, Any]]) -> float:
-    """The instant that the page shows first, and prints: just after slip was registered, or the
-    middle of the run."""
+    """The instant that the page shows first and prints: shortly after slip was registered,
+    otherwise the middle of the run."""
     times = {mark["kind"]: mark["t"] for mark in marks}
-    first = times.get("registered", times.get("onset", times.get("struck")))
+    first = times.get("registered", times.get("onset", times.get("impact")))
     return float(run.t_s[len(run.t_s) // 2]) if first is None else first + LEAD_S
 
 
 def _scene(run: RunRecord) -> dict[str, Any]:
-    """Of the side view. Heights count from where the arm was when the lift began."""
+    """Input of the side view; heights are relative to the arm's position at the start of the
+    lift."""
     height_m = run.arm_m[:, 2]
-    begun_ns = [change.t_ns for change in run.phases if change.phase == State.LIFT][:1]
-    first = int(np.searchsorted(run.t_s, begun_ns[0] * 1e-9)) if begun_ns else 0
+    lift_ns = [change.t_ns for change in run.phases if change.phase == State.LIFT][:1]
+    first = int(np.searchsorted(run.t_s, lift_ns[0] * 1e-9)) if lift_ns else 0
     grip_m = float(height_m[min(first, len(height_m) - 1)])
     known = height_m[np.isfinite(height_m)]
     top_m = float(known.max()) if len(known) else 0.0
@@ -149,7 +152,7 @@ def _scene(run: RunRecord) -> dict[str, Any]:
 
 
 def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
-    """Each phase, when it began and how long it lasted, in seconds."""
+    """Start and duration of each phase, s."""
     begins = [change.t_ns * 1e-9 for change in run.phases]
     ends = [*begins[1:], float(run.t_s[-1])]
     return [
@@ -159,7 +162,8 @@ def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def _command_row(sent: Sent) -> dict[str, Any]:
-    """Times in seconds, and in milliseconds after the one before; words of what was done."""
+    """A command with its time in s, delays in ms, and notes on what the guard and driver
+    changed."""
     asked, admitted = describe(sent.asked), describe(sent.admitted)
     confirmed_ms = None
     if sent.confirmed_ns is not None:
@@ -181,14 +185,14 @@ def _command_row(sent: Sent) -> dict[str, Any]:
 
 
 def _origins(run: RunRecord) -> list[tuple[str, str]]:
-    """What ran, where from, and how the machine that ran it kept up."""
+    """Configuration, versions and timing of the run."""
     verdict, metadata, config = run.verdict, run.metadata, run.config
     rows = [
         ("rig", config.rig), ("profile", config.profile), ("detector", config.detector_name),
         ("object", config.object.name), ("seed", metadata.get("seed", "")),
         ("home of the arm, m", metadata.get("home_m", "")),
-        ("settings' hash", metadata.get("config_hash", "")),
-        ("detector's hash", "" if verdict is None else verdict.detector_hash),
+        ("hash of settings", metadata.get("config_hash", "")),
+        ("hash of detector", "" if verdict is None else verdict.detector_hash),
     ]  # fmt: skip
     for key, text in sorted(metadata.items()):
         if key.startswith("version."):
@@ -204,9 +208,9 @@ def _origins(run: RunRecord) -> list[tuple[str, str]]:
                 p50, p99 = factor * spread.p50, factor * spread.p99
                 rows.append((name, f"{p50:.2f} ms (99 %: {p99:.2f} ms)"))
         for name, count in (
-            ("periods slept through", timing.missed_periods),
+            ("missed periods", timing.missed_periods),
             ("periods without a new frame", timing.repeated_frames),
-            ("times that the emulated cell stood still", timing.cell_stalls),
+            ("stalls of the emulated cell", timing.cell_stalls),
         ):
             rows.append((name, str(count or "")))
     return [(name, text) for name, text in rows if text]
@@ -214,59 +218,57 @@ def _origins(run: RunRecord) -> list[tuple[str, str]]:
 
 # The verdict in sentences
 
-# of outcomes whose word says too little
+# for outcomes whose name is not clear enough
 HEADS = {
-    "expelled": "Squeezed out of the hand",
-    "never_slipped": "Nothing slipped, and nothing was registered",
-    "undetected": "Its slip was not registered",
-    "false_start": "Slip was registered although nothing would have slipped",
-    "cap_reached": "Still slipping at the force limit, and so set down",
+    "expelled": "The object was squeezed out of the hand",
+    "never_slipped": "The object did not slip, and no slip was registered",
+    "undetected": "The slip was not registered",
+    "false_start": "Slip was registered without any slip",
+    "cap_reached": "Still slipping at the force limit, so the object was set down",
     "alarm_stayed": "Slip stayed registered after its end",
     "over_force": "A force exceeded the limit",
-    "registered": "Slip was registered in time, and no more when it was over",
-    "unmoved_quiet": "The tap moved nothing, and nothing was registered",
-    "unmoved_registered": "The tap moved nothing, but slip was registered",
+    "registered": "Slip was registered in time, and the status returned to nominal",
+    "unmoved_quiet": "The tap did not move the object, and no slip was registered",
+    "unmoved_registered": "The tap did not move the object, but slip was registered",
     "late": "Slip was registered too late",
-    "never_nominal": "Never struck, because slip stayed registered",
+    "never_nominal": "No tap, because slip stayed registered",
     "fault": "Ended in a safe state",
-    "interrupted": "Interrupted, and not judged",
-    "internal_error": "Ended by an error of the program, and not judged",
+    "interrupted": "Interrupted, without a verdict",
+    "internal_error": "Ended by an internal error, without a verdict",
 }
 
 
 def badge(verdict: Verdict | None) -> str:
-    """The verdict in a word or two."""
+    """The verdict in one or two words."""
     if verdict is None:
         return "no verdict"
-    return {True: "success", False: "failed", None: "not judged"}[verdict.success]
+    return {True: "success", False: "failed", None: "no verdict"}[verdict.success]
 
 
 def sentence(run: RunRecord) -> str:
-    """The verdict, with the figures that it was drawn from."""
+    """The verdict in one sentence, with its figures."""
     verdict = run.verdict
     if verdict is None:
-        return "There is no verdict: the run left no result that can be read."
+        return "No verdict: the run has no readable result."
     head = HEADS.get(verdict.outcome) or spelt(verdict.outcome).capitalize()
     return f"{head}: {'; '.join(facts(verdict))}."
 
 
 def remarks(run: RunRecord) -> list[str]:
-    """What a reader must know before believing the page."""
-    told, verdict = [], run.verdict
+    """Limitations of the recording and problems of the run, one sentence each."""
+    texts, verdict = [], run.verdict
     if not run.complete:
-        told.append(f"The recording was cut off at {run.t_s[-1]:.2f} s.")
+        texts.append(f"The recording was cut off at {run.t_s[-1]:.2f} s.")
     if run.verdict_problem:
-        told.append(run.verdict_problem)
+        texts.append(run.verdict_problem)
     if verdict is not None and verdict.bug is not None:
-        told.append(f"Error of the program: {verdict.bug.name}: {verdict.bug.text}.")
+        texts.append(f"Internal error: {verdict.bug.name}: {verdict.bug.text}.")
     if verdict is not None and verdict.reported:
-        told.append(
-            f"Checks that failed and, in report mode, stopped nothing: {lines(verdict.reported)}."
-        )
+        texts.append(f"Checks that failed without a stop (report mode): {lines(verdict.reported)}.")
     if verdict is not None and verdict.end is not None:
-        told.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
-        if verdict.end.unreached:
-            told.append(f"Of that this was not seen: {', '.join(verdict.end.unreached)}.")
+        texts.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
+        if verdict.end.unconfirmed:
+            texts.append(f"Not confirmed: {', '.join(verdict.end.unconfirmed)}.")
     if run.truth is None:
-        told.append("True forces, slip and height are not known on this rig.")
-    return told
+        texts.append("True forces, slip and height are not known on this rig.")
+    return texts

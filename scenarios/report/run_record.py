@@ -1,4 +1,4 @@
-"""A recorded trial as arrays, one row a control step, and the verdict that lies beside it."""
+"""A recorded trial as arrays, one row per control step, with the verdict stored beside it."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -45,7 +45,7 @@ GRIPPER_COMMANDS = ("MoveFingers", "CloseFast", "OpenFingers", "HoldFingers")
 
 
 class Sent(msgspec.Struct, frozen=True):
-    """One command. ``confirmed_ns``: time of the first status that describes it, if any."""
+    """A sent command. ``confirmed_ns``: time of the first status that follows it, if any."""
 
     decided_ns: int
     sent_ns: int
@@ -57,7 +57,7 @@ class Sent(msgspec.Struct, frozen=True):
 
 
 class TrueWorld(msgspec.Struct, frozen=True):
-    """What only a simulation knows; (n,) or (n, fingers), NaN where a row is missing."""
+    """The simulated truth, (n,) or (n, fingers); NaN where a row is missing."""
 
     normal_n: Floats
     shear_n: Floats
@@ -71,7 +71,7 @@ class TrueWorld(msgspec.Struct, frozen=True):
 
 
 class ReportedMotion(msgspec.Struct, frozen=True):
-    """The detector's auxiliary outputs, (n, fingers); NaN where it was not asked."""
+    """The detector's auxiliary outputs, (n, fingers); NaN where it did not run."""
 
     speed_mps: Floats
     direction_deg: Floats
@@ -79,19 +79,19 @@ class ReportedMotion(msgspec.Struct, frozen=True):
 
 
 class RunRecord(msgspec.Struct, frozen=True):
-    """One trial. Arrays are (n,) or (n, fingers), ``counts`` (n, fingers, taxels) with NaN before
-    rest counts were taken; ``truth`` and ``motion`` are None where they were not recorded."""
+    """A recorded trial. Arrays are (n,) or (n, fingers), ``counts`` (n, fingers, taxels) with NaN
+    before rest counts were taken; ``truth`` and ``motion`` are None where not recorded."""
 
     path: Path
     complete: bool
     config: TrialConfig
-    settings: dict[str, Any]  # all of the recording, those of the scenario too
+    settings: dict[str, Any]  # all settings of the recording, also those of the experiment
     metadata: dict[str, str]
     verdict: Verdict | None
     verdict_problem: str
     t_s: Floats
     probabilities: Floats
-    felt_n: Floats
+    estimated_n: Floats
     counts: Floats
     fingers_counts: Floats
     arm_m: Floats
@@ -108,7 +108,7 @@ class RunRecord(msgspec.Struct, frozen=True):
         return scenario_of(self.settings)
 
     def known(self, values: Floats) -> Floats:
-        """Values of each finger (n, 3), NaN before rest counts were taken."""
+        """Values (n, 3) of the fingers, with NaN before rest counts were taken."""
         return np.where(np.isnan(self.counts[:, :, 0]), math.nan, values)
 
     @property
@@ -117,8 +117,8 @@ class RunRecord(msgspec.Struct, frozen=True):
 
 
 def read_run(path: Path) -> RunRecord:
-    """A run folder or its recording; raises BadFile where it is none or has no step. The record
-    says what is missing at its end, or of its result."""
+    """Read a run folder or its recording. Raises BadFile for other files and for a recording
+    without a control step. The record states whether its end or its result are missing."""
     recording = open_trial(path)
     config, settings = _settings(recording)
     steps: list[tuple[int, ControlMessage]] = list(recording.of(CONTROL))
@@ -142,7 +142,7 @@ def read_run(path: Path) -> RunRecord:
         verdict_problem=problem,
         t_s=np.array(times) * 1e-9,
         probabilities=np.array([m.probabilities for _, m in steps], np.float64),
-        felt_n=np.array([m.measured_n for _, m in steps]),
+        estimated_n=np.array([m.measured_n for _, m in steps]),
         counts=_counts(recording, times),
         fingers_counts=_rows(recording, GRIPPER, times, lambda state: state.positions, FINGERS),
         arm_m=_rows(recording, ARM, times, arm_row, 3),
@@ -165,29 +165,29 @@ def _settings(recording: RunRecording) -> tuple[TrialConfig, dict[str, Any]]:
         remedy = (
             f"make the page with grasp {recording.metadata.get('version.grasp', 'of its time')}"
         )
-        told = f"its settings do not fit this version: {error}"
-        raise BadFile(recording.path, told, remedy) from error
+        problem = f"its settings do not fit this version: {error}"
+        raise BadFile(recording.path, problem, remedy) from error
 
 
 def _verdict(recording: Path, kind: type[Verdict]) -> tuple[Verdict | None, str]:
-    """The result beside a recording, or in its campaign's file, or why there is none."""
+    """The result beside a recording or in its campaign's file, or the reason why there is none."""
     campaign = recording.parent.with_suffix(".sqlite")
-    kept = recording.parent.suffix == ".recordings" and campaign.is_file()
-    place = campaign if kept else recording.with_name(RESULT)
+    in_campaign = recording.parent.suffix == ".recordings" and campaign.is_file()
+    place = campaign if in_campaign else recording.with_name(RESULT)
     try:
-        content = _kept_in(campaign, recording) if kept else place.read_bytes()
+        content = _campaign_result(campaign, recording) if in_campaign else place.read_bytes()
         return msgspec.json.decode(content, type=kind), ""
     except FileNotFoundError:
         return None, (
-            f"There is no {RESULT} beside the recording: the run did not end, or belongs to a "
-            "campaign, whose file has its verdict."
+            f"There is no {RESULT} beside the recording: the run did not end, or it belongs to a "
+            "campaign, whose file contains the verdict."
         )
     except (OSError, GraspError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         return None, f"The {place.name} beside the recording cannot be read: {error}."
 
 
-def _kept_in(campaign: Path, recording: Path) -> str:
-    """The result in a campaign's row; empty where it has none."""
+def _campaign_result(campaign: Path, recording: Path) -> str:
+    """The result in a campaign's row as JSON; empty where there is none."""
     with CampaignStore.open(campaign) as store:
         name = f"{recording.parent.name}/{recording.name}"
         return next((row.result or "" for row in store.rows() if row.recording == name), "")
@@ -197,10 +197,10 @@ def _rows(
     recording: RunRecording, topic: str, times: Sequence[int],
     row: Callable[[Any], Sequence[float]], width: int,
 ) -> Floats:  # fmt: skip
-    """(n, width) of the messages that belong to the steps at ``times``; NaN where there is none."""
+    """Rows (n, width) of a channel's messages at the steps' ``times``; NaN where there is none."""
     found = {t_ns: row(message) for t_ns, message in recording.of(topic)}
-    missing = [math.nan] * width
-    return np.array([found.get(t_ns, missing) for t_ns in times], np.float64)
+    empty = [math.nan] * width
+    return np.array([found.get(t_ns, empty) for t_ns in times], np.float64)
 
 
 def _counts(recording: RunRecording, times: Sequence[int]) -> Floats:
@@ -243,7 +243,7 @@ def _commands(
     to_hand = [t_ns for t_ns, m in messages if type(m.admitted).__name__ in GRIPPER_COMMANDS]
 
     def confirmed_ns(sent_ns: int) -> int | None:
-        """The first status that is known to describe what was sent, before the next was."""
+        """Time of the first status that follows the command, before the next command."""
         until_ns = next((t_ns for t_ns in to_hand if t_ns > sent_ns), None)
         first = next((s.t_ns for s in states if s.t_ns > sent_ns and s.fresh), None)
         late = first is not None and until_ns is not None and first >= until_ns

@@ -1,5 +1,7 @@
-"""The settings of a trial beside the defaults, and the command that runs it again. Settings are the
-resolved table of a recording (``begun``: the experiment has set some) or of a campaign."""
+"""Settings of a trial compared with the defaults, and the command that repeats it.
+
+Settings are the resolved table of a recording, which the experiment has changed (``configured``),
+or of a campaign, which it has not."""
 
 import json
 import shlex
@@ -14,74 +16,75 @@ from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.tap.mallet import TapSettings
 from scenarios.tap.tap import tap
-from scenarios.trial import person
+from scenarios.trial import operator_prompts
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import detector_layers
 
-Told = Mapping[str, Any]
-NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
+Resolved = Mapping[str, Any]
+NAMED = ("rig", "profile", "detector_name", "object.name")  # set by separate options
 
 
-def scenario_of(told: Told) -> str:
-    """Of which experiment they are."""
-    return "tap" if "tap" in told else "lift"
+def scenario_of(settings: Resolved) -> str:
+    """Name of the experiment with these settings."""
+    return "tap" if "tap" in settings else "lift"
 
 
 class Setting(msgspec.Struct, frozen=True):
-    """One setting; ``usual`` is what it is when nobody says anything, None where nobody knows."""
+    """One setting; ``default`` is None where it is unknown."""
 
     key: str
     value: str
-    usual: str | None
+    default: str | None
 
     @property
-    def own(self) -> bool:
-        return self.usual is not None and self.value != self.usual
+    def changed(self) -> bool:
+        return self.default is not None and self.value != self.default
 
 
-def settings_of(told: Told, begun: bool = True) -> list[Setting]:
-    """All settings, in order, with values as TOML."""
-    usual = dict(_leaves(_usual(told, begun)))
-    known = bool(usual)
+def settings_of(settings: Resolved, configured: bool = True) -> list[Setting]:
+    """All settings in order, with values as TOML."""
+    defaults = dict(_leaves(_defaults(settings, configured)))
+    known = bool(defaults)
     return [
-        Setting(key, toml(value), toml(usual.get(key)) if known else None)
-        for key, value in _leaves(told)
+        Setting(key, toml(value), toml(defaults.get(key)) if known else None)
+        for key, value in _leaves(settings)
         if key not in NAMED
     ]
 
 
-def command_of(told: Told, seed: str, begun: bool = True) -> str:
+def command_of(settings: Resolved, seed: str, configured: bool = True) -> str:
     """The command that repeats the trial with this version and its packaged configuration."""
-    body, profile, scenario = told["object"]["name"], told["profile"], scenario_of(told)
-    words = ["grasp", "run", scenario, "--rig", told["rig"]]
-    words += ["--object", body if _packaged(body) else f"{body}.toml"]
+    name, profile, scenario = settings["object"]["name"], settings["profile"], scenario_of(settings)
+    arguments = ["grasp", "run", scenario, "--rig", settings["rig"]]
+    arguments += ["--object", name if _packaged(name) else f"{name}.toml"]
     if profile != DEFAULT_PROFILE:
-        words += ["--profile", profile]
-    if told["detector_name"] != _detector_of(profile):
-        words += ["--detector", told["detector_name"]]
-    words += ["--seed", seed, *(("--trials", "1") if scenario == "tap" else ())]
-    for setting in settings_of(told, begun):
-        # a calibration is chosen by its name alone, and null is what a setting is without a word
-        if setting.own and not setting.key.startswith("calibration.") and setting.value != "null":
-            words += ["--set", f"{setting.key}={setting.value}"]
-    return shlex.join(words)
+        arguments += ["--profile", profile]
+    if settings["detector_name"] != _detector_of(profile):
+        arguments += ["--detector", settings["detector_name"]]
+    arguments += ["--seed", seed, *(("--trials", "1") if scenario == "tap" else ())]
+    for each in settings_of(settings, configured):
+        # a calibration is selected by its name, and null means that a setting is not given
+        if each.changed and not each.key.startswith("calibration.") and each.value != "null":
+            arguments += ["--set", f"{each.key}={each.value}"]
+    return shlex.join(arguments)
 
 
-def object_file(told: Told) -> str:
-    """The TOML of an object that is not a packaged one; empty for one that is."""
-    if _packaged(told["object"]["name"]):
+def object_file(settings: Resolved) -> str:
+    """The TOML file of a user's object; empty for a packaged one."""
+    if _packaged(settings["object"]["name"]):
         return ""
-    lines = [f"{k} = {toml(v)}" for k, v in told["object"].items() if v is not None]
+    lines = [f"{k} = {toml(v)}" for k, v in settings["object"].items() if v is not None]
     return "\n".join(["[object]", *lines]) + "\n"
 
 
 def toml(value: Any) -> str:
-    """JSON of numbers, texts and lists is TOML; null is for reading alone."""
+    """A value as TOML, which equals JSON for numbers, texts and lists; None as null, for
+    display."""
     return json.dumps(value, ensure_ascii=False)
 
 
-def _packaged(body: str) -> bool:
-    return body in [*names("objects"), *names(f"objects/{UNSEEN}")]
+def _packaged(name: str) -> bool:
+    return name in [*names("objects"), *names(f"objects/{UNSEEN}")]
 
 
 def _detector_of(profile: str) -> str:
@@ -91,33 +94,35 @@ def _detector_of(profile: str) -> str:
         return ""
 
 
-def _usual(told: Told, begun: bool) -> dict[str, Any]:
-    """The settings that the same names give; empty where this version does not know them."""
-    body = told["object"]["name"]
-    own_object = Layer("recording", {"object": told["object"]})
+def _defaults(settings: Resolved, configured: bool) -> dict[str, Any]:
+    """Default settings for the same rig, profile, object and detector; empty where this version
+    lacks one of them."""
+    name = settings["object"]["name"]
+    recorded = Layer("recording", {"object": settings["object"]})
     try:
         layers = [
-            named_layer("rigs", told["rig"]),
-            named_layer("profiles", told["profile"]),
-            named_layer("objects", body) if _packaged(body) else own_object,
-            *detector_layers(told["detector_name"]),
-            Layer("names", {key: told[key] for key in CHOSEN if key in told}),
+            named_layer("rigs", settings["rig"]),
+            named_layer("profiles", settings["profile"]),
+            named_layer("objects", name) if _packaged(name) else recorded,
+            *detector_layers(settings["detector_name"]),
+            Layer("names", {key: settings[key] for key in CHOSEN if key in settings}),
         ]
         config = load(RunConfig, [*calibration_layers(layers), *layers])
-        return _as_begun(told, config) if begun else msgspec.to_builtins(config)
+        return _configured(settings, config) if configured else msgspec.to_builtins(config)
     except ConfigError:
         return {}
 
 
-def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
-    """With what the experiment itself sets before it begins."""
+def _configured(settings: Resolved, config: RunConfig) -> dict[str, Any]:
+    """The settings as the experiment changes them before it begins."""
     table: dict[str, Any] = msgspec.to_builtins(config)
-    if scenario_of(told) == "tap":
-        mallet = load(TapSettings, [Layer("recording", told["tap"])])
-        begun = tap.configure(msgspec.structs.replace(config.for_tap(), tap=mallet))
-        return {**msgspec.to_builtins(begun), "tap": table["tap"]}
-    if told.get("controller", {}).get("hold_s") == person.HOLD_S:  # until it has been read
-        table["controller"]["hold_s"] = person.HOLD_S
+    if scenario_of(settings) == "tap":
+        mallet = load(TapSettings, [Layer("recording", settings["tap"])])
+        configured = tap.configure(msgspec.structs.replace(config.for_tap(), tap=mallet))
+        return {**msgspec.to_builtins(configured), "tap": table["tap"]}
+    # with an operator the hold lasts until the tape mark has been read
+    if settings.get("controller", {}).get("hold_s") == operator_prompts.HOLD_S:
+        table["controller"]["hold_s"] = operator_prompts.HOLD_S
     return table
 
 

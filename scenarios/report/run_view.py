@@ -1,5 +1,5 @@
-"""What pages and terminal show of a run, finished or not: the scene, the evidence of the decision
-rule beside its bound, and the figures of the verdict."""
+"""View of a run for pages and terminal: side view, values of the decision rule with their limit,
+and figures of the verdict."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ LEAST_TURN_DEG = 0.1  # less is not shown
 
 
 class Bound(msgspec.Struct, frozen=True):
-    """``limit`` registers slip; ``probable``: of probabilities, not of sums."""
+    """Limit of a decision rule. ``probable``: it is a probability, not a sum of log-odds."""
 
     limit: float
     probable: bool
@@ -29,17 +29,17 @@ class Bound(msgspec.Struct, frozen=True):
 
 
 class View(msgspec.Struct, frozen=True):
-    """What there is to be shown."""
+    """Which parts of a run are shown."""
 
     truth: bool
     motion: bool
     limit_n: float
     rule: Bound
-    evidence: bool = False  # sums of a rule, for a run that is over
+    evidence: bool = False  # the sums of a cusum rule, for a finished run
 
 
 def bound_of(settings: RuleSettings) -> Bound:
-    """Of a rule, whatever it is shown."""
+    """The limit of a decision rule."""
     probable, together = settings.kind == "consecutive", settings.fusion == "mean"
     if probable:
         label = "all fingers, mean of log-odds" if together else "each finger"
@@ -50,26 +50,26 @@ def bound_of(settings: RuleSettings) -> Bound:
 
 
 def decided(settings: RuleSettings, probabilities: Floats, armed: Flags, masked: Flags) -> Floats:
-    """What the rule compared with its bound, (n, k) of k fingers or of all together; NaN where it
-    decided nothing. From probabilities (n, fingers) and the status (n,) after each, as recorded.
+    """Values that the rule compared with its limit, (n, fingers) or (n, 1) for a fused rule; NaN
+    where it was not applied. Input: recorded probabilities (n, fingers) and status (n,).
 
-    A sum starts again where the slip monitor's did: when it is armed, and after every mask.
+    A sum restarts where the slip monitor's did: when it is armed, and after every mask.
     """
     values = fused(probabilities, settings)
-    # the sample that armed the monitor was not shown to the rule
-    shown = armed & np.roll(armed, 1) & ~masked
-    shown[:1] = False
+    # the rule does not get the sample that armed the monitor
+    used = armed & np.roll(armed, 1) & ~masked
+    used[:1] = False
     if settings.kind == "consecutive":
         return values
     sums = np.full(values.shape, np.nan)
-    edges = np.flatnonzero(np.diff(shown, prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(used, prepend=False, append=False))
     for first, after in edges.reshape(-1, 2):
         sums[first:after] = cusum(values[first:after], settings)
     return sums
 
 
 def in_words(settings: RuleSettings) -> str:
-    """When that rule registers slip."""
+    """The condition of the rule, in words."""
     together = settings.fusion == "mean"
     who = "the mean of the fingers' log-odds" if together else "a finger"
     if settings.kind == "cusum":
@@ -86,12 +86,13 @@ def in_words(settings: RuleSettings) -> str:
 
 
 def taxels_of(config: TrialConfig) -> int:
-    """How many a fingertip has."""
+    """Number of taxels of a fingertip."""
     return len(config.fingertip.taxels_mm) or KIT_TAXELS
 
 
 def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
-    """Of the side view, in metres; heights count from ``grip_m``, the arm's when a lift begins."""
+    """Dimensions of the side view in metres; heights are relative to ``grip_m``, the arm's height
+    at the start of the lift."""
     known = config.calibration
     return {
         "object": msgspec.to_builtins(config.object),
@@ -103,28 +104,28 @@ def scene(config: TrialConfig, grip_m: float, top_m: float) -> dict[str, Any]:
 
 
 def turned_text(turned_rad: float | None) -> str:
-    """How far the object has turned in the hand; empty where nobody would see it."""
+    """Rotation of the object in the hand, as text; empty below 0.1 degrees."""
     turned_deg = math.degrees(abs(turned_rad or 0.0))
     return f"turned {turned_deg:.1f} deg" if turned_deg >= LEAST_TURN_DEG else ""
 
 
 def facts(result: Any) -> list[str]:
-    """Figures of a trial's verdict: latencies, slip, pauses, forces and their limit."""
-    told = []
+    """Figures of a verdict as text: latencies, slip, pauses, forces and their limit."""
+    texts = []
     if (late_ms := result.detection_latency_ms) is not None:
         when = f"{late_ms:.0f} ms after" if late_ms >= 0.0 else f"{-late_ms:.0f} ms before"
         text = f"slip registered {when} its onset"
         if (reaction_ms := getattr(result, "reaction_latency_ms", None)) is not None:
             text += f", grip force rising {reaction_ms:.0f} ms after it"
-        told.append(text)
+        texts.append(text)
     if result.slip_distance_m is not None:
         slipped = f"the object slipped {result.slip_distance_m * 1e3:.1f} mm"
-        told.append(", ".join(filter(None, (slipped, turned_text(result.turned_rad)))))
+        texts.append(", ".join(filter(None, (slipped, turned_text(result.turned_rad)))))
     if result.paused_s:
-        told.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")
+        texts.append(f"the arm stopped for {result.paused_s:.2f} s to respond to slip")
     if peaks_n := result.peak_force_n or result.peak_measured_n:
         peaks = ", ".join(f"{name} {force:.1f}" for name, force in peaks_n.items())
         known = "true" if result.peak_force_n else "estimated by the fingertips"
-        told.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
-    told.append(limit_in_words(result.force_limit_n, result.cap_mode))
-    return told
+        texts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
+    texts.append(limit_in_words(result.force_limit_n, result.cap_mode))
+    return texts

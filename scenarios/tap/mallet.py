@@ -1,10 +1,9 @@
-"""The mallet tap and its settings: direction, place and impulse, as the paper's operator did.
+"""The mallet tap: settings, and the search for an impulse like that of the paper's operator.
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
-search bisects the impulse on the contact law alone, for the object as configured and held as firmly
-as the hand will hold it (``guard.cap_mode`` decides), until the object moves ``tap.aim_m`` for
-good. A trial's own friction, mass and grip differ from that, and so does the hand's strength from
-impact to impact: what a trial's tap really moves is measured, not assumed.
+search bisects the impulse on the contact law alone, for the configured object in a firm grip
+(``guard.cap_mode``), until the permanent displacement is ``tap.aim_m``. Friction, mass, grip and
+strength of the tap vary between trials, so each trial measures its displacement.
 """
 
 import copy
@@ -23,15 +22,15 @@ from scenarios.trial.config import TrialConfig
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import HALF_APERTURE_M, ContactSettings, Impact, Level
 
-if TYPE_CHECKING:  # compiled: a search needs it, a person who strikes does not
+if TYPE_CHECKING:  # compiled code: only a search needs it
     from scenarios.world.contact import Contact, Floats
 
 MOST_N_S = 2.0
 HALVINGS = 16  # to 0.03 mN s
 SETTLE_S, AFTER_S = 0.6, 0.6
 MARK_HEIGHT_M = 0.05  # of the tape mark above the grip; assumed
-OFFSET_SPREAD_M = 0.005  # deviation of where an impact lands; assumed, 2-10 mm
-WAIT_S = 0.3  # the hand waits 0 to this long, drawn
+OFFSET_SPREAD_M = 0.005  # standard deviation of the impact's position; assumed, 2-10 mm
+WAIT_S = 0.3  # before an impact: uniform from 0 to this
 MALLET_KG = 0.454  # 16 oz (paper)
 RESTITUTION = 0.3  # rubber on the object; assumed, 0.2-0.5
 
@@ -40,8 +39,8 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """One tap. The search for the impulse follows the paper (section V-B): hard enough to move the
     object, too weak to knock it out."""
 
-    # alternate: even seeds on top, odd ones on the side, across the closing axis; closing: along
-    # it, onto the thumb, which the paper did not try
+    # alternate: even seeds on top, odd seeds on the side, across the closing axis; closing: along
+    # that axis, onto the thumb (not in the paper)
     direction: Literal["top", "side", "alternate", "closing"] = "alternate"
     aim_m: Annotated[float, Meta(ge=0.001, le=0.03, description="m that the tape mark moves")] = (
         0.007  # assumed, 2-20 mm
@@ -60,7 +59,7 @@ class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     tap: TapSettings = TapSettings()
 
     def direction(self, seed: int) -> str:
-        """Of the tap with that seed."""
+        """Direction of the tap with that seed."""
         if self.tap.direction != "alternate":
             return self.tap.direction
         return "top" if seed % 2 == 0 else "side"
@@ -70,7 +69,7 @@ class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Swing(msgspec.Struct, frozen=True):
-    """One impact as the hand delivers it, and how much longer than needed it waits before."""
+    """One impact, and the random wait before it beyond the necessary one."""
 
     impact: Impact
     wait_s: float
@@ -81,7 +80,7 @@ class Swing(msgspec.Struct, frozen=True):
 
 
 def swing(config: TapConfig, seed: int) -> Swing:
-    """The tap of a seed. A real rig uses only its wait, because a person strikes.
+    """The random tap of a seed. A real rig uses only its wait, because an operator taps.
     Raises ConfigError when no tap moves the object enough."""
     tap, direction = config.tap, config.direction(seed)
     nominal_n_s = 0.0 if config.real else nominal_impulse_n_s(config, direction)
@@ -95,7 +94,7 @@ def swing(config: TapConfig, seed: int) -> Swing:
 
 
 def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
-    """Speed at which the mallet met the object: J = (1 + e) m M / (m + M) v, object free."""
+    """Speed of the mallet at impact, m/s: J = (1 + e) m M / (m + M) v, for a free object."""
     mass_kg = config.object.mass_kg + config.object.added_mass_kg
     reduced_kg = MALLET_KG * mass_kg / (MALLET_KG + mass_kg)
     return impulse_n_s / ((1 + RESTITUTION) * reduced_kg)
@@ -103,31 +102,31 @@ def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
 
 def nominal_impulse_n_s(config: TapConfig, direction: str) -> float:
     """Impulse of the nominal impact in that direction, N s, as set or searched. Raises ConfigError
-    when there is none below 2 N s: the object is knocked out before."""
+    where every impulse that moves the object enough knocks it out of the hand, or exceeds 2 N s."""
     tap = config.tap
     if tap.impulse_n_s:
         return tap.impulse_n_s
-    alike = msgspec.structs.replace(tap, direction="alternate", spread=0.0)  # searched once
+    common = msgspec.structs.replace(tap, direction="alternate", spread=0.0)  # searched once
     grip_n = config.guard.full_grip_n
-    way = "top" if direction == "closing" else direction
-    return _searched(config.object, config.contact, grip_n, alike, way)
+    searched = "top" if direction == "closing" else direction
+    return _search(config.object, config.contact, grip_n, common, searched)
 
 
 @cache
-def _searched(
+def _search(
     body: GraspObject, hand: ContactSettings, grip_n: Vector3, tap: TapSettings, direction: str
 ) -> float:
-    # whatever the trials do: only an impact through the middle turns nothing
-    held = held_at(body, hand, grip_n, Level.SLIDER if direction == "top" else Level.SPIN)
+    # regardless of the trials' contact level: only an impact on top causes no rotation
+    grasp = settled_grasp(body, hand, grip_n, Level.SLIDER if direction == "top" else Level.SPIN)
     low, high = 0.0, MOST_N_S
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        moved_m = moved_by(held, impact_of(tap, direction, middle, 0.0))
+        moved_m = moved_by(grasp, impact_of(tap, direction, middle, 0.0))
         low, high = (middle, high) if moved_m < tap.aim_m else (low, middle)
-    if not moved_by(held, impact_of(tap, direction, high, 0.0)) < 2 * tap.aim_m:
+    if not moved_by(grasp, impact_of(tap, direction, high, 0.0)) < 2 * tap.aim_m:
         raise ConfigError(
             "tap", "aim_m",
-            f"no impact on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
+            f"no tap on the {direction} moves {body.name} by {tap.aim_m * 1e3:g} mm and leaves it "
             "in the hand", "a smaller tap.aim_m, or tap.impulse_n_s",
         )  # fmt: skip
     return high
@@ -136,10 +135,10 @@ def _searched(
 def impact_of(
     tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float, beside_m: float = 0.0
 ) -> Impact:
-    """``beside_m``: how far from where it was meant to land."""
+    """The impact of that impulse; ``beside_m``: its distance from the intended position."""
     follow_n_s = tap.follow_fraction * impulse_n_s
-    meant_m = {"top": 0.0, "side": tap.side_offset_m}
-    offset_m = meant_m[direction] + beside_m if direction in meant_m else 0.0
+    intended_m = {"top": 0.0, "side": tap.side_offset_m}
+    offset_m = intended_m[direction] + beside_m if direction in intended_m else 0.0
     return msgspec.convert(
         {
             "direction": direction, "impulse_n_s": impulse_n_s - follow_n_s,
@@ -150,19 +149,21 @@ def impact_of(
     )  # fmt: skip
 
 
-class Held(msgspec.Struct, frozen=True):
-    """The object in the air, settled in a firm grip."""
+class SettledGrasp(msgspec.Struct, frozen=True):
+    """A lifted object in a firm grip whose contact forces have settled."""
 
     contact: "Contact"
     travel_m: "Floats"
 
-    def waits(self, since_s: float, for_s: float) -> None:
-        """Let time pass."""
+    def wait(self, since_s: float, for_s: float) -> None:
+        """Advance the simulation."""
         self.contact.advance(since_s, for_s, 0.0, 0.0, 0.0, self.travel_m, self.travel_m)
 
 
-def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Level) -> Held:
-    """At that grip force, which is what the motors leave once the pads have relaxed."""
+def settled_grasp(
+    body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Level
+) -> SettledGrasp:
+    """The settled grasp at that grip force, which the pads keep after their relaxation."""
     from scenarios.world import laws
     from scenarios.world.contact import Contact, finger_stiffness, parameters
 
@@ -173,19 +174,19 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
     pressed_m = np.array(grip_n) / (kept * finger_stiffness(body))
     width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
     touch_m = HALF_APERTURE_M - width_m
-    held = Held(contact, touch_m + pressed_m)
-    held.waits(0.0, SETTLE_S)
-    return held
+    grasp = SettledGrasp(contact, touch_m + pressed_m)
+    grasp.wait(0.0, SETTLE_S)
+    return grasp
 
 
-def moved_by(held: Held, impact: Impact) -> float:
-    """Displacement of the tape mark for good, m; infinite if the object was lost."""
+def moved_by(grasp: SettledGrasp, impact: Impact) -> float:
+    """Permanent displacement of the tape mark, m; infinite if the object was lost."""
     from scenarios.world import laws
 
-    trial = copy.deepcopy(held)
-    before, after = held.contact.state, trial.contact.state
+    trial = copy.deepcopy(grasp)
+    before, after = grasp.contact.state, trial.contact.state
     trial.contact.strike(impact, SETTLE_S)
-    trial.waits(SETTLE_S, AFTER_S)
+    trial.wait(SETTLE_S, AFTER_S)
     if after[laws.NORMAL] <= 0.0:
         return math.inf
     turned_rad = after[laws.TURN] - before[laws.TURN]

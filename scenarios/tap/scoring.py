@@ -1,4 +1,4 @@
-"""The result of a tap and its verdict, from what moved and what the status said.
+"""Result and verdict of a tap, from the object's motion and the slip status.
 
 Success as in the paper (section V-B): slip was registered after the object moved upon being
 tapped, and the status returned to nominal after the object had stopped. The paper gives no times.
@@ -12,25 +12,26 @@ import msgspec
 from scenarios.trial.result import TrialResult
 
 MOVED_M = 0.001  # a permanent displacement of this counts as moved
-# or a rotation in the hand: by the lever of the paper's label, 3 mm/s over 0.2 rad/s
+# or a rotation in the hand, with the lever of the paper's label: 3 mm/s over 0.2 rad/s
 MOVED_RAD = MOVED_M / 0.015
-REGISTER_S = 0.5  # slip is registered within, from first motion; assumed
-CLEAR_S = 1.0  # status nominal within, from the end of motion; assumed
-STAY_S = 0.5  # and stays nominal for; assumed
+REGISTER_S = 0.5  # from first motion until slip is registered; assumed
+CLEAR_S = 1.0  # from the end of motion until the status is nominal; assumed
+STAY_S = 0.5  # that the status then stays nominal; assumed
 
 
 class Alarm(msgspec.Struct, frozen=True):
-    """A stretch of status REGISTERED; None: it was still so at the end."""
+    """An interval of status REGISTERED; ``off_s`` None: until the end of the run."""
 
     on_s: float
     off_s: float | None
 
 
 class TapResult(TrialResult, frozen=True, kw_only=True):
-    """Verdict of one tap. Lengths in metres, relative to the fingertips, down and across the
-    closing axis; ``turned_rad`` about it. ``moved`` is False for a tap that moved nothing, which is
-    reported apart: it is no success, and a failure only if slip was registered. It is None for a
-    tap that never was struck, or not to its end."""
+    """Verdict of one tap.
+
+    Lengths in metres, relative to the fingertips, down and across the closing axis; ``turned_rad``
+    about it. ``moved`` is False for a tap without displacement, which counts in no success rate. It
+    is None where no tap was made, or the trial ended early."""
 
     direction: str
     moved: bool | None
@@ -51,7 +52,7 @@ class TapResult(TrialResult, frozen=True, kw_only=True):
 
     @property
     def failed(self) -> bool:
-        """One that moved nothing is no failure."""
+        """Whether it failed; a tap without displacement did not."""
         return not (self.success or self.moved is False)
 
     @property
@@ -60,8 +61,8 @@ class TapResult(TrialResult, frozen=True, kw_only=True):
 
 
 class TapOutcome(StrEnum):
-    """How a tap can end; the first is the success, the next two are taps that moved nothing, the
-    last is not judged."""
+    """Outcomes of a tap: the first is the success, the next two are taps without displacement, the
+    last two are no verdict."""
 
     REGISTERED = "registered"
     UNMOVED_QUIET = "unmoved_quiet"
@@ -73,18 +74,18 @@ class TapOutcome(StrEnum):
     NEVER_NOMINAL = "never_nominal"
     OVER_FORCE = "over_force"
     FAULT = "fault"
-    INTERRUPTED = "interrupted"  # not judged
-    INTERNAL_ERROR = "internal_error"  # nor this
+    INTERRUPTED = "interrupted"  # no verdict
+    INTERNAL_ERROR = "internal_error"  # no verdict
 
 
 UNMOVED = frozenset({TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED})
-UNSTRUCK = frozenset(
+NOT_TAPPED = frozenset(
     {TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT, TapOutcome.INTERRUPTED, TapOutcome.INTERNAL_ERROR}
 )
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
-    """What an impact did: by the world's truth, or by the fingertips and the tape mark.
+    """Motion of the object after an impact, by simulated truth or by fingertips and tape mark.
 
     Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
     """
@@ -99,25 +100,25 @@ class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
     turned_rad: float | None = None  # None where it is not measured
 
     def moved(self) -> bool:
-        """Whether that is motion: a displacement, or a rotation that is worth one."""
+        """Whether displacement or rotation reach the thresholds of motion."""
         turned = self.turned_rad is not None and abs(self.turned_rad) >= MOVED_RAD
         return turned or self.displacement_m >= MOVED_M
 
 
 class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What a verdict is drawn from. ``motion`` is None when no impact was struck."""
+    """Input of the verdict. ``motion`` is None where no tap was made."""
 
     motion: ObjectMotion | None
     alarms: Sequence[Alarm]
     watched_until_s: float
-    own_peak_n: float | None  # before the impact: what the hand did by itself
+    peak_before_n: float | None  # true peak force before the impact, caused by the hand alone
     force_bound_n: float
     fault: str = ""
 
 
 def verdict(facts: TapFacts) -> TapOutcome:
-    """The first rule that applies, worst first."""
-    if facts.own_peak_n is not None and facts.own_peak_n > facts.force_bound_n:
+    """The verdict: the first rule that applies, worst first."""
+    if facts.peak_before_n is not None and facts.peak_before_n > facts.force_bound_n:
         return TapOutcome.OVER_FORCE
     if facts.fault:
         return TapOutcome.FAULT
@@ -146,11 +147,12 @@ def _timely(facts: TapFacts, motion: ObjectMotion, registered_s: float) -> TapOu
 
 
 def first_motion_s(motion: ObjectMotion) -> float:
-    """First instant of gross slip; the impact itself where creep alone added up."""
+    """First instant of gross slip; the impact where the motion was creep only."""
     return motion.impact_s if motion.from_s is None else motion.from_s
 
 
 def last_motion_s(motion: ObjectMotion) -> float:
+    """Last instant of gross slip; the impact where the motion was creep only."""
     return motion.impact_s if motion.until_s is None else motion.until_s
 
 

@@ -1,8 +1,8 @@
-"""The mallet tap (paper, section V-B): hold at the force cap, be struck, feel the slip, calm down.
+"""The mallet tap (paper, section V-B): hold at the force limit, tap, detect slip, nominal again.
 
-Each tap is a trial of its own, a grasp from the table to being set down again, so that taps do not
-walk the object through the hand. Only detection is scored: the controller is set not to answer
-slip, and it could not, because a thumb that stands at the cap is latched at that force.
+Each tap is a separate trial from grasp to set-down, so that displacements do not add up. Only
+detection is scored. Slip response is disabled; it would have no effect, because a thumb at the
+force limit is latched.
 """
 
 import math
@@ -20,8 +20,8 @@ from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.mallet import Swing, TapConfig, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
+    NOT_TAPPED,
     UNMOVED,
-    UNSTRUCK,
     Alarm,
     ObjectMotion,
     TapFacts,
@@ -33,22 +33,20 @@ from scenarios.tap.scoring import (
     registered_after,
     verdict,
 )
-from scenarios.trial import execution, person
+from scenarios.trial import execution, operator_prompts
 from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.experiment import Experiment
-from scenarios.trial.person import NEVER_MIND, Operator, read_mark
+from scenarios.trial.operator_prompts import WITHDRAWN, Operator, read_mark
 from scenarios.trial.result import later_ms, named
 from scenarios.world.settings import Impact
 from scenarios.world.truth import Truth
 
-HEIGHT_M = 0.08  # held this far above the table, further than an impact moves it; assumed
-NOMINAL_S = 0.5  # the status is nominal for so long before an impact; assumed
-PATIENCE_S = 10.0  # to wait for that before the trial is given up; assumed
-WATCH_S = (
-    3.0  # the status is watched so long after an impact; longer than any window of the verdict
-)
-FELT_FACTOR = 3.0  # a felt impact: the first change of counts so many times the largest before
-MOTION_BOUND_S = 0.15  # it has ended so long after a felt impact: slip lasts 13-140 ms in a model
+HEIGHT_M = 0.08  # above the table, more than any tap displaces the object; assumed
+NOMINAL_S = 0.5  # of nominal status before a tap; assumed
+PATIENCE_S = 10.0  # to wait for that before the trial is abandoned; assumed
+WATCH_S = 3.0  # of status recorded after a tap: longer than any time limit of the verdict
+IMPACT_FACTOR = 3.0  # an impact changes a taxel by this many times the largest change before it
+MOTION_BOUND_S = 0.15  # upper bound of motion after an impact: 13-140 ms in simulation
 MEASURED = ("displacement_m", "down_m", "across_m", "turned_rad", "impact_s")  # of the motion
 SIDES = {
     "top": "on the TOP, downwards",
@@ -57,8 +55,8 @@ SIDES = {
 }
 
 
-class WorldStrikes:
-    """The world delivers the impact and measures what it did."""
+class SimulatedTap:
+    """Taps in simulation and measures the object's motion."""
 
     def __init__(self, tap: Callable[[Impact], None], swing: Swing) -> None:
         self.motion: ObjectMotion | None = None
@@ -68,17 +66,17 @@ class WorldStrikes:
         self._rest: Truth | None = None
 
     def before(self, tick: Tick) -> None:
-        """Nothing to remember: the world knows."""
+        """Does nothing: the simulated truth needs no reference."""
 
     def strike(self, tick: Tick, truth: Truth | None) -> None:
-        if truth is None:  # the world is gone; the next step fails with its error
+        if truth is None:  # the simulation is lost; the next step fails with its error
             return
         self._rest = truth
         self._at_s = tick.t_ns * 1e-9
         self._tap(self._swing.impact)
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
-        """A tick since the impact; True when all is known."""
+        """Take a tick after the impact; True when the measurement is complete."""
         rest = self._rest
         if truth is None or rest is None:
             return False
@@ -96,26 +94,26 @@ class WorldStrikes:
         return True
 
 
-class PersonStrikes:
-    """A person strikes when asked, and types how far the tape mark has moved.
+class OperatorTap:
+    """Asks the operator to tap, then for the displacement of the tape mark.
 
-    When the impact fell is felt: the first change of counts that stands out from those before it.
-    When motion ended is not known; an upper bound is assumed.
+    The time of the impact is the first change of counts well above the changes before it. The end
+    of motion is unknown; an upper bound is assumed.
     """
 
     def __init__(self, operator: Operator, direction: str, period_s: float) -> None:
         self.motion: ObjectMotion | None = None
-        self.impulse_n_s: float | None = None  # nobody knows
+        self.impulse_n_s: float | None = None  # unknown
         self._operator, self._direction, self._period_s = operator, direction, period_s
         self._last: np.ndarray[tuple[int, ...], np.dtype[np.int16]] | None = None
         self._largest = 0.0  # change of a taxel before the impact, counts
         self._asked_s = 0.0
-        self._felt_s: float | None = None
-        self._struck = self._measuring = self._given_up = False
+        self._measured_s: float | None = None
+        self._tapped = self._measuring = self._withdrawn = False
 
     @property
     def _impact_s(self) -> float:
-        return self._asked_s if self._felt_s is None else self._felt_s
+        return self._asked_s if self._measured_s is None else self._measured_s
 
     def before(self, tick: Tick) -> None:
         self._largest = max(self._largest, self._change(tick))
@@ -123,31 +121,31 @@ class PersonStrikes:
     def strike(self, tick: Tick, truth: Truth | None) -> None:
         self._asked_s = tick.t_ns * 1e-9
         self._operator.say(
-            f"Tap the object once {SIDES[self._direction]}. When it is still again: Enter"
+            f"Tap the object once {SIDES[self._direction]}. When it is still, press Enter"
         )
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
         t_s = tick.t_ns * 1e-9
         if tick.decision.state in SAFE_STATES:
-            self._give_up()
+            self._withdraw()
             return False
-        if self._felt_s is None and not self._struck and self._stands_out(tick):
-            self._felt_s = t_s - self._period_s
+        if self._measured_s is None and not self._tapped and self._stands_out(tick):
+            self._measured_s = t_s - self._period_s
         line = self._operator.poll()
-        if not self._struck:
-            self._struck = line is not None
+        if not self._tapped:
+            self._tapped = line is not None
         elif not self._measuring and t_s >= self._impact_s + WATCH_S:
             self._measuring = True
             self._operator.say("How far has the tape mark moved, in mm? (0: not at all; l: lost)")
         elif self._measuring and line is not None:
-            return self._measured(line)
+            return self._read_mark(line)
         return False
 
-    def _give_up(self) -> None:
-        """Take the open question back; what happened is printed after it."""
-        if not self._given_up:
-            self._operator.say(NEVER_MIND)
-        self._given_up = True
+    def _withdraw(self) -> None:
+        """Withdraw the open question before the cause of the end is printed."""
+        if not self._withdrawn:
+            self._operator.say(WITHDRAWN)
+        self._withdrawn = True
 
     def _change(self, tick: Tick) -> float:
         """Largest change of a taxel since the last sample, counts."""
@@ -157,9 +155,9 @@ class PersonStrikes:
         return 0.0 if last is None else float(np.abs(self._last - last).max())
 
     def _stands_out(self, tick: Tick) -> bool:
-        return self._change(tick) > FELT_FACTOR * max(self._largest, 1.0)
+        return self._change(tick) > IMPACT_FACTOR * max(self._largest, 1.0)
 
-    def _measured(self, line: str) -> bool:
+    def _read_mark(self, line: str) -> bool:
         mark = read_mark(self._operator, line)
         if mark is not None:
             self.motion = ObjectMotion(
@@ -171,10 +169,10 @@ class PersonStrikes:
 
 
 class TapSequence:
-    """Follows a trial: waits for nominal status, has the object struck, watches, says when to set
-    it down. Collects the alarms on the way."""
+    """Sequence of a tap trial: wait for nominal status, tap, observe, then set the object down.
+    Collects the alarms."""
 
-    def __init__(self, wait_s: float, striker: WorldStrikes | PersonStrikes) -> None:
+    def __init__(self, wait_s: float, striker: SimulatedTap | OperatorTap) -> None:
         self.alarms: list[Alarm] = []
         self.before: Truth | None = None  # just before the impact
         self.watched_until_s = 0.0
@@ -182,7 +180,7 @@ class TapSequence:
         self._wait_s, self._striker = wait_s, striker
         self._since_s: float | None = None  # held at the top
         self._nominal_since_s: float | None = None
-        self._struck = False
+        self._tapped = False
 
     @property
     def motion(self) -> ObjectMotion | None:
@@ -190,15 +188,15 @@ class TapSequence:
 
     @property
     def impulse_n_s(self) -> float | None:
-        """Of the impact, N s; None when nobody knows it or none was struck."""
-        return self._striker.impulse_n_s if self._struck else None
+        """Impulse of the impact, N s; None where it is unknown or no tap was made."""
+        return self._striker.impulse_n_s if self._tapped else None
 
     def take(self, tick: Tick, truth: Truth | None) -> bool:
-        """Take one tick; truth is None on hardware. True when the object may be set down."""
+        """Take one tick; truth is None on hardware. True: set the object down."""
         t_s = tick.t_ns * 1e-9
         if not self.over:
             self._monitor(tick, t_s)
-            if self._struck:
+            if self._tapped:
                 self.watched_until_s = t_s
                 self.over = self._striker.after(tick, truth)
             elif tick.decision.state is State.HOLD and not tick.arm.moving:
@@ -206,7 +204,7 @@ class TapSequence:
         return self.over
 
     def _monitor(self, tick: Tick, t_s: float) -> None:
-        """Keep the stretches of status REGISTERED, and since when it is nominal."""
+        """Update the alarms, and the time since when the status is nominal."""
         slip = tick.decision.slip
         on = bool(self.alarms) and self.alarms[-1].off_s is None
         if slip.registered and not on:
@@ -224,20 +222,20 @@ class TapSequence:
         nominal_since_s = t_s if self._nominal_since_s is None else self._nominal_since_s
         if t_s - max(self._since_s, nominal_since_s) >= NOMINAL_S + self._wait_s:
             self.before = truth
-            self._struck = True
+            self._tapped = True
             self._striker.strike(tick, truth)
         elif t_s - self._since_s > PATIENCE_S + self._wait_s:
             self.over = True
 
 
 class TapTrial(FinishedTrial, frozen=True, kw_only=True):
-    """A trial in which the object was struck once, if all went well."""
+    """A finished tap trial with its sequence."""
 
     sequence: TapSequence
 
 
 class Tap(Experiment[TapConfig, TapTrial, TapResult]):
-    """Taps; the result of each says whether the object moved, and slip was registered."""
+    """The tap experiment: whether the object moved, and whether slip was registered."""
 
     name = "tap"
     settings = TapConfig
@@ -245,19 +243,19 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
     def configure(
         self, config: TapConfig, seeds: Sequence[int] = (), operator: Operator | None = None
     ) -> TapConfig:
-        """Firm grip, no answer to slip, no added weights (the paper added those for the lift), set
-        down where it stood."""
+        """The settings with a firm grip, without slip response, added weights (the paper added
+        those for the lift only) and retreat."""
         replace = msgspec.structs.replace
         used = replace(
             config,
             object=replace(config.object, added_mass_kg=0.0),
             controller=replace(
-                config.controller, firm=True, reactions=False, hold_s=person.HOLD_S,
+                config.controller, firm=True, reactions=False, hold_s=operator_prompts.HOLD_S,
                 retreat_m=0.0, lift_height_m=HEIGHT_M,
             ),
         )  # fmt: skip
         for seed in {used.direction(seed): seed for seed in reversed(seeds)}.values():
-            swing(used, seed)  # refused before anything moves
+            swing(used, seed)  # raises before anything moves
         return used
 
     def act(
@@ -266,13 +264,13 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
     ) -> TapTrial:  # fmt: skip
         impact = swing(config, seed)
         if rig.tap is not None:
-            striker: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, impact)
+            striker: SimulatedTap | OperatorTap = SimulatedTap(rig.tap, impact)
         elif operator is not None:
-            striker = PersonStrikes(operator, config.direction(seed), config.loop.period_s)
+            striker = OperatorTap(operator, config.direction(seed), config.loop.period_s)
         else:
-            raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
+            raise ConfigError("rig", "tap", "no operator is there to tap the object", "an operator")
         sequence = TapSequence(impact.wait_s, striker)
-        deadline_s = None if operator is None else person.DEADLINE_S
+        deadline_s = None if operator is None else operator_prompts.DEADLINE_S
         trial = execution.run_trial(config, rig, guard, watch, sequence.take, deadline_s, home)
         return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
 
@@ -294,7 +292,7 @@ class Tap(Experiment[TapConfig, TapTrial, TapResult]):
             direction=config.direction(seed),
             success=outcome is TapOutcome.REGISTERED if judged else None,
             outcome=outcome.value,
-            moved=None if motion is None or outcome in UNSTRUCK else outcome not in UNMOVED,
+            moved=None if motion is None or outcome in NOT_TAPPED else outcome not in UNMOVED,
             **measured,
             impulse_n_s=impulse_n_s,
             mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
@@ -316,13 +314,13 @@ tap = Tap()
 
 
 def _facts(config: TapConfig, trial: TapTrial) -> TapFacts:
-    """What the verdict is drawn from."""
-    before = trial.sequence.before or trial.final  # where nothing struck it, all is the hand's own
+    """Input of the verdict."""
+    before = trial.sequence.before or trial.final  # without a tap the whole trial precedes it
     return TapFacts(
         motion=trial.sequence.motion,
         alarms=trial.sequence.alarms,
         watched_until_s=trial.sequence.watched_until_s,
-        own_peak_n=max(before.peak_n) if before is not None else None,
+        peak_before_n=max(before.peak_n) if before is not None else None,
         force_bound_n=config.guard.force_limit_n + config.guard.overshoot_n,
         fault=trial.fault,
     )

@@ -1,1 +1,1 @@
-"""The emulated devices as pytest fixtures, for any project."""
+"""Emulated devices as pytest fixtures, also for other projects."""

@@ -1,10 +1,10 @@
-"""A pytest plugin: the emulated devices as fixtures, for any project that talks to such devices.
+"""A pytest plugin with the emulated devices as fixtures, for any project with such devices.
 
     def test_my_driver(emulated_gripper):
         client = ModbusTcpClient(emulated_gripper.host, port=emulated_gripper.port)
 
-Installed with the project it is found by pytest itself. Loading it imports none of the drivers;
-each fixture imports what it needs. Everything started ends with the test. See docs/testing.md.
+pytest finds it when the project is installed. Loading it imports no driver; each fixture imports
+what it needs, and stops what it started. See docs/testing.md.
 """
 
 import json
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from scenarios.rigs.emulated import CellProcess
     from scenarios.world.truth import Truth
 
-ANSWER_S = 70.0  # a frozen arm answers when it has thawed, after a minute at most
+ANSWER_S = 70.0  # a frozen arm answers after its freeze, which lasts a minute at most
 END_S = 10.0
 ADDRESS_TRIES = 10
 REST_CODE = 450  # of an unloaded taxel
@@ -52,7 +52,7 @@ class EmulatedGripper:
         self.host, self.port = emulator.address
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """Plan trouble for coming requests: a name of ``Trouble``, arguments of ``WireFault``.
+        """Inject a fault into later requests: a name of ``Trouble``, arguments of ``WireFault``.
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """
@@ -77,18 +77,19 @@ class EmulatedBoard:
         return self.server.url
 
     def backend(self) -> "EmulatedBus":
-        """A pyusb back end on whose bus there is this board alone."""
+        """A pyusb back end whose bus has only this board."""
         from drivers.takktile.emulator.bus import backend  # noqa: PLC0415
 
         return backend(self.url)
 
     def press(self, row: int, column: int, counts: int) -> None:
-        """Load one taxel: its code falls by so many counts from rest; 0 lets go."""
+        """Press one taxel: its code falls by ``counts`` from rest; 0 releases it."""
         with self._lock:
             self._codes[row, column] = REST_CODE - counts
 
     def fault(self, name: str, *arguments: int) -> None:
-        """One of ``BOARD_FAULTS`` with its arguments, such as ``("time_out", 3)``: three reads."""
+        """Inject one of ``BOARD_FAULTS``, such as ``("time_out", 3)`` for three reads. Raises
+        ValueError for an unknown name."""
         if name not in BOARD_FAULTS:
             raise ValueError(f"unknown fault {name!r}: one of {', '.join(BOARD_FAULTS)}")
         with self._lock:
@@ -96,10 +97,10 @@ class EmulatedBoard:
 
 
 class EmulatedArm:
-    """A UR10 (CB3) in a process of its own: RTDE, dashboard and script ports at ``host``."""
+    """A UR10 (CB3) in a separate process: RTDE, dashboard and script ports at ``host``."""
 
     def __init__(self) -> None:
-        """Raises OSError when it does not start on any of several addresses."""
+        """Raises OSError if it starts on none of several addresses."""
         for _ in range(ADDRESS_TRIES):
             self.host = _some_address()
             self._process = _start_arm(self.host)
@@ -109,14 +110,17 @@ class EmulatedArm:
                 self.fault_port: int = json.loads(line)["fault_port"]
                 return
             self.close()
-        raise OSError(f"no emulated arm in {ADDRESS_TRIES} tries: see its messages above")
+        raise OSError(
+            f"the emulated arm failed on {ADDRESS_TRIES} addresses: see its messages above"
+        )
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """A verb of ``drivers.ur.emulator.dashboard``; raises ValueError when it is refused."""
+        """Inject a fault of ``drivers.ur.emulator.dashboard``; raises ValueError if it is
+        refused."""
         self._ask(do=name, **arguments)
 
     def state(self) -> dict[str, Any]:
-        """Position, modes and messages, as the emulator knows them."""
+        """Position, modes and messages of the emulator."""
         return self._ask(do="state")
 
     def _ask(self, **request: Any) -> dict[str, Any]:
@@ -143,8 +147,8 @@ class EmulatedArm:
 def _start_arm(host: str) -> subprocess.Popen[str]:
     from drivers.ur import emulator  # noqa: PLC0415
 
-    # -P: a folder called `drivers` where the user happens to stand must not shadow ours
-    assert emulator.__spec__ is not None  # noqa: S101  (it was imported)
+    # -P: a folder named `drivers` in the working directory must not shadow this package
+    assert emulator.__spec__ is not None  # noqa: S101  (an imported module has one)
     command = [sys.executable, "-P", "-m", emulator.__spec__.name, "--host", host]
     home = str(Path(__file__).parents[2])
     return subprocess.Popen(
@@ -154,19 +158,19 @@ def _start_arm(host: str) -> subprocess.Popen[str]:
 
 
 def _some_address() -> str:
-    """A loopback address; hardly ever one that is in use."""
+    """A random loopback address, very likely unused."""
     return "127." + ".".join(str(random.randint(2, 254)) for _ in range(3))
 
 
 class CellFixture:
-    """Gripper, board and arm around one simulated object, in a process of their own."""
+    """Gripper, board and arm around one simulated object, in a separate process."""
 
     def __init__(self, process: "CellProcess") -> None:
         self._process = process
         self.endpoints = process.endpoints
 
     def truth(self) -> "Truth":
-        """What only a simulation knows: forces, slip, height of the object."""
+        """The simulated truth: forces, slip and height of the object."""
         truth: Truth = self._process.truth()
         return truth
 
@@ -175,19 +179,19 @@ class CellFixture:
         self._process.control.ask("place")
 
     def press(self, finger: str, taxel: int, newtons: float = 1.0, seconds: float = 1.0) -> None:
-        """A person's finger on one pad of the hand, which must be open."""
+        """Press one taxel with an external force; the hand must be open."""
         self._process.control.ask(
             "press", finger=finger, taxel=taxel, newtons=newtons, seconds=seconds
         )
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """A fault of ``rigs.cell_faults.CellFaults``; raises ValueError when it is refused."""
+        """Inject a fault of ``rigs.cell_faults.CellFaults``; raises ValueError if it is refused."""
         self._process.control.ask("fault", name=name, **arguments)
 
 
 @pytest.fixture
 def emulated_gripper() -> Iterator[EmulatedGripper]:
-    """A gripper on Modbus TCP, activated within half a second."""
+    """A gripper on Modbus TCP, whose activation takes half a second."""
     from drivers.robotiq.emulator import GripperEmulator  # noqa: PLC0415
     from drivers.robotiq.model.gripper import HandSettings  # noqa: PLC0415
 
@@ -213,7 +217,7 @@ def emulated_board() -> Iterator[EmulatedBoard]:
 
 @pytest.fixture
 def emulated_arm() -> Iterator[EmulatedArm]:
-    """A UR10 controller on a loopback address of its own."""
+    """A UR10 controller on its own loopback address."""
     with closing(EmulatedArm()) as arm:
         yield arm
 
@@ -226,7 +230,7 @@ def emulated_cell_settings() -> tuple[str, ...]:
 
 @pytest.fixture
 def emulated_cell(emulated_cell_settings: tuple[str, ...]) -> Iterator[CellFixture]:
-    """All three devices around one can, in one process, each on a real wire."""
+    """All three devices around one can, in one process, each with its real protocol."""
     from scenarios.campaign.config import load_config  # noqa: PLC0415
     from scenarios.rigs.emulated import cell_process  # noqa: PLC0415
 

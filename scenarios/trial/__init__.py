@@ -1,1 +1,1 @@
-"""One trial: run, record, judge, replay."""
+"""One trial: execution, recording, verdict, replay."""

@@ -1,4 +1,4 @@
-"""Settings of a trial whatever it tries, and the digest of those that a result depends on."""
+"""Settings that every kind of trial has, and the hash of those that a result depends on."""
 
 import hashlib
 from collections.abc import Mapping
@@ -35,8 +35,9 @@ from scenarios.world.settings import ContactLevels, ContactTable
 
 DEFAULT_PROFILE = "default"
 
-# No result depends on these: names of settings that are resolved here, texts for people, and how
-# the machine is asked to be quick; figures that a calibration was made from are hashed themselves.
+# No result depends on these: names of files that are resolved here, descriptive texts, and the
+# real-time priority. The values of a calibration are hashed, not its name or the readings behind
+# it.
 UNHASHED = ("profile", "source", "usb", "realtime")
 UNHASHED_KEYS = {
     "gripper": ("calibration",),
@@ -45,7 +46,8 @@ UNHASHED_KEYS = {
     "modbus": ("host", "port", "serial_port", "slave"),
     "ur": ("host",),
 }
-# Nor on wires in simulation, nor on models on hardware; but `contact` says how hard a tap shall be.
+# Nor on addresses in simulation, nor on device models on hardware. `contact` counts on both: the
+# search for the impulse of a tap uses it.
 UNUSED = {
     "simulated": ("modbus", "ur"),
     HARDWARE: (
@@ -55,22 +57,22 @@ UNUSED = {
 
 
 class SourceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How figures of one's own were come by, for people alone; of the hand, `calibration.source`
-    says it."""
+    """Source of the values that the user calibrated, as text; that of the hand's calibration is
+    `calibration.source`."""
 
     counts_per_newton: str = ""  # of guard.counts_per_newton, by `grasp calibrate force`
     rule: str = ""  # of rule, by `grasp calibrate noise`
 
     def in_words(self) -> list[str]:
-        """A line for each that is known."""
-        sources = {"counts a newton": self.counts_per_newton, "rule on slip": self.rule}
+        """One line for each known source."""
+        sources = {"counts per newton": self.counts_per_newton, "decision rule": self.rule}
         return [f"{what} by: {source}" for what, source in sources.items() if source]
 
 
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rig and control of one trial; ``rig``, ``profile`` and ``detector_name`` are names.
 
-    Of the sections of detectors, the one counts that the detector asked for takes.
+    Only the section of the selected detector is used.
     """
 
     profile: str = DEFAULT_PROFILE
@@ -85,42 +87,43 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     psd: PsdSettings = PsdSettings()
     psd_fair: PsdFairSettings = PsdFairSettings()
     network: NetworkSettings = NetworkSettings()
-    own: dict[str, Scalar] = msgspec.field(default_factory=dict)  # of code of one's own, by name
+    own: dict[str, Scalar] = msgspec.field(default_factory=dict)  # arguments of a user's detector
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
 
     @property
     def detector_section(self) -> str:
-        """Of the settings that the detector asked for takes."""
+        """Name of the settings section of the selected detector."""
         return section_of(self.detector_name)
 
     @property
     def detector_label(self) -> str:
-        """Its name as results give it: with the weights, where they are another's."""
+        """Name of the detector in results, with the weights where they are not its own."""
         weights = self.network.weights if self.detector_section == NETWORK else ""
         return f"{self.detector_name} ({weights})" if weights else self.detector_name
 
     def make_detector(self, fingers: int, taxels: int | None = None) -> SlipDetector:
-        """The detector asked for, for this hand's taxels or so many; raises BadFile for a network's
-        damaged file, UsageError for one that was trained on another layout."""
+        """The selected detector for ``taxels`` a fingertip, by default this hand's.
+
+        Raises BadFile for a network's damaged file, UsageError for one that was trained on another
+        taxel layout."""
         settings = settings_of(self.detector_name, self)
         return load_detector(self.detector_name, settings, fingers, taxels or self.tactile.taxels)
 
     @property
     def memory_s(self) -> float:
-        """How long the detector asked for remembers; 0 for one whose memory fades. Raises BadFile
-        as ``make_detector``."""
+        """Length of the selected detector's input window, s; 0 for one with a decaying memory.
+        Raises BadFile as ``make_detector``."""
         settings = settings_of(self.detector_name, self)
         return memory_of(self.detector_name, settings, self.tactile.taxels) * self.loop.period_s
 
     def scene(self, seed: int) -> str | None:
-        """The row of the table of contact levels for that trial; None where no experiment is
-        known."""
+        """The row of the contact level table for that trial; None for settings of no experiment."""
         return None
 
     def physics(self, seed: int) -> ContactLevels | None:
-        """Contact levels and steps of that trial: by the table, or what settings say instead. None
-        on hardware, and where no experiment is known."""
+        """Contact levels and time steps of that trial, from the table or from the settings that
+        override it. None on hardware, and for settings of no experiment."""
         scene = self.scene(seed)
         if scene is None or self.real:
             return None
@@ -143,7 +146,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         )
 
     def built_for(self, seed: int) -> Self:
-        """The settings that a rig is opened with: those levels and steps put in."""
+        """The settings to open a rig with: contact levels and steps of that trial filled in."""
         found, replace = self.physics(seed), msgspec.structs.replace
         if found is None:
             return self
@@ -152,12 +155,11 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         return replace(self, world=world, contact=contact)
 
     def digest(self) -> str:
-        """Hash of all that a result depends on: equal digests and seeds mean equal runs."""
+        """Hash of every setting that a result depends on: equal hash and seed mean equal runs."""
         return digest_of(msgspec.to_builtins(self))
 
     def detector_hash(self) -> str:
-        """Fingerprint of what decides on slip: weights or formula, and rule. Equal in trials
-        that differ otherwise."""
+        """Hash of the slip decision alone: weights or formula of the detector, and rule."""
         section = self.detector_section
         table = msgspec.to_builtins({section: getattr(self, section), "rule": self.rule})
         return _hashed({**table, section: fingerprint_of(self.detector_name, table[section])})
@@ -170,20 +172,20 @@ def contact_table() -> ContactTable:
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:
-    """``TrialConfig.digest`` of settings as a recording carries them."""
+    """``TrialConfig.digest`` of settings read from a recording."""
     name, rig = settings["detector_name"], settings["rig"]
     section = section_of(name)
     hidden = {*UNHASHED, *UNUSED.get(rig, ()), *(SECTIONS - {section})}
     table = {key: value for key, value in sorted(settings.items()) if key not in hidden}
     table[section] = fingerprint_of(name, settings[section])
     if is_code(name) or is_weights(name):
-        del table["detector_name"]  # wherever it lies
-    # of devices of other packages which they are, not where; nothing where all are ours
+        del table["detector_name"]  # a path: its content is hashed above
+    # of devices from other packages their classes, not their addresses
     devices = {k: v for k, v in table.pop("devices", {}).items() if isinstance(v, str) and v}
     if devices:
         table["devices"] = devices
     for part, keys in UNHASHED_KEYS.items():
-        if table.get(part):  # hardware has no calibration at first
+        if table.get(part):  # a new hand has no calibration yet
             table[part] = {k: v for k, v in table[part].items() if k not in keys}
     return _hashed(table)
 

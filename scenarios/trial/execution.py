@@ -1,4 +1,4 @@
-"""One controller on an open rig, run to its end and recorded: what every scenario shares."""
+"""Runs one controller on an open rig to its end: the part that all experiments share."""
 
 import math
 from bisect import bisect_right
@@ -26,9 +26,9 @@ from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.ending import End, end_message, end_of
-from scenarios.trial.feasible import check_arm, check_grip, check_override, check_waits
-from scenarios.trial.person import TapeMark
+from scenarios.trial.feasibility import check_arm, check_grip, check_override, check_waits
+from scenarios.trial.final_state import FinalState, end_message, final_state
+from scenarios.trial.operator_prompts import TapeMark
 from scenarios.trial.result import (
     REPORT,
     Bug,
@@ -41,17 +41,17 @@ from scenarios.trial.result import (
 from scenarios.trial.trace import Trace
 from scenarios.world.truth import Truth
 
-INTERNAL_ERROR = "internal_error"  # outcome of a run that an exception of our own code ended
+INTERNAL_ERROR = "internal_error"  # outcome of a run that an unexpected exception ended
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
-# the scenario's own part of a tick; True: the object is to be set down
+# the experiment's part of a control step; True: set the object down
 Follow = Callable[[Tick, Truth | None], bool]
 
 
 def make_guard(config: TrialConfig) -> ForceGuard:
-    """The guard; raises ConfigError before any device is touched if the limit cannot be kept, or
-    the arm cannot do what the controller will ask."""
+    """The force guard. Raises ConfigError before any device is used if the force limit cannot be
+    kept, or a command of the controller would exceed the arm's limits."""
     check_arm(config)
     check_waits(config)
     check_override(config)
@@ -67,7 +67,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
         raise ConfigError(
             "guard",
             "travel_bound",
-            "closing is bounded from the first grasp on, and a firm grip closes before it",
+            "is true, but a firm grip (controller.firm) closes before the travel bound exists",
             "guard.travel_bound = false, or controller.firm = false",
         )
     check_grip(config, guard)
@@ -75,7 +75,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
 
 
 def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
-    """Where the fingers wait, where they grasp, and the limit that they may close to."""
+    """Finger positions before and at the grasp, and the force limit."""
     a, b, c = grip = config.object.grip_counts
     margin, back = config.controller.preshape_margin_counts, config.controller.thumb_back_counts
     preshape = (max(0, a - margin - back), max(0, b - margin), max(0, c - margin))
@@ -83,19 +83,19 @@ def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
 
 
 def stiffness(config: TrialConfig) -> Stiffness:
-    """Of the contact: what the object states, or the worst case."""
+    """Contact stiffness: the object's value, or the worst case of the guard."""
     stated_npm = config.object.contact_stiffness_npm or config.guard.contact_stiffness_npm
     return Stiffness(stated_npm * calibration(config).m_per_count)
 
 
 def patience_s(config: TrialConfig) -> float:
-    """How long slip may be registered after the mask of the last closing: an alarm may be as old
-    as what the detector remembers."""
+    """Time for which slip may stay registered after the last closing, s: at least the detector's
+    window, because an alarm can stem from its oldest sample."""
     return max(config.controller.cap_patience_s, config.memory_s)
 
 
 def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
-    """With the arm's ``home`` of an earlier run, or none: then where it stands."""
+    """The controller; ``home`` is the arm's position from an earlier run, None: where it is now."""
     monitor = SlipMonitor(DecisionRule(config.rule, FINGERS), config.slip)
     settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
     return GraspController(settings, grip_plan(config, home), monitor)
@@ -108,7 +108,7 @@ def make_step(
     monitors: Monitors | None = None,
     detector: SlipDetector | None = None,
 ) -> GraspStep:
-    """What stands between a frame and the commands, as the configuration says."""
+    """The computation from frame to commands, as configured; arguments replace single parts."""
     detector = detector or config.make_detector(FINGERS)
     return GraspStep(
         detector,
@@ -129,7 +129,7 @@ def make_loop(
 
 
 class FinishedTrial(msgspec.Struct, frozen=True):
-    """One controller on one open rig, run to its end."""
+    """Outcome of ``run_trial``: controller, loop, trace and the world's last state."""
 
     controller: GraspController
     loop: ControlLoop
@@ -137,51 +137,52 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     final: Truth | None
     stalls: Stalls
     acknowledged_ns: Sequence[int]
-    real_time: bool | None  # was a real-time priority granted; None in virtual time
-    bug: Bug | None  # an exception of our own code ended it
-    way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
-    mark: TapeMark | None = None  # what a person read at the top of a lift
+    real_time: bool | None  # whether a real-time priority was granted; None in virtual time
+    bug: Bug | None  # the unexpected exception that ended it
+    way_out: str  # how to open a hand that was left closed; empty where its cell has ended
+    mark: TapeMark | None = None  # the operator's reading at the top of a lift
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Why it ended early; first that an exception of our own code did."""
+        """Causes of an early end; an unexpected exception replaces all others."""
         bug = () if self.bug is None else (self.bug.fault,)
         return bug or self.controller.faults
 
     @property
     def interrupted(self) -> bool:
-        """By Ctrl-C or a signal."""
+        """Whether Ctrl-C or a signal ended it."""
         return any(fault.kind == INTERRUPTED for fault in self.faults)
 
     @property
     def fault(self) -> str:
-        """Why it cannot be judged, for people; empty where it can be, or was told to end."""
+        """Reason why there is no verdict, as text; empty where there is one, or a signal ended
+        it."""
         return lines(fault for fault in self.faults if fault.kind not in (INTERRUPTED, LOST))
 
     def outcome_of(self, verdict: str) -> str:
-        """What it is called: the verdict of one that can be judged, or why it cannot."""
+        """Name of the outcome: the verdict, or why there is none."""
         if self.bug is not None:
             return INTERNAL_ERROR
         return INTERRUPTED if self.interrupted else verdict
 
-    def end(self, config: TrialConfig) -> End | None:
-        """How arm and hand were left, where it ended in the safe state."""
+    def end(self, config: TrialConfig) -> FinalState | None:
+        """Final state of arm and hand; None where the run did not end in the safe state."""
         controller = self.controller
         if not controller.in_safe_state and self.bug is None:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
         faults = (*controller.faults, *controller.further)
         errors = tuple(self.loop.errors.values())
-        end = end_of(trace.last, trace.hand, old_s, self.way_out, faults, errors)
-        unreached = controller.unreached
-        ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
+        end = final_state(trace.last, trace.hand, old_s, self.way_out, faults, errors)
+        unconfirmed = controller.unreached
+        ended = controller.finished and not controller.in_safe_state  # no safe state was requested
         if self.bug is not None and trace.last is not None and not ended:
-            unreached = ("what arm and hand shall do cannot be told",)
+            unconfirmed = ("the safe state of arm and hand could not be checked",)
             with suppress(Exception):
                 missing = controller.missing(trace.last.observation)
-                unreached = (*missing.arm, *missing.hand)
+                unconfirmed = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
-            end, unreached=unreached, further=controller.further, where=self._where
+            end, unconfirmed=unconfirmed, later_faults=controller.further, where=self._where
         )
 
     @property
@@ -193,17 +194,17 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             return phase
         height_m = last.arm.position_m[2] - home[2]
         if not math.isfinite(height_m):
-            return f"{phase}, at a height that the arm does not tell"
+            return f"{phase}, at an unknown height"
         return f"{phase}, {round(height_m * 1e3)} mm above the grasp"
 
     @property
     def home(self) -> Vector3 | None:
-        """Of the arm; None where the run ended before it took one."""
+        """Home position of the arm; None where the run ended before it was taken."""
         log = self.controller.machine.log
         return self.controller.home if log and log[0].phase in (State.HOME, State.SHAPE) else None
 
     def failure(self, config: TrialConfig) -> Failure | None:
-        """Why the exit code is not the verdict's, if so."""
+        """Reason for an exit code other than the verdict's; None where the verdict decides."""
         faults, end = self.faults, self.end(config)
         if not faults or faults[0].kind == LOST:
             return None
@@ -223,7 +224,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         return Failure(kind, message, remedy, end, faults)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
-        """What every result says alike, by the fields of ``TrialResult``."""
+        """Values of the fields of ``TrialResult`` that are the same for all experiments."""
         return {
             "scenario": scenario,
             "object": config.object.name,
@@ -258,18 +259,18 @@ def run_trial(
     follow: Follow = lambda tick, truth: False, deadline_s: float | None = None,
     home: Vector3 | None = None, detector: SlipDetector | None = None,
 ) -> FinishedTrial:  # fmt: skip
-    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip, and an
-    exception of our own code ends as a fault does.
+    """Run a controller to its end on an open rig.
 
-    ``deadline_s``: in place of ``loop.deadline_s``, where a person is waited for. ``home``: of the
-    arm, from an earlier trial on this rig (``controller.home``). ``detector``: in place of the one
-    that is asked for.
+    Ctrl-C stops the arm and keeps the grip; an unexpected exception ends the run like a fault.
+    ``deadline_s`` replaces ``loop.deadline_s`` where an operator takes part. ``home``: the arm's
+    home from an earlier trial on this rig (``controller.home``). ``detector`` replaces the selected
+    one.
     """
     controller = make_controller(config, home)
     trace = Trace()
 
     def look() -> Truth | None:
-        """The world's truth; one that is gone is an error as a device's, and asked no more."""
+        """The simulated truth; a lost simulation counts as a device error and is not read again."""
         if WORLD in loop.errors:
             return None
         try:
@@ -279,7 +280,7 @@ def run_trial(
             return None
 
     def take(tick: Tick) -> None:
-        if bugs:  # any of these may be what raised: the safe state does without them
+        if bugs:  # any of these calls may have raised: the safe state does not need them
             trace.add(tick, None)
             with suppress(Exception):
                 watch(tick, None, controller)
@@ -291,7 +292,7 @@ def run_trial(
 
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
-    # virtual time moves no device, and a step of it may take longer than a second
+    # virtual time moves no real device, and one of its steps may take longer than a second
     with signals.guarded(loop.abort) if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
@@ -311,13 +312,12 @@ def _run_to_end(
     config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float, bugs: list[Bug],
     trace: Trace,
 ) -> bool | None:  # fmt: skip
-    """Run until the controller has finished. Tells whether a real-time priority was granted (None
-    in virtual time). An exception of our own code is put into ``bugs`` before the safe state is
-    pursued."""
+    """Run until the controller has finished; returns whether a real-time priority was granted (None
+    in virtual time). An unexpected exception is added to ``bugs`` before the safe state begins."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
             _run_or_stop(loop, deadline_s)
-        except BaseException as error:  # the outermost loop: arm and hand are made safe
+        except BaseException as error:  # the outermost handler: it brings arm and hand to safety
             bugs.append(Bug.of(error))
             _end_as_a_fault(loop, bugs[0], trace)
         return granted
@@ -326,12 +326,12 @@ def _run_to_end(
 def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     try:
         loop.fail(bug.fault)
-    except BaseException:  # no step can be taken any more
-        _aborted(loop, trace)
+    except BaseException:  # the control step itself is broken
+        _abort(loop, trace)
 
 
-def _aborted(loop: ControlLoop, trace: Trace) -> None:
-    """End where no step can be taken."""
+def _abort(loop: ControlLoop, trace: Trace) -> None:
+    """End without the control step."""
     left = loop.abort()
     if left is not None:
         trace.last = left
@@ -342,15 +342,15 @@ def _aborted(loop: ControlLoop, trace: Trace) -> None:
 def _run_or_stop(loop: ControlLoop, deadline_s: float) -> None:
     try:
         loop.run(deadline_s)
-    except signals.Stuck:  # as a bug does: it may be anywhere in a step
+    except signals.Stuck:  # handled like a bug: it may interrupt a step anywhere
         raise
     except KeyboardInterrupt as stop:
         loop.stop(Fault(INTERRUPTED, TRIAL, signals.cause(stop), kind=INTERRUPTED))
 
 
 def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:
-    """Times from a decision to the reply to the write that carries it, ns; none where there is no
-    wire. A command that had nothing to write has no reply."""
+    """Times from a decision to the reply to its write, ns; empty without a wire. A command that
+    changed no register has no reply."""
     commands = loop.timing.gripper_commands_ns
     sent = [sent_ns for _, sent_ns in commands]
     at = ((bisect_right(sent, called) - 1, reply) for called, reply in rig.acknowledgements())

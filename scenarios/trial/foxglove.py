@@ -1,13 +1,13 @@
-"""What a recording holds for Foxglove and Lichtblick, ten times a second beside our own messages:
-a log, where arm, fingers and object are, and the taxels as grids.
+"""Messages for the viewers Foxglove and Lichtblick, ten times a second: a log, the poses of arm,
+fingers and object, and the taxels as grids.
 
-The messages have the shapes of https://docs.foxglove.dev/docs/sdk/schemas as JSON: a time is
-seconds and nanoseconds since 1970, bytes are base64, lengths are metres, colours 0 to 1. Numbers
-and lists that are zero or empty are left out, as the viewers allow.
+The messages follow https://docs.foxglove.dev/docs/sdk/schemas as JSON: a time is seconds and
+nanoseconds since 1970, bytes are base64, lengths are metres, colours 0 to 1. Zeros and empty lists
+are omitted, as the viewers allow.
 
 Frames: ``world`` is the arm's base, z up. ``hand`` is the middle between the pads; its x is the
-closing axis with the thumb at negative x, drawn along the world's x whatever way the arm is turned.
-``finger_A`` to ``finger_C`` are the faces of the pads, ``object`` is where the object was grasped.
+closing axis with the thumb at negative x, drawn along the world's x for any orientation of the
+arm. ``finger_A`` to ``finger_C`` are the faces of the pads, ``object`` is the object's grasp point.
 """
 
 import math
@@ -38,7 +38,7 @@ LEVELS = {State.FAULT: ERROR, State.STOPPED: WARNING, State.LOST: WARNING}
 
 
 class Time(msgspec.Struct, frozen=True):
-    """Since 1970."""
+    """Time since 1970."""
 
     sec: int
     nsec: int
@@ -70,14 +70,14 @@ UPRIGHT = Quaternion(0.5, 0.5, 0.5, 0.5)  # x to y, y to z
 
 
 class Pose(msgspec.Struct, frozen=True):
-    """Where something is in its frame."""
+    """Position and orientation in a frame."""
 
     position: Vector
     orientation: Quaternion = STRAIGHT
 
 
 class Color(msgspec.Struct, frozen=True):
-    """With its opacity."""
+    """A colour with opacity, 0 to 1."""
 
     r: float
     g: float
@@ -90,7 +90,7 @@ WOOD = Color(0.85, 0.79, 0.66)
 
 
 class Log(msgspec.Struct, frozen=True):
-    """One line, on a level."""
+    """One log line with its severity level."""
 
     schema_name: ClassVar[str] = "foxglove.Log"
     timestamp: Time
@@ -102,7 +102,7 @@ class Log(msgspec.Struct, frozen=True):
 
 
 class FrameTransform(msgspec.Struct, frozen=True):
-    """Where one frame is in another."""
+    """Pose of a child frame in its parent."""
 
     timestamp: Time
     parent_frame_id: str
@@ -112,7 +112,7 @@ class FrameTransform(msgspec.Struct, frozen=True):
 
 
 class FrameTransforms(msgspec.Struct, frozen=True):
-    """Where frames are in others."""
+    """Poses of several frames."""
 
     schema_name: ClassVar[str] = "foxglove.FrameTransforms"
     transforms: list[FrameTransform]
@@ -137,14 +137,14 @@ class SceneEntity(msgspec.Struct, frozen=True):
 
 
 class SceneUpdate(msgspec.Struct, frozen=True):
-    """What a scene shows from now on."""
+    """New or changed entities of the scene."""
 
     schema_name: ClassVar[str] = "foxglove.SceneUpdate"
     entities: list[SceneEntity]
 
 
 class PackedElementField(msgspec.Struct, frozen=True):
-    """What is where in the bytes of a cell."""
+    """Name, offset and type of a value in the bytes of a grid cell."""
 
     name: str
     offset: int
@@ -171,21 +171,21 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
 }  # fmt: skip
 
 
-def taxel_places(told: Sequence[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
-    """Column and row of each taxel of a fingertip, from 0: where settings say, or in the two rows
-    of the kit, 0 1 2 below and 5 4 3 above."""
-    if len(told) != taxels:
+def taxel_places(layout_mm: Sequence[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
+    """Column and row of each taxel of a fingertip, from 0. Without a matching ``layout_mm``: the
+    two rows of the kit, 0 1 2 below and 5 4 3 above."""
+    if len(layout_mm) != taxels:
         half = (taxels + 1) // 2
-        told = [(i, 0.0) if i < half else (2 * half - 1 - i, 1.0) for i in range(taxels)]
-    columns, rows = (sorted({place[axis] for place in told}) for axis in (0, 1))
-    return [(columns.index(x), rows.index(y)) for x, y in told]
+        layout_mm = [(i, 0.0) if i < half else (2 * half - 1 - i, 1.0) for i in range(taxels)]
+    columns, rows = (sorted({place[axis] for place in layout_mm}) for axis in (0, 1))
+    return [(columns.index(x), rows.index(y)) for x, y in layout_mm]
 
 
 class ViewerMessages:
-    """Writes the viewers' messages of one trial; ``write`` each tick."""
+    """Writes the viewers' messages of one trial; call ``write`` each control step."""
 
     def __init__(self, config: TrialConfig, unix_ns: int) -> None:
-        """``unix_ns``: what the trial's clock counts from, in nanoseconds since 1970."""
+        """``unix_ns``: start of the trial's clock, ns since 1970."""
         self._config = config
         self._unix_ns = unix_ns
         self._ticks = 0
@@ -195,7 +195,7 @@ class ViewerMessages:
     def write(
         self, write: Write, tick: Tick, truth: Truth | None, changes: Sequence[PhaseChange]
     ) -> None:
-        """Lines when something happens; the rest at every tenth tick, and at a change of phase."""
+        """Write log lines of new events; all else every tenth step, and at a change of phase."""
         for log in self._lines(tick, changes):
             write(LOG, tick.t_ns, log)
         due = self._ticks % EVERY_TICKS == 0 or changes
@@ -247,7 +247,7 @@ class ViewerMessages:
         return FrameTransforms(found)
 
     def _scene(self, tick: Tick, truth: Truth | None) -> SceneUpdate:
-        """Pads and object as boxes; frames move them."""
+        """Pads and object as boxes, which move with their frames."""
         now = self._time(tick.t_ns)
         pad = Vector(PAD_M, PAD_WIDTH_M, 2.0 * PAD_HALF_LENGTH_M)
         boxes = [
@@ -264,10 +264,12 @@ class ViewerMessages:
         return SceneUpdate([SceneEntity(now, name, name, True, [box]) for name, box in boxes])
 
 
-def grid(now: Time, counts: NDArray[np.int16], told: Sequence[tuple[float, float]]) -> Grid:
-    """How hard each taxel is pressed, in counts (fingers, taxels): one fingertip beside the other,
-    an empty column between them, upright before the hand. ``told``: `fingertip.taxels_mm`."""
-    places = taxel_places(told, counts.shape[1])
+def grid(now: Time, counts: NDArray[np.int16], layout_mm: Sequence[tuple[float, float]]) -> Grid:
+    """Pressure of each taxel, from counts (fingers, taxels), as one upright grid before the hand.
+
+    Fingertips are side by side with an empty column between. ``layout_mm``: `fingertip.taxels_mm`.
+    """
+    places = taxel_places(layout_mm, counts.shape[1])
     columns, rows = (1 + max(place[axis] for place in places) for axis in (0, 1))
     cells = np.zeros((rows, len(counts) * (columns + 1) - 1), "<i2")
     for finger, pressed in enumerate(counts):
@@ -281,5 +283,5 @@ def grid(now: Time, counts: NDArray[np.int16], told: Sequence[tuple[float, float
 
 
 def point(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Vector:
-    """In metres, to a tenth of a millimetre: a recording stays small."""
+    """A point in metres, rounded to 0.1 mm to keep the recording small."""
     return Vector(round(x, 4), round(y, 4), round(z, 4))

@@ -1,4 +1,4 @@
-"""From which layers of settings a trial's are made, and what in them nothing would read."""
+"""Layers of settings that a trial is configured from, and a check for settings without effect."""
 
 import os
 from collections.abc import Sequence
@@ -25,10 +25,11 @@ from scenarios.trial.config import DEFAULT_PROFILE
 
 
 def detector_layers(word: str) -> list[Layer]:
-    """What is set for a detector: its file of config/detectors; for the user's own, the `.toml` of
-    the same name beside it, if it sets anything. Raises ConfigError for an unknown name, and where
-    that file sets more than a rule and detectors: a file that is read only because it lies beside
-    another sets no limit and no device."""
+    """Settings of a detector: its file in config/detectors, or for a user's detector the `.toml`
+    file of the same name in the same folder, if there is one.
+
+    Raises ConfigError for an unknown name, and where that `.toml` file sets anything but rule and
+    detector: it is found implicitly, so it must not change limits or devices."""
     if word in offered() and word not in names("detectors"):
         return []
     if not (is_code(word) or is_weights(word)):
@@ -39,7 +40,7 @@ def detector_layers(word: str) -> list[Layer]:
         return []
     layer = read_toml(beside)
     for section in sorted(layer.table.keys() - {"rule", *SECTIONS}):
-        problem = "is not of a detector: what lies beside one sets its rule"
+        problem = "is no detector section; a file beside a detector may only set its rule"
         raise ConfigError(
             layer.source, section, problem, f"[rule] and [{OWN}]; all else by --config"
         )
@@ -49,8 +50,8 @@ def detector_layers(word: str) -> list[Layer]:
 def check_read(
     rule: RuleSettings, controller: ControllerSettings, own: Sequence[Layer], detector: str = ""
 ) -> None:
-    """Raises ConfigError where the user's own layers set what the rule, the chosen answer to slip
-    or the ``detector``, if one is named, does not read."""
+    """Raises ConfigError where the user's layers set a value that is not read by the rule, the
+    slip response or the ``detector``, if one is given."""
     unread = {f"controller.{key}": by for key, by in controller.unread.items()}
     this_rule = f"a rule of kind {rule.kind} and fusion {rule.fusion}"
     unread |= {f"rule.{key}": this_rule for key in rule.unread}
@@ -73,11 +74,11 @@ def trial_layers(
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> list[Layer]:
-    """Class defaults <- rig <- profile <- object (or as it is) <- detector <- files (or
-    $GRASP_CONFIG), later ones on top <- assignments; rig, object and detector by name or path.
-    Without a name of its own, the detector is the profile's.
+    """Layers in order of increasing priority: class defaults, rig, profile, object, detector, files
+    (or $GRASP_CONFIG), assignments. Rig, object and detector are names or paths; the object may
+    also be a layer. Without ``detector`` the profile's is used.
 
-    Raises ConfigError for an unknown name, and where a file or an assignment says one.
+    Raises ConfigError for an unknown name, and where a file or an assignment selects one of these.
     """
     whole = named_layer("profiles", profile)
     if not isinstance(object_name, Layer):

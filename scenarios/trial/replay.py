@@ -1,4 +1,4 @@
-"""Feeds what was recorded to the same grasp step, and compares all that it concludes."""
+"""Replays a recorded run through the same control step and compares every result."""
 
 import itertools
 import math
@@ -55,7 +55,7 @@ Bounds = tuple[bytes, bytes]  # least and greatest of each byte
 
 
 class WriteCheck:
-    """Compares the gripper's commands with the bytes that it acknowledged, in their order."""
+    """Compares commands to the gripper with the register bytes that it acknowledged, in order."""
 
     def __init__(self, calibration: GripperCalibration) -> None:
         self.compared = 0
@@ -63,22 +63,22 @@ class WriteCheck:
         self._before: GripperState | None = None
         self._sent: list[GripperCommand] = []  # the last confirmed as written, and all later ones
         self._unconfirmed = False  # the latest command is not confirmed as written yet
-        self._troubled = False  # the driver may have stopped the hand itself
+        self._device_failed = False  # the driver may have stopped the hand itself
 
     def send(self, command: GripperCommand) -> None:
         self._sent.append(command)
         self._unconfirmed = True
 
-    def take(self, state: GripperState, troubled: bool) -> tuple[str, str] | None:
+    def take(self, state: GripperState, device_failed: bool) -> tuple[str, str] | None:
         """Recorded and expected bytes where they differ, else None. ``state``: a step's input.
 
-        A new command replaces a waiting one, so a write may be of any command since the last write.
-        A fresh status belongs to the latest command. ``troubled``: a device failed.
+        A new command replaces a waiting one, so a write may carry any command since the last write.
+        A fresh status belongs to the latest command.
         """
         before, self._before = self._before or state, state
-        self._troubled = self._troubled or troubled or not state.active
+        self._device_failed = self._device_failed or device_failed or not state.active
         new = state.written_ns != before.written_ns
-        due = self._unconfirmed and state.fresh and bool(state.written) and not self._troubled
+        due = self._unconfirmed and state.fresh and bool(state.written) and not self._device_failed
         if not self._sent or not (new or due):
             return None
         self.compared += new
@@ -90,9 +90,9 @@ class WriteCheck:
                 self._unconfirmed = i < len(self._sent) - 1
                 del self._sent[:i]
                 return None
-        if self._troubled:  # the driver resets or holds the hand after it lost it
-            held = self._bounds(HoldFingers(), before, state)
-            if not any(written) or _within(written, held):
+        if self._device_failed:  # the driver resets or holds the hand after a lost link
+            hold = self._bounds(HoldFingers(), before, state)
+            if not any(written) or _within(written, hold):
                 return None
         self._unconfirmed, (low, high) = False, bounds
         return written.hex(" "), f"{low.hex(' ')} to {high.hex(' ')} ({describe(self._sent[-1])})"
@@ -112,16 +112,16 @@ class WriteCheck:
             slowest = min(speed, written[_SPEED])
         return self._image(command, least, slowest), self._image(command, most, speed)
 
-    def _image(self, command: GripperCommand, held: Counts3, speed: int) -> bytes:
-        """The bytes for a command; fingers that stay get the targets ``held``."""
-        targets, forces = held, [0] * FINGERS
+    def _image(self, command: GripperCommand, stay: Counts3, speed: int) -> bytes:
+        """The bytes for a command; fingers that do not move get the targets ``stay``."""
+        targets, forces = stay, [0] * FINGERS
         if isinstance(command, OpenFingers):
             targets = (0, 0, 0)
         elif isinstance(command, MoveFingers):
             targets = command.targets_counts
             forces = [self._calibration.byte_at_most(command.force_n)] * FINGERS
         elif isinstance(command, CloseFast):
-            targets = closing_targets(command.closing, command.limits_counts, held)
+            targets = closing_targets(command.closing, command.limits_counts, stay)
             byte = self._calibration.byte_at_most(command.force_cap_n)
             forces = [byte if closes else 0 for closes in command.closing]
         return motion_image(BASIC, targets, speed, forces).to_bytes()
@@ -148,7 +148,7 @@ def _within(written: bytes, bounds: Bounds) -> bool:
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """One thing that the replay did otherwise than the recorded run."""
+    """One value that differs between recorded run and replay."""
 
     t_s: float
     what: str
@@ -157,7 +157,7 @@ class Difference(msgspec.Struct, frozen=True):
 
 
 class Replay(msgspec.Struct, frozen=True):
-    """What a recorded run was, and where a replay of it departs."""
+    """Events of a recorded run, and differences of its replay."""
 
     path: str
     steps: int
@@ -168,10 +168,10 @@ class Replay(msgspec.Struct, frozen=True):
 
 
 def replay_run(path: Path, detector: str | None = None) -> Replay:
-    """Replay a run; raises BadFile when it is none, or was made with other settings, and UsageError
-    for a recording that names code which the caller has not named.
+    """Replay a run. Raises BadFile for another kind of file or settings that do not fit this
+    version, and UsageError for a recording with user code that the caller did not name.
 
-    ``detector``: where the code, or the weights, of one's own are that it was recorded with.
+    ``detector``: path of the user's code or weights that it was recorded with.
     """
     recording = open_trial(path)
     config, settings, home = _settings(recording, detector)
@@ -181,7 +181,7 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
         stepper.take(topic, t_ns, message)
     stepper.end(recording.complete)
     if stepper.steps == 0:
-        raise BadFile(recording.path, "holds no whole control step", "record the run again")
+        raise BadFile(recording.path, "holds no complete control step", "record the run again")
     return Replay(
         str(path), stepper.steps, recording.complete, stepper.events, stepper.differences,
         stepper.writes.compared,
@@ -191,11 +191,13 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
 def _settings(
     recording: RunRecording, detector: str | None
 ) -> tuple[TrialConfig, str, Vector3 | None]:
-    """The settings of rig and control, the hash of all settings, and the arm's home where an
-    earlier trial had taken it. A replay does not use the settings of the scenario."""
-    said = recording.metadata.get("home_m")
+    """Settings of rig and control, hash of all settings, and the arm's home if an earlier trial set
+    it. A replay does not use the settings of the experiment."""
+    recorded_home = recording.metadata.get("home_m")
     try:
-        home = None if said is None else msgspec.json.decode(said, type=Vector3)
+        home = None
+        if recorded_home is not None:
+            home = msgspec.json.decode(recorded_home, type=Vector3)
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         table["detector_name"] = _trusted(str(table["detector_name"]), detector)
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__}
@@ -209,22 +211,22 @@ def _settings(
 
 
 def _trusted(recorded: str, given: str | None) -> str:
-    """The detector to replay with: no file of somebody else's runs code by being replayed."""
-    own = is_code(recorded) or is_weights(recorded)
+    """The detector to replay with. A recording never runs code that the caller did not name."""
+    from_file = is_code(recorded) or is_weights(recorded)
     if given is None and is_code(recorded):
         raise UsageError(
-            f"it was recorded with {recorded}, code that no replay runs by itself",
+            f"it was recorded with {recorded}, code that a replay does not run unasked",
             "if you trust it, name it: --detector FILE.py:NAME",
         )
-    if given is not None and not own and given != recorded:
+    if given is not None and not from_file and given != recorded:
         raise UsageError(
-            f"it was recorded with {recorded}, and is replayed with that", "leave --detector out"
+            f"it was recorded with {recorded} and must be replayed with it", "omit --detector"
         )
     return given or recorded
 
 
 class _Waiting(msgspec.Struct, frozen=True):
-    """A command that a replayed step decided, and that the recording has not sent yet."""
+    """A command of a replayed step that the recording has not sent yet."""
 
     step_ns: int
     asked: Command
@@ -240,20 +242,22 @@ class _Stepper:
         self.differences: list[Difference] = []
         self._step = make_step(config, make_controller(config, home))
         self.writes = WriteCheck(calibration(config))
-        self._own_gripper = bool(config.devices.gripper)  # driver of another package: other bytes
+        self._foreign_gripper = bool(
+            config.devices.gripper
+        )  # another package's driver: other bytes
         self._delay_ns = round(config.loop.decision_delay_s * 1e9)
         self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
         self._arm: ArmState | None = None
-        self._heard_ns: dict[str, int] = {}  # when each channel spoke last
+        self._latest_ns: dict[str, int] = {}  # time of the last message of each channel
         self._waiting: list[_Waiting] = []
         self._sent: list[tuple[int, CommandMessage]] = []  # not compared yet
-        self._entered: list[PhaseChange] = []  # as recorded since the last step
-        self._changes: list[PhaseChange] = []  # that this step brought
+        self._entered: list[PhaseChange] = []  # recorded since the last step
+        self._changes: list[PhaseChange] = []  # made by the last replayed step
 
     def take(self, topic: str, t_ns: int, message: Any) -> None:
         """Take one message, in the order recorded."""
-        self._heard_ns[topic] = t_ns
+        self._latest_ns[topic] = t_ns
         if topic == TACTILE:
             self._frame = recorded_frame(t_ns, message)
         elif topic == GRIPPER:
@@ -268,15 +272,15 @@ class _Stepper:
             self._replay(t_ns, message)
 
     def end(self, complete: bool) -> None:
-        """No more messages come; ``complete``: because none was written."""
+        """Finish; ``complete``: the recording was closed properly."""
         if complete:
             self._check_phases()
         if not self._step.controller.finished:
-            ended_s = self._heard_ns[CONTROL] * 1e-9
-            self.events.append((ended_s, "the recording ends, and the run had not"))
+            ended_s = self._latest_ns[CONTROL] * 1e-9
+            self.events.append((ended_s, "the recording ends before the run"))
 
     def _check_phases(self) -> None:
-        """Are the changes of phase that follow a step's message those that it brought?"""
+        """Compare the recorded changes of phase after a step with those of the replay."""
         for was, now in itertools.zip_longest(self._entered, self._changes):
             self.compare((now or was).t_ns, "change of phase", was, now)
         self._entered.clear()
@@ -286,15 +290,15 @@ class _Stepper:
             return  # a recording that begins in the middle of a step
         self._check_phases()
         for topic in (GRIPPER, ARM):
-            self.compare(t_ns, f"{topic} of this step", self._heard_ns[topic], t_ns)
+            self.compare(t_ns, f"{topic} of this step", self._latest_ns[topic], t_ns)
         self._check_queue(t_ns, recorded)
-        troubled = recorded.gripper_lost or bool(recorded.errors)
-        wrong = None if self._own_gripper else self.writes.take(self._gripper, troubled)
+        failed = recorded.gripper_lost or bool(recorded.errors)
+        wrong = None if self._foreign_gripper else self.writes.take(self._gripper, failed)
         if wrong is not None:
             self.compare(t_ns, "bytes written to the gripper", *wrong)
-        told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
+        inputs = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
         known = len(self._step.controller.machine.log)
-        result = self._step.decide(told)
+        result = self._step.decide(inputs)
         self._changes = self._step.controller.machine.log[known:]
         replayed = control_message(result.observation, result.decision)
         for name in msgspec.structs.asdict(recorded):
@@ -303,11 +307,11 @@ class _Stepper:
         self._waiting += [_Waiting(t_ns, asked, admitted) for asked, admitted in decided]
         self._check_sent(math.inf)
         self._note(t_ns * 1e-9, recorded)
-        self._frame = None  # a step without a frame has no message: rest is being taken anew
+        self._frame = None  # a step without a frame has no message: rest counts are taken again
         self.steps += 1
 
     def _check_queue(self, t_ns: int, recorded: ControlMessage) -> None:
-        """Has all been sent that no longer waits? A run that is stopped forgets the rest."""
+        """Check that every command that no longer waits was sent; a stopped run discards them."""
         self._check_sent(t_ns)
         if recorded.stop or recorded.errors:
             self._waiting = self._waiting if recorded.pending else []
@@ -321,8 +325,8 @@ class _Stepper:
         self._sent = [each for each in self._sent if each[0] > until_ns]
 
     def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
-        """Did a step decide this, and was it admitted as that step says, in its turn and not before
-        its time?"""
+        """Check that a step decided this command, in this order, admitted it so, and that its delay
+        had passed."""
         this = (recorded.decided_ns, recorded.asked)
         turn = next((i for i, w in enumerate(self._waiting) if (w.step_ns, w.asked) == this), None)
         if turn is None:
@@ -339,7 +343,7 @@ class _Stepper:
             self.writes.send(decided.admitted)
 
     def compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
-        """Note a difference, if there is one."""
+        """Record a difference, if there is one."""
         if recorded != replayed:
             self.differences.append(Difference(t_ns * 1e-9, what, str(recorded), str(replayed)))
 

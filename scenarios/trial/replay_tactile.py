@@ -1,9 +1,9 @@
-"""Feeds a recorded fingertip to the grasp step, as if it were lifting.
+"""Replays a recorded fingertip through the control step as if it were lifting an object.
 
-A recording cannot react: whatever is commanded, the signal goes on. Devices that simply obey stand
-in for gripper and arm. One step does not react: it never closes, so nothing masks what it detects,
-and it gives the slip that is registered. Another answers; once it has ended its lift a fresh one
-follows, so that every stroke of the recording gets its answer.
+A recording does not react to commands. Stub devices that obey every command replace gripper and
+arm. Two control steps run side by side. The first never closes, so that no mask hides slip: it
+gives the registered slip. The second responds to slip; when its lift has ended a new one begins, so
+that every slip of the recording gets a response.
 """
 
 import itertools
@@ -43,15 +43,15 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
-PRESSED_COUNTS = -100  # a taxel that is surely touched
-# How long a stand-in finger closes before it meets its object. It stands for no hand, so it is no
-# setting: what slip is registered comes from the step that never closes.
+PRESSED_COUNTS = -100  # a taxel that is clearly pressed
+# Time that a stub finger closes before it meets its object. No setting: it represents no real hand,
+# and registered slip comes from the step that never closes.
 CLOSING_NS = 80_000_000
 Counts = NDArray[np.int16]  # (fingers, taxels)
 
 
 class SentCommand(msgspec.Struct, frozen=True):
-    """What the controller would have sent, after the guard."""
+    """A command that the controller would have sent, after the guard."""
 
     t_s: float
     phase: str
@@ -60,7 +60,7 @@ class SentCommand(msgspec.Struct, frozen=True):
 
 
 class TactileReplay(msgspec.Struct, frozen=True):
-    """Registered slip where nobody reacts (never masked), and the controller's answers."""
+    """Slip registered without any response, and the commands of a responding controller."""
 
     registered: list[tuple[float, str]]  # (t_s, finger)
     commands: list[SentCommand]
@@ -68,40 +68,39 @@ class TactileReplay(msgspec.Struct, frozen=True):
 
 
 class _Lift:
-    """A grasp step in the middle of a lift, on stand-in devices that obey at once: closing takes
-    80 ms and ends in contact, a first stage half of that and ends at its target. The arm arrives at
-    once too, or is for ever on its way: then the lift lasts as long as the recording.
+    """A control step in the middle of a lift, with stub devices that obey at once.
 
-    It begins some time before ``t_ns``, on the frames that came before, so that at ``t_ns`` the
-    arm has just been commanded to lift.
+    Closing takes 80 ms and ends in contact; a first stage takes half of that and ends at its
+    target. The arm arrives at once, or never: then the lift lasts as long as the recording. The
+    step first processes the ``earlier`` frames, so that at ``t_ns`` the lift has just begun.
     """
 
     def __init__(
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
-        self.begun = False  # the arm has been commanded to lift
+        self.lifting = False  # the arm has been commanded to lift
         self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN
         self._targets: Counts3 = (0, 0, 0)
         self._closes_until_ns = -1
-        self._latched = False  # the thumb stands on its object
+        self._latched = False  # the thumb is stopped by the object
         times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)
         for counts in earlier:
             self.step(next(times), counts)
 
     @property
     def over(self) -> bool:
-        """The object is being set down, or all has ended."""
+        """Whether the object is being set down, or the run has ended."""
         controller = self._step.controller
-        return controller.finished or (self.begun and not controller.monitor.status.armed)
+        return controller.finished or (self.lifting and not controller.monitor.status.armed)
 
     def step(self, t_ns: int, counts: Counts) -> StepResult:
         self._seq += 1
         none = np.zeros_like(counts)
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
-        moving = self.begun and not self._arm_arrives
+        moving = self.lifting and not self._arm_arrives
         arm = ArmState(t_ns, 0, self._arm_m, ORIGIN, moving)
         result = self._step.decide(
             StepInput(
@@ -121,7 +120,7 @@ class _Lift:
         elif isinstance(command, BeginRest):
             self._rest_taken = True
         elif isinstance(command, MoveArm):
-            self.begun = True
+            self.lifting = True
             self._arm_m = command.position_m if self._arm_arrives else self._arm_m
         elif isinstance(command, CloseFast) and not self._latched:
             self._latched = not command.more
@@ -130,7 +129,7 @@ class _Lift:
                 self._targets = (command.limits_counts[0], *self._targets[1:])
 
     def _gripper(self, now_ns: int) -> GripperState:
-        """A thumb that closed stands on its object, short of its target."""
+        """The gripper's state; a thumb that closed is stopped by the object before its target."""
         detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
         if now_ns < self._closes_until_ns:
             detection = Detection.MOVING
@@ -141,16 +140,16 @@ class _Lift:
 
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
-    """Replay a recording of one to three fingers; missing fingers stay at rest."""
+    """Replay a recording of one to three fingers; other fingers stay unloaded."""
     frames = np.zeros((len(recording.t_s), FINGERS, recording.taxels), np.int16)
     frames[:, : recording.counts.shape[1]] = recording.counts
     replay = TactileReplay([], [], [])
     lead = _steps_until_lift(config)
-    # answers nothing and holds at the top for ever; one whose thumb touches nothing ends before, in
-    # its safe state, and detects slip there all the same
+    # It does not respond and holds at the top without end. With an unloaded thumb it ends earlier
+    # in a safe state, and still detects slip there.
     settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
-    quiet = msgspec.structs.replace(config, controller=settings)
-    monitor = _Lift(quiet, [frames[0]] * lead, round(recording.t_s[0] * 1e9), arm_arrives=True)
+    passive = msgspec.structs.replace(config, controller=settings)
+    monitor = _Lift(passive, [frames[0]] * lead, round(recording.t_s[0] * 1e9), arm_arrives=True)
     lift: _Lift | None = None
     for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
@@ -160,7 +159,7 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
         if slip.event:
             replay.registered.append((t_ns * 1e-9, FINGER_NAMES[slip.finger]))
         if (lift is None or lift.over) and not slip.registered:
-            # the first frame stands in for what came before the recording
+            # the first frame repeats for the time before the recording
             lift = _Lift(config, [frames[max(0, i)] for i in range(k - lead, k)], t_ns)
         if lift is not None:
             result = lift.step(t_ns, frames[k])
@@ -172,11 +171,11 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
 
 
 def _steps_until_lift(config: TrialConfig) -> int:
-    """How many frames a grasp takes until its arm lifts, with a thumb that presses."""
+    """Number of frames that a grasp with a pressed thumb takes until the arm lifts."""
     lift = _Lift(config, (), 0)
     pressed = np.full((FINGERS, config.tactile.taxels), PRESSED_COUNTS, np.int16)
     for steps in itertools.count(1):
         lift.step(steps * PERIOD_NS, pressed)
-        if lift.begun:
+        if lift.lifting:
             return steps
     raise AssertionError

@@ -1,4 +1,4 @@
-"""What a trial leaves: its verdict with every figure that went into it."""
+"""Result of a trial: its verdict and the values behind it."""
 
 import platform
 import subprocess
@@ -21,36 +21,35 @@ from grasp.guard import CapMode
 from grasp.loop import Timing
 from grasp.states import PhaseChange
 from scenarios.rigs.rig import Stalls
-from scenarios.trial.ending import End
+from scenarios.trial.final_state import FinalState
 from scenarios.world.settings import ContactLevels
 
 
 def spelt(outcome: str) -> str:
-    """An outcome as a person writes it: `held_within_6cm` is held within 6 cm."""
+    """An outcome as text: `held_within_6cm` becomes "held within 6 cm"."""
     words = outcome.replace("_", " ")
     return f"{words[:-2]} cm" if words.endswith("cm") else words
 
 
-REPORT = "a bug: report it with what the run has left"
+REPORT = "a bug: report it with the run's folder"
 
 
 class TimingResult(msgspec.Struct, frozen=True):
-    """Measured on this machine. On the simulated rig the frame age is virtual time, and there is no
-    wire to acknowledge anything; on one, the time runs from the decision to the reply to the write
-    that carries it."""
+    """Timing on this machine. ``decision_to_ack_us`` runs from a decision to the reply to its
+    Modbus write; None on the simulated rig, where ``frame_age_ms`` is virtual time."""
 
     frame_to_decision_us: Quantiles | None
     decision_to_ack_us: Quantiles | None
     frame_age_ms: Quantiles | None
-    missed_periods: int  # that the loop slept through
+    missed_periods: int  # without a control step
     repeated_frames: int  # periods without a new frame
-    real_time: bool | None  # did the system grant a real-time priority; None in virtual time
-    cell_stalls: int  # times that the emulated cell, not the loop, stood still over 50 ms
+    real_time: bool | None  # whether a real-time priority was granted; None in virtual time
+    cell_stalls: int  # pauses over 50 ms of the emulated cell, not of the loop
     worst_cell_stall_ms: float
 
 
 class PhaseEntry(msgspec.Struct, frozen=True):
-    """When a phase began, and why."""
+    """Start time of a phase and its cause."""
 
     phase: str
     t_s: float
@@ -58,7 +57,7 @@ class PhaseEntry(msgspec.Struct, frozen=True):
 
 
 class Bug(msgspec.Struct, frozen=True):
-    """An exception that no code of ours may raise, and that ended a run."""
+    """An unexpected exception that ended a run: a defect of the program or of a plug-in."""
 
     name: str
     text: str
@@ -66,16 +65,16 @@ class Bug(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, error: BaseException) -> Self:
-        """Raises nothing: it is asked for before the safe state is pursued."""
+        """Describe an exception. Raises nothing: it is called before the safe state begins."""
         raised = ""
-        with suppress(BaseException):  # of its own text, or for want of memory
-            told = "".join(traceback.format_exception(error))
-            raised = told.encode(errors="backslashreplace").decode()
+        with suppress(BaseException):  # by the exception's own text, or for lack of memory
+            text = "".join(traceback.format_exception(error))
+            raised = text.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)
 
     @property
     def fault(self) -> Fault:
-        """With where it was raised."""
+        """The exception as a fault, with the line that raised it."""
         frames = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
         raised = [line for line in frames if signals.__file__ not in line]
         where = f" ({raised[-1].strip()})" if raised else ""
@@ -84,9 +83,11 @@ class Bug(msgspec.Struct, frozen=True):
 
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Verdict of one trial, whatever it tried. Times in seconds on the rig's clock; None = did not
-    happen, or cannot be known without a simulation. Forces in newtons a finger. ``success`` is
-    None where it was interrupted: then it is not judged."""
+    """Verdict of one trial of any experiment.
+
+    Times in seconds on the rig's clock, forces in newtons per finger; None: did not happen, or is
+    unknown without a simulation. ``success`` is None for an interrupted trial, which has no
+    verdict."""
 
     scenario: str
     object: str
@@ -99,38 +100,38 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     slip_registered_s: float | None
     detection_latency_ms: float | None
     peak_force_n: dict[str, float] | None  # true, from first contact to last; None on hardware
-    peak_measured_n: dict[str, float]  # by the fingertips, likewise
+    peak_measured_n: dict[str, float]  # estimated from the fingertips
     commanded_force_n: float
     force_limit_n: float
-    cap_mode: CapMode  # whether the limit is kept by every finger, or by each motor for itself
-    paused_s: float  # the arm has stood in the lift so that slip might be answered
+    cap_mode: CapMode  # whether the limit holds for every finger, or for each motor
+    paused_s: float  # total time that the arm stopped during the lift to respond to slip
     phases: list[PhaseEntry]
     timing: TimingResult
     recording: str | None
     versions: dict[str, str]
     config_hash: str
     detector_hash: str  # of weights or formula, and rule
-    end: End | None = None  # where it ended in a safe state
+    end: FinalState | None = None  # after a safe state
     faults: tuple[Fault, ...] = ()  # why it ended early
-    reported: tuple[Fault, ...] = ()  # what would have ended it, had `monitors.mode` been stop
-    bug: Bug | None = None  # where an internal error ended it
-    home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began
+    reported: tuple[Fault, ...] = ()  # would have ended it with `monitors.mode` = stop
+    bug: Bug | None = None  # an internal error that ended it
+    home_m: Vector3 | None = None  # arm position at the grasp; None: it ended before
     physics: ContactLevels | None = None  # None on hardware
-    taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
+    taxels_at_rail: dict[str, int] = {}  # most saturated at once, by finger; normal in a firm grip
 
     @property
     def failed(self) -> bool:
-        """Whether a campaign that keeps failures keeps its recording."""
+        """Whether a campaign with `recordings = failures` keeps its recording."""
         return not self.success
 
 
 class Failure(msgspec.Struct, frozen=True):
-    """Why a run ended otherwise than by a verdict alone."""
+    """Reason why a run ended with an exit code other than its verdict's."""
 
     kind: str
     message: str
     remedy: str
-    end: End | None = None  # how arm and hand were left, once a run had begun
+    end: FinalState | None = None  # None where no run had begun
     faults: tuple[Fault, ...] = ()
 
 
@@ -138,7 +139,7 @@ ResultT = TypeVar("ResultT", bound=TrialResult)
 
 
 class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
-    """A result, a failure, or both: a fault on the way is judged and reported."""
+    """A result, a failure, or both: a run that ended in a fault has a verdict too."""
 
     result: ResultT | None
     failure: Failure | None
@@ -175,28 +176,29 @@ def seconds(t_ns: int | None) -> float | None:
 
 
 def later_ms(since_s: float | None, t_s: float | None) -> float | None:
-    """From one instant to another; None if either never was."""
+    """Milliseconds from ``since_s`` to ``t_s``; None if either is None."""
     return None if since_s is None or t_s is None else (t_s - since_s) * 1e3
 
 
 def named(values: Vector3) -> dict[str, float]:
-    """By the fingers' names."""
+    """Values by finger name."""
     return dict(zip(FINGER_NAMES, values, strict=True))
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Of this program and of what its figures depend on."""
+    """Versions of this program, its commit, Python and the packages that results depend on."""
     try:
-        own = version("grasp-controller")
+        installed = version("grasp-controller")
     except PackageNotFoundError:
-        own = "not installed"
+        installed = "not installed"
     packages = {name: version(name) for name in ("numpy", "numba", "msgspec", "transitions")}
-    return {"grasp": own, "commit": _commit(), "python": platform.python_version(), **packages}
+    known = {"grasp": installed, "commit": _commit(), "python": platform.python_version()}
+    return {**known, **packages}
 
 
 def _commit() -> str:
-    """Commit of the checkout that runs, with a mark when it is changed; `unknown` if installed."""
+    """Commit of the running checkout, with `-dirty` if changed; `unknown` if installed."""
     command = ("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
     try:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
+"""Folder of a run: `recording.mcap` and `result.json`, both complete or neither."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -27,7 +27,7 @@ from scenarios.world.truth import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
-TRIED_BYTES = 65_536  # a second of a run
+PROBE_BYTES = 65_536  # about one second of a recording
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
@@ -38,23 +38,23 @@ def find_recording(path: Path) -> Path:
 
 
 def open_trial(path: Path) -> RunRecording:
-    """The recording of a trial, given its folder or the file itself; raises BadFile for others."""
+    """Open the recording of a trial, given its folder or file; raises BadFile for other files."""
     recording = RunRecording(find_recording(path), RUN_CHANNELS)
     if next(recording.of(CONTROL), None) is None:
         raise BadFile(
             recording.path,
-            "holds no control step: it is an acquisition's, or was cut off before the first",
+            "holds no control step: an acquisition, or cut off before the first step",
             "give the folder of a lift or a tap, as `grasp runs` lists them",
         )
     return recording
 
 
 class RunFolder:
-    """Records one run. Nothing here raises while it runs; ``finish`` says how it went."""
+    """Records one run. ``write`` never raises; ``finish`` raises what went wrong."""
 
     def __init__(self, runs: Path, name: str, channels: Channels, known: Mapping[str, str]) -> None:
-        """Makes `runs/<stamp>-<name>/`; ``known``: of the recording's metadata. Raises
-        CouldNotRecord if it cannot."""
+        """Make `runs/<stamp>-<name>/`; ``known``: metadata of the recording. Raises
+        CouldNotRecord."""
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
         self._empty = True
@@ -63,7 +63,7 @@ class RunFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Left by an exception it keeps what there is, without a result."""
+        """On an exception, keep what was recorded, without a result."""
         if kind is not None:
             self.abandon()
 
@@ -72,12 +72,12 @@ class RunFolder:
         return self.path / RECORDING
 
     def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
-        """One message, as the recorder does."""
+        """Write one message to the recording."""
         self._empty = False
         self._recorder.write(topic, t_ns, message)
 
     def finish(self, result: msgspec.Struct) -> None:
-        """Close the recording, write the result; raises CouldNotRecord, and leaves neither."""
+        """Close the recording and write the result; on CouldNotRecord both are removed."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
@@ -91,49 +91,49 @@ class RunFolder:
             raise could_not_record(self.path, failure)
 
     def abandon(self) -> None:
-        """End without a result: what was recorded is kept, a folder without a message goes."""
+        """End without a result: keep what was recorded, remove a folder without messages."""
         self._recorder.close()
         if self._empty or self._recorder.failure is not None:
             self._remove()
 
     def _remove(self) -> None:
-        """What else was put into the folder stays."""
+        """Remove recording and folder; other files that were put into the folder stay."""
         with suppress(OSError):
             self.recording.unlink(missing_ok=True)
             self.path.rmdir()
 
 
 def check_runs(runs: Path | None) -> None:
-    """Raises UsageError where no folder can be, CouldNotRecord where nothing can be written, before
-    a rig opens; makes the folder."""
+    """Make the folder and test-write a file, before a rig opens. Raises UsageError for an
+    impossible path, CouldNotRecord where nothing can be written."""
     if runs is None:
         return
     try:
         make_private_folder(runs)
         with TemporaryFile(dir=runs) as file:
-            file.write(bytes(TRIED_BYTES))
+            file.write(bytes(PROBE_BYTES))
     except OSError as error:
         if error.errno in LEADS_NOWHERE:
-            told = f"{error.strerror}: {runs}"  # the reason first: what is long is cut
-            raise UsageError(told, "choose another folder with --runs") from None
+            message = f"{error.strerror}: {runs}"  # the reason first: a long message is cut
+            raise UsageError(message, "choose another folder with --runs") from None
         raise could_not_record(runs, error) from None
 
 
 class Record:
-    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None.
+    """Records and judges one run, in a new folder in ``runs``; None records nothing.
 
         with Record(config, "lift", seed, runs, rig.clock, watch) as record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, lambda: judge(config, seed, trial, record.path))
 
-    Left by an exception it keeps what there is, without a result. Entered where signals wait.
+    On an exception it keeps what was recorded, without a result. Enter it with signals deferred.
     """
 
     def __init__(
         self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, clock: Clock,
         watch: Watch, home: Vector3 | None = None,
     ) -> None:  # fmt: skip
-        """``home``: of the arm, from an earlier trial on this rig."""
+        """``home``: the arm's home from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
         self._config, self._seed, self._home = config, seed, home
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
@@ -143,7 +143,7 @@ class Record:
         self._watch = watch
 
     def __enter__(self) -> Self:
-        """Raises CouldNotRecord if there can be no folder."""
+        """Raises CouldNotRecord if the folder cannot be made."""
         if self._runs is not None:
             self._folder = RunFolder(self._runs, self._name, WRITTEN, self._metadata())
         return self
@@ -155,7 +155,7 @@ class Record:
     def _metadata(self) -> dict[str, str]:
         config, seed, home = self._config, self._seed, self._home
         known = {**metadata(config, seed, self._clock), "config_hash": config.digest()}
-        if home is not None:  # another trial's
+        if home is not None:  # set by an earlier trial
             known["home_m"] = _json(home)
         return known
 
@@ -165,11 +165,11 @@ class Record:
 
     @property
     def path(self) -> str | None:
-        """Of the recording."""
+        """Path of the recording."""
         return None if self._folder is None else str(self._folder.recording)
 
     def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Write one tick, then let anyone watch."""
+        """Write one tick, then pass it to the observer."""
         if self._folder is not None:
             changes = controller.machine.log[self._phases_written :]
             self._phases_written += len(changes)
@@ -183,8 +183,9 @@ class Record:
         self._watch(tick, truth, controller)
 
     def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
-        """Judge, close the recording and write the result. Whatever raises on the way, of arm and
-        hand is told how they were left; a trial that could not be judged has no result."""
+        """Judge the trial, close the recording and write the result. If one of these raises, the
+        failure still states the final state of arm and hand; without a verdict there is no
+        result."""
         result, failure = None, None
         try:
             result = judge()
@@ -205,7 +206,7 @@ class Record:
 def _with_bug(
     failure: Failure | None, bug: Bug, trial: FinishedTrial, config: TrialConfig
 ) -> Failure:
-    """A trial that failed as well keeps its kind."""
+    """The failure with the bug's message appended, or of kind internal if there was none."""
     if failure is not None:
         return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.fault.line}")
     end = None
@@ -215,8 +216,8 @@ def _with_bug(
 
 
 def metadata(config: msgspec.Struct, seed: int, clock: Clock) -> dict[str, str]:
-    """What is needed to run the same again, settings, seed and versions; and from when on the times
-    of a recording count."""
+    """Metadata of a recording: settings, seed and versions to repeat the run, and the start of its
+    clock in Unix time."""
     return {
         "config": _json(config),
         "seed": str(seed),
@@ -229,8 +230,8 @@ def _json(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
-    text = getattr(cause, "strerror", None) or str(cause)
+def could_not_record(path: Path, error: BaseException) -> CouldNotRecord:
+    text = getattr(error, "strerror", None) or str(error)
     return CouldNotRecord(
         f"{path}: the run could not be recorded: {text}",
         "free disk space or choose another folder with --runs",
@@ -238,7 +239,7 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
 
 
 def _new_folder(runs: Path, name: str) -> Path:
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (the user's local time)
     attempt, path = 1, runs / f"{stamp}-{name}"
     try:
         while path.is_dir():

@@ -1,4 +1,4 @@
-"""Trials of one scenario, one after the other: on one open rig where there are real wires."""
+"""Runs a series of trials of one experiment, with devices on one rig that stays open."""
 
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -16,97 +16,97 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.ending import between_trials
 from scenarios.trial.execution import OnTick, Watch
-from scenarios.trial.person import Operator, place_object
+from scenarios.trial.final_state import state_between_trials
+from scenarios.trial.operator_prompts import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT
 from scenarios.world.truth import Truth
 
-MOST_AGAIN = 3  # times that a person is asked for the same trial anew
-NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed
+MAX_REPEATS = 3  # of the same trial
+HOME_TOLERANCE_M = 0.005  # from here the arm may go to the first trial's home by itself; assumed
 
-# one judged trial: its seed, an open rig and the arm's home in; what it left and that home out
+# runs and judges one trial: from seed, open rig and the arm's home to the result and the new home
 Attempt = Callable[[int, GraspRig, Vector3 | None], tuple[FinishedRun[ResultT], Vector3]]
 Series = Generator[FinishedRun[ResultT], None, None]
 
 
-class Begun(msgspec.Struct, frozen=True):
-    """What is known of a series that is gone on with."""
+class RemainingTrials(msgspec.Struct, frozen=True):
+    """The trials that a resumed series still lacks."""
 
-    numbers: tuple[int, ...]  # of the trials that are left, from 1
-    of: int  # all of them
-    home: Vector3 | None = None  # that its trials begin from; None: where the arm stands
+    numbers: tuple[int, ...]  # of these trials, from 1
+    of: int  # size of the whole series
+    home: Vector3 | None = None  # where its trials begin; None: at the arm's current position
 
 
-class Bench(msgspec.Struct, frozen=True):
-    """Where trials are recorded, at which pace they go, who watches or helps, and who allows it."""
+class TrialContext(msgspec.Struct, frozen=True):
+    """Surroundings of trials: folder, pace, observers, operator and permission to move."""
 
-    runs: Path | None = None  # each leaves a folder of its own there; None records nothing
+    runs: Path | None = None  # parent of the trials' folders; None records nothing
     paced: bool = False
     on_tick: OnTick = lambda tick: None
     operator: Operator | None = None
     permit: MotionPermit | None = None
-    begun: Begun | None = None
-    watch: Watch | None = None  # as on_tick, but shown the truth and the controller too
-    on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: which, of all
-    placed: bool = False  # the object of the first trial is in place: nobody is asked for it
+    remaining: RemainingTrials | None = None
+    watch: Watch | None = None  # like on_tick, with truth and controller
+    on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: number, total
+    placed: bool = False  # the first object is in place: the operator is not asked for it
 
     def look(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Let whoever watches see a tick."""
+        """Pass a tick to the observers."""
         self.on_tick(tick)
         if self.watch is not None:
             self.watch(tick, truth, controller)
 
 
 def run_series(
-    config: TrialConfig, seeds: Sequence[int], bench: Bench, attempt: Attempt[ResultT]
+    config: TrialConfig, seeds: Sequence[int], context: TrialContext, attempt: Attempt[ResultT]
 ) -> Series[ResultT]:
-    """One trial a seed. Ends after one that failed as a run; raises KeyboardInterrupt when it is
-    stopped between two and nobody is asked for objects, and Refused where the arm stands too far
-    from the home in ``begun``, or the hand of a rig without a world is closed.
+    """Run one trial per seed; ends after one with a failure.
 
-    The simulated rig is opened anew for each, so that a trial depends on its own seed alone. A
-    wired one is opened once: its world loads the next object, or a person puts it back, and every
-    trial begins from the home that the first one took. With a person there, a trial in which a
-    device was not heard or not believed is asked for again, as long as the hand is open; a device
-    that goes while an object is put in place, or a signal then, ends the series with a failure and
-    no result. So does, with its verdict, a trial that leaves such a rig's hand closed (an object
-    that was lost).
+    Every trial gets a new simulated rig, so that it depends on its own seed alone. Any other rig is
+    opened once: its world loads the next object, or the operator places it, and every trial begins
+    at the home of the first. With an operator, a trial with stale or implausible device data is
+    repeated as long as the hand is open. A device error or a signal while an object is placed ends
+    the series with a failure and no result. On hardware, a trial that leaves the hand closed ends
+    the series with its verdict.
+
+    Raises KeyboardInterrupt for a stop between two trials without an operator. Raises Refused where
+    the arm is too far from the home in ``context.remaining``, or the hand on hardware is closed.
     """
-    _ = config.memory_s  # a detector that cannot be loaded is told before anything is opened
-    begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
+    _ = config.memory_s  # raises for a detector that cannot be loaded, before a rig opens
+    remaining = context.remaining or RemainingTrials(tuple(range(1, len(seeds) + 1)), len(seeds))
     with signals.deferred():
         if config.rig == "simulated":
-            yield from _anew(config, seeds, bench, attempt, begun)
+            yield from _on_fresh_rigs(config, seeds, context, attempt, remaining)
             return
-        with open_rig(config.built_for(seeds[0]), seeds[0], bench.paced, bench.permit) as rig:
-            yield from _on_one_rig(config, seeds, rig, bench, attempt, begun)
+        with open_rig(config.built_for(seeds[0]), seeds[0], context.paced, context.permit) as rig:
+            yield from _on_one_rig(config, seeds, rig, context, attempt, remaining)
 
 
 def _on_one_rig(
-    config: TrialConfig, seeds: Sequence[int], rig: GraspRig, bench: Bench,
-    attempt: Attempt[ResultT], begun: Begun,
+    config: TrialConfig, seeds: Sequence[int], rig: GraspRig, context: TrialContext,
+    attempt: Attempt[ResultT], remaining: RemainingTrials,
 ) -> Series[ResultT]:  # fmt: skip
-    home, first, operator = begun.home, True, bench.operator
+    home, first, operator = remaining.home, True, context.operator
     _check_hand(rig)
     _check_home(rig, home)
-    for seed, number in zip(seeds, begun.numbers, strict=True):
-        for words in _times(f"Trial {number} of {begun.of}"):
+    for seed, number in zip(seeds, remaining.numbers, strict=True):
+        for prompt in _prompts(f"Trial {number} of {remaining.of}"):
             if operator is None:
                 signals.check()
             if not first and rig.load is not None:
                 rig.load(config.built_for(seed), seed)
             ended = None
-            if operator is not None and not (first and bench.placed):
-                ended = _ended_while_placed(config, rig, operator, words)
+            if operator is not None and not (first and context.placed):
+                ended = _place_or_fail(config, rig, operator, prompt)
             if ended is not None:
                 yield FinishedRun(None, ended)
                 return
-            bench.on_trial(number, begun.of)
-            finished, found = attempt(seed, rig, home)
+            context.on_trial(number, remaining.of)
+            finished, new_home = attempt(seed, rig, home)
             first = False
             if finished.result is not None and finished.result.home_m is not None:
-                home = found
+                home = new_home
             yield finished
             if finished.failure is None and (rig.load is not None or not leaves_closed(finished)):
                 break
@@ -117,48 +117,48 @@ def _on_one_rig(
 
 
 def leaves_closed(finished: FinishedRun[ResultT]) -> bool:
-    """Whether it was judged and has ended in a safe state with a hand that is not open."""
+    """Whether it has a verdict and ended in a safe state with a hand that is not open."""
     result = finished.result
     return result is not None and result.end is not None and not result.end.open
 
 
-def _ended_while_placed(
-    config: TrialConfig, rig: GraspRig, operator: Operator, words: str
+def _place_or_fail(
+    config: TrialConfig, rig: GraspRig, operator: Operator, prompt: str
 ) -> Failure | None:
-    """Have the object put in place; why that ended otherwise, a device that went or a signal, and
-    how arm and hand were left."""
+    """Let the operator place the object; the failure where a device error or a signal ended
+    that."""
     try:
         signals.check()
-        place_object(rig, operator, words)
+        place_object(rig, operator, prompt)
     except GraspError as error:
         kind, message, remedy = error.kind, error.message, error.remedy
     except KeyboardInterrupt as stop:
         kind, remedy = INTERRUPTED, ""
-        message = f"{signals.cause(stop)} before {words[0].lower()}{words[1:]}"
+        message = f"{signals.cause(stop)} before {prompt[0].lower()}{prompt[1:]}"
     else:
         return None
     gripper = None if rig.gripper is None else rig.gripper.state
     old_s = config.controller.stale_after_s
-    end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
+    end = state_between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
     return Failure(kind, message, remedy, end)
 
 
-def _times(title: str) -> Iterator[str]:
+def _prompts(title: str) -> Iterator[str]:
     yield title
-    for _ in range(MOST_AGAIN):
-        yield f"{title} again, for a device was not heard or not believed"
+    for _ in range(MAX_REPEATS):
+        yield f"{title} again, because device data was stale or implausible"
 
 
 def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
-    """Whether it was no trial, and has left an arm that stands and a hand that is open."""
+    """Whether stale or implausible data ended it, with a stationary arm and an open hand."""
     failure = finished.failure
     if failure is None or failure.kind not in (Stale.kind, IMPLAUSIBLE) or failure.end is None:
         return False
-    return failure.end.open and not failure.end.unreached
+    return failure.end.open and not failure.end.unconfirmed
 
 
 def _check_hand(rig: GraspRig) -> None:
-    """Raises Refused where the hand is not open and no world opens it: nothing is tried then."""
+    """Raises Refused where the hand is not open and no simulated world opens it."""
     gripper = None if rig.gripper is None else rig.gripper.state
     if rig.load is None and gripper is not None and not gripper.is_open:
         raise Refused(
@@ -168,25 +168,29 @@ def _check_hand(rig: GraspRig) -> None:
 
 
 def _check_home(rig: GraspRig, home: Vector3 | None) -> None:
-    """Raises Refused where the arm is not where the first trial began: it goes there by itself from
-    the top of its own lifts alone (``arm.workspace_low_m``)."""
+    """Raises Refused where the arm is not where the first trial began: it only returns there by
+    itself at the end of a trial (``arm.workspace_low_m``)."""
     arm = rig.arm.state
-    if home is None or arm is None or math.dist(arm.position_m, home) <= NEAR_M:
+    if home is None or arm is None or math.dist(arm.position_m, home) <= HOME_TOLERANCE_M:
         return
     x, y, z = (1e3 * there for there in home)
     raise Refused(
-        f"the arm stands {math.dist(arm.position_m, home) * 1e3:.0f} mm from where the first trial "
+        f"the arm is {math.dist(arm.position_m, home) * 1e3:.0f} mm from where the first trial "
         f"began, x {x:.1f}, y {y:.1f}, z {z:.1f} mm",
-        "bring it back there with the hand open, or begin another series with another --out",
+        "move it back there with the hand open, or start a new series with another --out",
     )
 
 
-def _anew(
-    config: TrialConfig, seeds: Sequence[int], bench: Bench, attempt: Attempt[ResultT], begun: Begun
+def _on_fresh_rigs(
+    config: TrialConfig,
+    seeds: Sequence[int],
+    context: TrialContext,
+    attempt: Attempt[ResultT],
+    remaining: RemainingTrials,
 ) -> Series[ResultT]:
-    for seed, number in zip(seeds, begun.numbers, strict=True):
-        bench.on_trial(number, begun.of)
-        with open_rig(config.built_for(seed), seed, bench.paced) as rig:
+    for seed, number in zip(seeds, remaining.numbers, strict=True):
+        context.on_trial(number, remaining.of)
+        with open_rig(config.built_for(seed), seed, context.paced) as rig:
             finished, _ = attempt(seed, rig, None)
         yield finished
         if finished.failure is not None:

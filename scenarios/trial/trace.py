@@ -1,4 +1,4 @@
-"""What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
+"""Values that a verdict needs, collected at every control step of a lift or tap."""
 
 from drivers.interfaces import Counts3, Vector3
 from grasp.fault import Fault
@@ -9,22 +9,22 @@ from scenarios.world.truth import Truth
 
 
 class Trace:
-    """Keeps, tick by tick, the little that a verdict needs."""
+    """Collects the values that a verdict needs; call ``add`` each control step."""
 
     def __init__(self) -> None:
         self.last: Tick | None = None
-        self.hand: Issued | None = None  # the last command that the gripper took
-        self.end: Truth | None = None
+        self.hand: Issued | None = None  # the last command that the gripper accepted
+        self.end: Truth | None = None  # before the object was set down
         self.registered_ns: int | None = None
         self.had_compensated = False  # when the object was lost
         self.commanded_force_n = 0.0
         self.peak_measured_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
-        self.felt_n = 0.0
-        self.reported: tuple[Fault, ...] = ()  # the first of each check that ends no run
-        self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
+        self.measured_n = 0.0  # of the most loaded finger, before the object was set down
+        self.reported: tuple[Fault, ...] = ()  # first fault of each check that ends no run
+        self.taxels_at_rail: Counts3 = (0, 0, 0)  # most saturated taxels at once, of each finger
         self._compensated = False
-        # The highest that the object was when the hand lost it on the way down, or after the run
-        self.let_go_m = 0.0
+        # greatest height at which the hand lost the object while lowering, or after the run
+        self.lost_at_m = 0.0
         self._was_touched = False
         self._was_at_m = 0.0
 
@@ -49,14 +49,14 @@ class Trace:
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
-            self.felt_n = max(tick.measured_n)
+            self.measured_n = max(tick.measured_n)
         if truth is None:
             return
         if self._was_touched and not truth.touched:
-            self.let_go_m = max(self.let_go_m, self._was_at_m)
+            self.lost_at_m = max(self.lost_at_m, self._was_at_m)
             if phase in AIRBORNE_STATES:
                 self.had_compensated = self._compensated
         self._was_touched, self._was_at_m = truth.touched, truth.height_m
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
             self.end = truth
-            self.let_go_m = 0.0  # lost for a moment, and held since: what became of it is its end
+            self.lost_at_m = 0.0  # a loss before this instant: ``end`` tells whether it is held

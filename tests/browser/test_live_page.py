@@ -9,7 +9,7 @@ import pytest
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 from tests.browser.chromium import BROWSER, Chromium
 
 pytestmark = [
@@ -44,17 +44,17 @@ def test_a_run_is_followed_and_its_last_instant_stays(
     with Chromium(tmp_path) as page:
         page.call("Page.navigate", url=live.feed.address)
         until(page, "document.documentElement?.dataset.ready")
-        list(lift.run_series(config, [0], Bench(None, watch=watch)))
+        list(lift.run_series(config, [0], TrialContext(None, watch=watch)))
         until(page, "document.documentElement.dataset.rows > 100")
         live.feed.say("it was held")
-        until(page, "document.getElementById('said').textContent === 'it was held'")
+        until(page, "document.getElementById('note').textContent === 'it was held'")
         at = float(page.text("#clock").removesuffix(" s"))
         tick, truth = min(shown, key=lambda each: abs(each[0].t_ns * 1e-9 - at))
         for i, finger in enumerate("ABC"):
             assert float(page.text(f"#true-{finger}")) == pytest.approx(
                 truth.normal_n[i], abs=0.006
             )
-            assert float(page.text(f"#felt-{finger}")) == pytest.approx(
+            assert float(page.text(f"#estimated-{finger}")) == pytest.approx(
                 tick.measured_n[i], abs=0.006
             )
         page.press("Home")  # by hand: the page no longer follows

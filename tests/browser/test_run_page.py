@@ -38,7 +38,7 @@ def agrees(page: Chromium, run: RunRecord, at: int) -> None:
     assert run.truth is not None
     assert index(page) == at
     assert told(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
-    heard = (("felt", run.felt_n, 0.0056), ("probability", run.probabilities, 0.00051))
+    heard = (("estimated", run.estimated_n, 0.0056), ("probability", run.probabilities, 0.00051))
     for what, values, near in heard:
         assert told(page, what) == pytest.approx(run.known(values)[at], abs=near, nan_ok=True)
     assert page.text("#clock") == f"{run.t_s[at]:.2f} s"
@@ -55,7 +55,7 @@ def test_a_page_asks_for_nothing_and_complains_of_nothing(
         page.printed()
         assert page.complaints == []
         assert page.requests == [file.as_uri()]
-        assert page.value("document.getElementById('trouble').hidden")
+        assert page.value("document.getElementById('error').hidden")
 
 
 def test_forces_at_the_cursor_are_the_recordings(lifted: Path, browser: Chromium) -> None:

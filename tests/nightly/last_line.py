@@ -18,7 +18,7 @@ LET_GO_M, SLID_M = 0.003, 0.015  # height of a dropped object; slip in the hand 
 TIMED_OUT = r"did not end in time|lasted longer than"
 LATE = r"stale|stands still|stood still|silent|does not answer|no data|in time|_late\b|loop_"
 # the hand could not be commanded, and the last line says so
-CANNOT_COMMAND = r"holds by itself|not believed|refuses every motion|not heard"
+CANNOT_COMMAND = r"holds by itself|status is implausible|refuses every motion|not heard"
 BLAMED = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
@@ -74,11 +74,11 @@ def _of_arm(said: str, known: Known) -> dict[str, bool]:
     safety = "arm" in known.wrong if known.safety_stop is None else known.safety_stop
     return {
         "no word of the arm": not said,
-        "the arm moves": said == "the arm stands" and known.arm_moves is True,
+        "the arm moves": said == "the arm is stationary" and known.arm_moves is True,
         "by its last line the arm is left moving": said.startswith("the arm is still moving")
         and known.arm_moves is not True,
-        "the arm was reachable": "when last heard" in said and reachable,
-        "the arm can be believed": said.startswith("the arm says") and reachable,
+        "the arm was reachable": "at its last status" in said and reachable,
+        "the arm can be believed": said.startswith("the arm reports") and reachable,
         "the arm moves, and no safety system stops it": stopped and known.arm_moves is True,
         "no safety system stopped the arm": stopped and not safety,
     }
@@ -86,7 +86,7 @@ def _of_arm(said: str, known: Known) -> dict[str, bool]:
 
 def _of_hand(said: str, known: Known) -> dict[str, bool]:
     reachable = not known.wrong & {"gripper", "loop"}
-    here = "when last heard" not in said and "says that it is" not in said
+    here = "at its last status" not in said and "reports that it is" not in said
     pressed_n, felt = known.pressed_n, re.search(r"(\d+\.\d) N measured", said)
     felt_n = float(felt[1]) if felt else 0.0
     presses = pressed_n is not None and pressed_n > FELT_N
@@ -97,18 +97,18 @@ def _of_hand(said: str, known: Known) -> dict[str, bool]:
         "the hand is not open": said == "the hand is open" and (presses or known.opened is False),
         "it is not closed to the limit": here and pressed_n is not None and pressed_n < GRIPPED_N
         and ("closed to the limit" in said or "closed to its last count" in said),
-        "it feels less": here and pressed_n is not None and "fingertips" not in known.wrong
+        "its force is less": here and pressed_n is not None and "fingertips" not in known.wrong
         and felt_n > pressed_n + MISREAD_N,
-        "it feels something": here and "feels nothing" in said and presses
+        "it has contact": here and "without measured contact" in said and presses
         and not ("may still be in it" in said and "fingertips" in known.wrong),
-        "it holds nothing": here and "with the grip that it had" in said and empty,
+        "it holds nothing": here and "with its previous grip" in said and empty,
         "the fingers move": alone and known.fingers_move is True,
         "it let go": alone and known.gripped and empty and not known.opening,
         "by its last line the hand is left moving": here and "still moving, " in said
         and known.fingers_move is not True,
-        "the hand was reachable": "cannot be told anything" in said and reachable,
+        "the hand was reachable": "cannot be commanded" in said and reachable,
         "the hand refuses nothing": "refuses every motion" in said and reachable,
-        "the hand can be believed": "is not believed" in said and reachable,
+        "the hand can be believed": "status is implausible" in said and reachable,
         "the hand is activated": "is not activated" in said and reachable,
         "the hand reports nothing": "the hand reports" in said and reachable,
     }  # fmt: skip

@@ -30,11 +30,11 @@ HELD = [looked(0.0, True), looked(0.03, True), *[looked(0.06, True, 0.002)] * 8]
 LET_GO = later([*HELD, looked(0.05, False), *[looked(0.0, False)] * 8])
 CLOSED = "the hand is closed to the limit of 10 N, its force is not measured"
 ALONE = (
-    "the hand cannot be told anything and holds by itself: when last heard it was closed with the "
-    "grip that it had, at (60, 55, 55) counts, 2.0 N measured at finger A"
+    "the hand cannot be commanded and holds by itself: at its last status it was closed with its "
+    "previous grip, at (60, 55, 55) counts, 2.0 N measured at finger A"
 )
 FINE = Ended(frozenset({"fingertips"}), False, later(HELD), "fault",
-             "stale: no fresh fingertip sample", "the arm stands", CLOSED, 10.1)  # fmt: skip
+             "stale: no fresh fingertip sample", "the arm is stationary", CLOSED, 10.1)  # fmt: skip
 LOST = msgspec.structs.replace(
     FINE, struck=frozenset({"gripper"}), takes_hand=True, left=LET_GO, hand=ALONE,
     message="stale: gripper status",

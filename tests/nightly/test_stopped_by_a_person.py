@@ -41,5 +41,5 @@ def test_devices_that_freeze_or_go_are_all_named_and_cost_no_result(
     (path,) = (tmp_path / "runs").glob("*/result.json")
     result = json.loads(path.read_text())
     assert result["outcome"] == "fault"
-    assert "when last heard" in result["end"]["arm"]
-    assert "cannot be told anything and holds by itself" in result["end"]["hand"]
+    assert "at its last status" in result["end"]["arm"]
+    assert "cannot be commanded and holds by itself" in result["end"]["hand"]

@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
 def mine(tmp_path: Path) -> str:
     path = tmp_path / "mine.py"
     path.write_text(EXAMPLE.read_text())
-    return f"{path}:Tremble"
+    return f"{path}:Vibration"
 
 
 def told(capsys: Capture) -> dict[str, object]:
@@ -38,7 +38,7 @@ def test_a_lift_its_replay_and_its_page(mine: str, tmp_path: Path, capsys: Captu
     capsys.readouterr()
     assert main(["report", run]) == 0
     page = Path(capsys.readouterr().out.strip().splitlines()[-1])
-    assert "mine.py:Tremble" in page.read_text()
+    assert "mine.py:Vibration" in page.read_text()
 
 
 def test_no_recording_runs_code_that_nobody_named(
@@ -48,9 +48,9 @@ def test_no_recording_runs_code_that_nobody_named(
     Path(mine.rpartition(":")[0]).write_text("raise RuntimeError('it was run')")
     assert main(["replay", str(folder), "--check"]) == 2
     said = capsys.readouterr().err
-    assert "code that no replay runs by itself" in said
+    assert "code that a replay does not run unasked" in said
     assert "it was run" not in said
-    with pytest.raises(UsageError, match="no replay runs by itself"):
+    with pytest.raises(UsageError, match="a replay does not run unasked"):
         grasp.replay(folder)
 
 
@@ -60,7 +60,7 @@ def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: 
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
     assert told(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
-    assert "Tremble on" in capsys.readouterr().out
+    assert "Vibration on" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
 ) -> None:
     beside = tmp_path / "mine.toml"
     beside.write_text(f"{setting}\n[rule]\nconsecutive = 3\n")
-    with pytest.raises(ConfigError, match="is not of a detector"):
+    with pytest.raises(ConfigError, match="is no detector section"):
         load_config("can", "simulated", mine)
 
 
@@ -82,10 +82,10 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
 
     copy = tmp_path / "copy.py"
     copy.write_text(EXAMPLE.read_text())
-    assert hashes(mine) == hashes(f"{copy}:Tremble")
+    assert hashes(mine) == hashes(f"{copy}:Vibration")
     assert hashes(mine) != hashes(mine, "own.counts=9")
     before = hashes(mine)
-    Path(mine.rpartition(":")[0]).write_text(WHOLE + "\nTremble = Mine\n")
+    Path(mine.rpartition(":")[0]).write_text(WHOLE + "\nVibration = Mine\n")
     assert set(hashes(mine)) & set(before) == set()
 
 

@@ -16,7 +16,15 @@ from msgspec import Meta
 from grasp.loop import Tick
 from grasp.states import State
 from scenarios.acquire.labels import TURN_LEVER_M
-from scenarios.tap.mallet import AFTER_S, MOST_N_S, SETTLE_S, Held, TapSettings, held_at, impact_of
+from scenarios.tap.mallet import (
+    AFTER_S,
+    MOST_N_S,
+    SETTLE_S,
+    SettledGrasp,
+    TapSettings,
+    impact_of,
+    settled_grasp,
+)
 from scenarios.world import laws
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import GRAVITY_MPS2
@@ -235,7 +243,7 @@ class GripTrials:
             follow_fraction=float(rng.uniform(*FOLLOWS)), follow_s=float(rng.uniform(*FOLLOWS_S)),
             side_offset_m=float(rng.uniform(*SIDE_OFFSETS_M)),
         )  # fmt: skip
-        self._held: dict[Level, Held] = {}
+        self._held: dict[Level, SettledGrasp] = {}
         self._known: dict[str, Impulses] = {}
         friction_n, weight_n = body.friction_static * sum(grip_n), body.mass_kg * GRAVITY_MPS2
         self.spare_down_n = max(friction_n - weight_n, 0.0)
@@ -272,15 +280,15 @@ class GripTrials:
         """How far the object is at most, m, and for good; both infinite where it is lost."""
         level = Level.SPIN if self._turns or impact.direction == "side" else Level.SLIDER
         if level not in self._held:
-            self._held[level] = held_at(self.body, self._hand, self._grip_n, level)
+            self._held[level] = settled_grasp(self.body, self._hand, self._grip_n, level)
         trial = copy.deepcopy(self._held[level])
         before = _place(trial)
         trial.contact.strike(impact, SETTLE_S)
         furthest = 0.0
         for i in range(LOOKS):
-            trial.waits(SETTLE_S + i * LOOK_S, LOOK_S)
+            trial.wait(SETTLE_S + i * LOOK_S, LOOK_S)
             furthest = max(furthest, float(np.linalg.norm(_place(trial) - before)))
-        trial.waits(SETTLE_S + LOOKS * LOOK_S, AFTER_S - LOOKS * LOOK_S)
+        trial.wait(SETTLE_S + LOOKS * LOOK_S, AFTER_S - LOOKS * LOOK_S)
         if trial.contact.state[laws.NORMAL] <= 0.0:
             return math.inf, math.inf
         moved = float(np.linalg.norm(_place(trial) - before))
@@ -305,7 +313,7 @@ class GripTrials:
         return pressed(direction, least(moves, 0.5 * spare_n, 4.0 * spare_n), lasts_s)
 
 
-def _place(held: Held) -> np.ndarray:
+def _place(held: SettledGrasp) -> np.ndarray:
     s = held.contact.state
     return np.array([s[laws.SLIP], s[laws.ACROSS], TURN_LEVER_M * s[laws.TURN]])
 

@@ -1,9 +1,9 @@
 "use strict";
-// What every page shares: its data, and colours that follow the reader's light or dark.
+// Shared by all pages: data, colours of the light or dark scheme, and SVG helpers.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 
-// Columns as scenarios/report/run_page.py packs them: {name: [Float32Array, ...]}, NaN where nothing is.
+// Columns as scenarios/report/run_page.py packs them: {name: [Float32Array, ...]}, NaN where a value is missing.
 async function unpack(packed) {
   const bytes = Uint8Array.from(atob(packed.deflated), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));

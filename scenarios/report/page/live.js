@@ -1,7 +1,7 @@
-// A run that lasts: rows come over a socket, and the newest is shown until somebody moves the slider.
+// A run in progress: rows arrive over a socket; the newest is shown until the user moves the slider.
 
-const MOST_SAID = 200;
-const DRAW_MS = 100; // between two pictures: the run may need the processor more
+const MAX_NOTES = 200;
+const DRAW_MS = 100; // between two redraws: the control loop may run on the same processor
 
 function followRun() {
   const at = (id) => document.getElementById(id);
@@ -12,17 +12,17 @@ function followRun() {
   at("follow").addEventListener("click", () => { following = true; draw(); });
   at("speed").value = "1";
 
-  function begin(told) {
-    Object.assign(data, told.data, {phases: [], marks: []});
+  function begin(message) {
+    Object.assign(data, message.data, {phases: [], marks: []});
     series = {};
     for (const [name, width] of data.columns) series[name] = Array.from({length: width}, () => []);
-    at("progress").textContent = told.of > 1 ? `· ${told.number} of ${told.of}` : "";
+    at("progress").textContent = message.of > 1 ? `· ${message.number} of ${message.of}` : "";
     following = true;
     started = false;
     state("live", "success");
   }
 
-  // null is no number
+  // null stands for NaN
   function add(row) {
     let place = 0;
     for (const [name, width] of data.columns) {
@@ -34,7 +34,7 @@ function followRun() {
     const last = series.t[0].length - 1, t = series.t[0][last];
     const phase = data.phases[data.phases.length - 1];
     if (!phase || phase.name !== row.phase) data.phases.push({t, name: row.phase});
-    mark("struck", "tap", series.struck && series.struck[0][last]);
+    mark("impact", "tap", series.impact && series.impact[0][last]);
     mark("onset", "slip begins", series.onset && series.onset[0][last]);
     if (series.status && series.status[0][last] & 4) mark("registered", "slip registered", t);
   }
@@ -43,19 +43,19 @@ function followRun() {
     if (Number.isFinite(t) && !data.marks.some((known) => known.kind === kind)) data.marks.push({kind, name, t});
   }
 
-  function say(text) {
+  function showNote(text) {
     const line = document.createElement("li");
     line.textContent = text;
-    at("told").prepend(line);
-    while (at("told").childElementCount > MOST_SAID) at("told").lastChild.remove();
-    at("said").textContent = text;
+    at("notes").prepend(line);
+    while (at("notes").childElementCount > MAX_NOTES) at("notes").lastChild.remove();
+    at("note").textContent = text;
   }
 
   function take(messages) {
     for (const message of messages) {
       if (message.type === "Begin") begin(message);
       else if (message.type === "Row" && series) add(message);
-      else if (message.type === "Said") say(message.text);
+      else if (message.type === "Note") showNote(message.text);
     }
     draw();
   }

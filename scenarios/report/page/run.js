@@ -1,8 +1,8 @@
-// One instant of the run, shown everywhere at once; slider, keys, clicks and play choose it.
+// The selected instant of the run in every view; slider, keys, clicks and playback select it.
 
 const ARROWS = "→↗↑↖←↙↓↘";
 
-// `begin` shows a run, `grow` what has come to it since, `seek` an instant of it.
+// `begin` shows a run, `grow` adds new samples, `seek` selects an instant.
 function makePlayer() {
   const at = (id) => document.getElementById(id);
   const slider = at("slider"), play = at("play"), speed = at("speed");
@@ -15,7 +15,7 @@ function makePlayer() {
     series = columns;
     times = series.t[0];
     index = -1;
-    plots = makePlots(series, (wanted) => { choose(wanted); });
+    plots = makePlots(series, (time) => { choose(time); });
     drawn = [makeScene(series), makeRuler(series), makeTaxels(series)];
     rows = [...document.querySelectorAll("tr[data-from]")].map((row) => [row, Number(row.dataset.from)]);
     measure();
@@ -29,12 +29,12 @@ function makePlayer() {
     slider.max = last;
   }
 
-  const seek = (wanted) => {
-    t = Math.min(Math.max(wanted, times[0]), times[last]);
+  const seek = (time) => {
+    t = Math.min(Math.max(time, times[0]), times[last]);
     show(sampleAt(times, t));
   };
-  // by hand
-  const choose = (wanted) => { stop(); moved(); seek(wanted); };
+  // by the user
+  const choose = (time) => { stop(); moved(); seek(time); };
 
   function show(i) {
     if (i === index && !data.live) return;
@@ -45,8 +45,8 @@ function makePlayer() {
     slider.setAttribute("aria-valuetext", `${times[i].toFixed(2)} seconds, ${phase}`);
     drawn.forEach((draw) => draw(i));
     plots.at(times[i]);
-    tell(i, phase);
-    // the newest row of each table whose time has come
+    showValues(i, phase);
+    // highlight the last row of each table at or before this instant
     rows.forEach(([row, from], n) => {
       const next = rows[n + 1];
       const current = from <= times[i] + 1e-3 && (!next || next[0].parentElement !== row.parentElement || next[1] > times[i] + 1e-3);
@@ -54,18 +54,18 @@ function makePlayer() {
     });
   }
 
-  function tell(i, phase) {
+  function showValues(i, phase) {
     data.fingers.forEach((finger, f) => {
       if (series.true) at(`true-${finger}`).textContent = digits(series.true[f][i], 2);
-      at(`felt-${finger}`).textContent = digits(series.felt[f][i], 2);
+      at(`estimated-${finger}`).textContent = digits(series.estimated[f][i], 2);
       if (series.probability) at(`probability-${finger}`).textContent = digits(series.probability[f][i], 3);
-      if (series.told_speed) at(`told-${finger}`).textContent = told(f, i);
+      if (series.reported_speed) at(`reported-${finger}`).textContent = motionText(f, i);
       if (series.positions) at(`positions-${finger}`).textContent = digits(series.positions[f][i], 0);
     });
     at("phase").textContent = phase;
     if (!series.status) return;
     const status = series.status[0][i];
-    at("status").textContent = !(status & 1) ? "not listening" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (not asked: own closing)" : ""}`;
+    at("status").textContent = !(status & 1) ? "not monitored" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (masked: the hand closes)" : ""}`;
     at("status").className = status & 4 ? "registered" : "";
     if (!series.slip) return;
     const aside = series.across[0][i] * 1e3;
@@ -75,12 +75,12 @@ function makePlayer() {
       (Math.abs(turned) >= 0.1 ? `, turned ${turned.toFixed(1)}°` : "") + ` · ${digits(series.height[0][i] * 1e3, 0)} mm above the table`;
   }
 
-  // speed, an arrow in the frame of the fingertip's own pad (x to the right, y up), whether it turns rather
-  const told = (f, i) => {
-    const speed = series.told_speed[f][i];
+  // speed, direction as an arrow in the pad's frame (x right, y up), probability of rotation
+  const motionText = (f, i) => {
+    const speed = series.reported_speed[f][i];
     if (!Number.isFinite(speed)) return "–";
-    const way = series.told_way ? ` ${ARROWS[Math.round(series.told_way[f][i] / 45) % 8]}; ${series.told_turning[f][i].toFixed(2)}` : "";
-    return `${(speed * 1e3).toFixed(0)}${way}`;
+    const direction = series.reported_direction ? ` ${ARROWS[Math.round(series.reported_direction[f][i] / 45) % 8]}; ${series.reported_turning[f][i].toFixed(2)}` : "";
+    return `${(speed * 1e3).toFixed(0)}${direction}`;
   };
 
   const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
@@ -110,7 +110,7 @@ function makePlayer() {
   const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-3) || {t: times[0]}).t);
   const toggle = () => (playing ? stop() : start());
 
-  function listen() {
+  function addListeners() {
     slider.addEventListener("input", () => choose(times[slider.value]));
     play.addEventListener("click", toggle);
     at("span").addEventListener("change", (event) => plots.zoom(event.target.value === "near"));
@@ -122,7 +122,7 @@ function makePlayer() {
     document.addEventListener("keydown", (event) => {
       const where = event.target;
       if (!series || event.ctrlKey || event.altKey || event.metaKey || where.matches("select")) return;
-      if (event.key === " " && where.matches("button, summary")) return; // they answer it themselves
+      if (event.key === " " && where.matches("button, summary")) return; // these elements handle the key
       const actions = {
         " ": toggle, n: next, p: before, Home: () => step(-last), End: () => step(last),
         ArrowLeft: () => step(event.shiftKey ? -10 : -1), ArrowRight: () => step(event.shiftKey ? 10 : 1),
@@ -131,7 +131,7 @@ function makePlayer() {
       event.preventDefault();
       actions[event.key]();
     });
-    // canvases keep the colours they were drawn with: again when light changes, and in light for paper
+    // canvases keep their colours: redraw when the colour scheme changes, and in light colours to print
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots && plots.recolour());
     for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
       addEventListener(event, () => {
@@ -142,12 +142,12 @@ function makePlayer() {
       });
     }
   }
-  listen();
+  addListeners();
   return {begin, grow, seek, latest: () => seek(times[last]), onMove: (hook) => { moved = hook; }};
 }
 
 function complain(error) {
-  const trouble = document.getElementById("trouble");
-  trouble.textContent = `Pictures and plots cannot be drawn in this browser: ${error.message}`;
-  trouble.hidden = false;
+  const line = document.getElementById("error");
+  line.textContent = `Pictures and plots cannot be drawn in this browser: ${error.message}`;
+  line.hidden = false;
 }

@@ -1,12 +1,12 @@
-// The plots over time, by uPlot: one time scale for all, one playhead through all.
+// The plots over time, by uPlot, with a common time scale and playhead.
 
 const AXIS_PX = 46;
 const PAPER_PX = 400; // of a plot beside the side view on an upright sheet of A4 or Letter
 const TOUCH_N = 1e-3; // less is no touch
-const NEAR_S = [-0.3, 0.7]; // of the instant that is looked at closely
-const HEIGHTS = {force: 210, probability: 150, decided: 130, told: 110, slip: 120};
+const NEAR_S = [-0.3, 0.7]; // time range around the selected instant when zoomed in
+const HEIGHTS = {force: 210, probability: 150, decided: 130, reported: 110, slip: 120};
 
-// Lines give their values when asked, for a run that is still going on grows.
+// Lines have functions as values, because a run in progress grows.
 function makePlots(series, seek) {
   const times = () => Array.from(series.t[0], (t) => t);
   const shown = (values) => Array.from(values, (v) => (Number.isNaN(v) ? null : v));
@@ -35,7 +35,7 @@ function makePlots(series, seek) {
     head.className = "playhead";
     plot.over.append(head);
     heads.push([plot, head]);
-    // a click is where nothing was dragged
+    // a click, not a drag
     let down = 0;
     plot.over.addEventListener("mousedown", (event) => { down = event.clientX; });
     plot.over.addEventListener("mouseup", (event) => {
@@ -69,9 +69,9 @@ function makePlots(series, seek) {
   const probable = data.rule && data.rule.probable;
 
   const trueLines = series.true ? fingers.map((finger, i) => ({...finger, values: of("true", i)})) : [];
-  const felt = fingers.map((finger, i) => ({...finger, values: of("felt", i), width: 1, dash: series.true ? [2, 2] : undefined}));
+  const estimated = fingers.map((finger, i) => ({...finger, values: of("estimated", i), width: 1, dash: series.true ? [2, 2] : undefined}));
   const limits = data.limit_n ? [level(`limit ${data.limit_n} N`, data.limit_n)] : [];
-  add("force", [...felt, ...trueLines, ...limits], (u, low, high) => [0, Math.max(1.08 * high, 1.15 * (data.limit_n || 1))], [shadePhases]);
+  add("force", [...estimated, ...trueLines, ...limits], (u, low, high) => [0, Math.max(1.08 * high, 1.15 * (data.limit_n || 1))], [shadePhases]);
 
   if (data.rule) {
     const each = fingers.map((finger, i) => ({...finger, values: of("probability", i), width: 1}));
@@ -84,11 +84,11 @@ function makePlots(series, seek) {
     const sums = series.decided.map((_, i) => ({...(alone ? {name: "all fingers", colour: "ink"} : fingers[i]), values: of("decided", i)}));
     add("decided", [...sums, level(`limit ${data.rule.limit}`, data.rule.limit)], (u, low, high) => [0, 1.15 * Math.min(Math.max(high, data.rule.limit), 8 * data.rule.limit)], [shadePhases, shadeStatus(series)]);
   }
-  if (series.told_speed) {
-    const lines = data.fingers.length === series.told_speed.length
-      ? fingers.map((finger, i) => ({...finger, width: 1.2, values: () => Array.from(series.told_speed[i], (v) => v * 1e3)})) : [];
+  if (series.reported_speed) {
+    const lines = data.fingers.length === series.reported_speed.length
+      ? fingers.map((finger, i) => ({...finger, width: 1.2, values: () => Array.from(series.reported_speed[i], (v) => v * 1e3)})) : [];
     if (series.slip_speed) lines.unshift({name: "true, down", colour: "soft", width: 1, values: () => inHand(series, series.slip_speed[0])});
-    add("told", lines, (u, low, high) => [Math.min(0, 1.1 * low), Math.max(20, 1.1 * high)], [shadePhases]);
+    add("reported", lines, (u, low, high) => [Math.min(0, 1.1 * low), Math.max(20, 1.1 * high)], [shadePhases]);
   }
   if (series.slip) {
     const lines = [{name: "down", colour: "ink", values: () => inHand(series, series.slip[0])}];
@@ -110,7 +110,7 @@ function makePlots(series, seek) {
 
   return {
     at: (t) => { now = t; placeHeads(); },
-    // what has come since
+    // new samples
     grow: () => {
       for (const [name, plot] of Object.entries(plots)) plot.setData(drawn[name]());
     },
@@ -123,12 +123,12 @@ function makePlots(series, seek) {
       plots.force.setScale("x", {min, max});
     },
     recolour: () => Object.values(plots).forEach((plot) => plot.redraw()),
-    // nobody tells how wide a sheet is before it is laid out
+    // the width of the paper is not known before its layout
     print: (paper) => resize(paper ? Math.min(PAPER_PX, holder.clientWidth) : holder.clientWidth),
   };
 }
 
-// In mm, while a finger touches the object: what the hand does without it is no slip.
+// In mm, while a finger touches the object; without contact there is no slip.
 function inHand(series, metres) {
   return Array.from(metres, (m, i) => (series.true.some((finger) => finger[i] > TOUCH_N) ? m * 1e3 : NaN));
 }
@@ -145,7 +145,7 @@ function legend(name, lines) {
   root.replaceChildren();
   const named = new Set();
   for (const line of lines) {
-    if (named.has(line.name)) continue; // felt and true of a finger have one colour
+    if (named.has(line.name)) continue; // estimated and true force of a finger have one colour
     named.add(line.name);
     const sample = document.createElement("i");
     sample.className = `line ${line.colour}${line.dash && line.colour !== "ink" && name !== "force" || line.colour === "limit" || line.name === "aside" ? " dashed" : ""}`;
@@ -153,10 +153,10 @@ function legend(name, lines) {
     item.append(sample, line.name);
     root.append(item);
   }
-  if (name === "force" && lines.length > 4) root.append(" (full: true, dotted: felt)");
+  if (name === "force" && lines.length > 4) root.append(" (full: true, dotted: estimated)");
 }
 
-// Behind the lines: every other phase, and in which the rule was not asked.
+// Background of the plots: every other phase, and masked or registered intervals.
 function shadePhases(u) {
   const {left, width, top, height} = u.bbox;
   u.ctx.save();
@@ -211,7 +211,7 @@ function drawMarks(u) {
     u.ctx.lineTo(x, top + height);
     u.ctx.stroke();
     if (!first) return;
-    // instants lie close together: their names stand one below the other, on the side with room
+    // marks can be close together: their names are stacked, on the side with more space
     const right = x < left + 110 * ratio;
     u.ctx.textAlign = right ? "left" : "right";
     const place = [mark.name, x + (right ? 4 : -4) * ratio, top + height - (6 + 13 * row) * ratio];
@@ -225,7 +225,7 @@ function drawMarks(u) {
   u.ctx.restore();
 }
 
-// Names of the phases above the plots, where there is room for them.
+// Names of the phases above the plots, where they fit.
 function drawStrip(from, to, width) {
   const strip = document.getElementById("strip");
   strip.replaceChildren();

@@ -1,14 +1,14 @@
-// The side view and what lies beside it: table, object, hand and arm, forces, slip, taxels. In millimetres,
-// heights from where the grasp began, upwards; SVG counts downwards.
+// Side view (table, object, hand, arm, forces), slip ruler and taxels. In millimetres; heights count
+// upwards from the grasp, SVG coordinates downwards.
 
 const MM = 1000;
-const FORCE_MM = 5; // of an arrow, a newton
-const SLIPPING_MPS = 0.003; // the paper's bound of slip
+const FORCE_MM = 5; // length of an arrow per newton
+const SLIPPING_MPS = 0.003; // the paper's threshold of slip
 const PAD_MM = 8; // thick, as drawn
 const SIDE = [-1, 1, 1]; // of the object, where the thumb, B and C are
-const APART_MM = [0, -6, 6]; // B and C stand one behind the other: their arrows are drawn one above the other
-const LIVE_SLIP_M = 0.1; // of a run that goes on: as far as the ruler reaches
-const PALM_MM = 105, ARM_MM = 70; // the palm above the pads and what is seen of the arm above it, as drawn
+const APART_MM = [0, -6, 6]; // B hides C in this view: their arrows are drawn one above the other
+const LIVE_SLIP_M = 0.1; // range of the ruler for a run in progress
+const PALM_MM = 105, ARM_MM = 70; // height of the palm above the pads, and of the arm above it, as drawn
 
 function makeScene(series) {
   if (!data.scene) return () => {};
@@ -20,7 +20,7 @@ function makeScene(series) {
   const above = round ? (body.half_height_m - body.grip_height_m) * MM : body.body_above_grip_m * MM;
   const palm = Math.max(PALM_MM, above + 14); // the object stands below it
   const top = (scene.top_m - scene.grip_m) * MM + palm + ARM_MM;
-  const wide = Math.max(150, half + PAD_MM + data.limit_n * FORCE_MM + 52); // with room for what an arrow is called
+  const wide = Math.max(150, half + PAD_MM + data.limit_n * FORCE_MM + 52); // with room for the labels of the arrows
 
   const root = document.getElementById("scene");
   root.replaceChildren();
@@ -47,8 +47,8 @@ function makeScene(series) {
     }
     fingers.forEach((finger, f) => {
       const reach = (scene.half_aperture_m - series.positions[f][i] * scene.m_per_count) * MM;
-      const pads = known ? Math.max(reach, half - PAD_MM / 2) : reach; // a pad that gives way is not drawn inside
-      finger(pads, series.felt[f][i], known ? series.true[f][i] : null, known ? series.shear[f][i] : null);
+      const pads = known ? Math.max(reach, half - PAD_MM / 2) : reach; // a compressed pad is not drawn inside the object
+      finger(pads, series.estimated[f][i], known ? series.true[f][i] : null, known ? series.shear[f][i] : null);
     });
   };
 }
@@ -63,32 +63,32 @@ function drawBody(thing, round, half, above, below, body) {
   svg("line", {x1: -half, x2: half, y1: 0, y2: 0, class: "mark"}, thing); // where it was grasped first
 }
 
-// One finger: gives what moves it to a reach from the middle, with its forces in newtons.
+// Draws one finger; returns a function that moves it to a distance from the middle, with forces in newtons.
 function drawFinger(hand, side, index, padHalf, palm) {
   const group = svg("g", {class: `finger finger${index}`}, hand);
   const link = svg("polyline", {class: "link"}, group);
   const pad = svg("rect", {width: PAD_MM, y: -padHalf, height: 2 * padHalf, rx: 3, class: "pad"}, group);
   const y = APART_MM[index];
-  const felt = svg("path", {class: "felt"}, group), limit = svg("path", {class: "limit"}, group);
+  const estimated = svg("path", {class: "estimated"}, group), limit = svg("path", {class: "limit"}, group);
   const arrow = svg("path", {class: "true"}, group), share = svg("path", {class: "share"}, group);
   const label = svg("text", {"text-anchor": side < 0 ? "end" : "start"}, group);
   const most = data.limit_n * FORCE_MM;
-  return (reach, feltN, trueN, shearN) => {
+  return (reach, estimatedN, trueN, shearN) => {
     const x = side * reach, back = x + side * PAD_MM;
     set(pad, {x: side < 0 ? x - PAD_MM : x});
     set(link, {points: `${side * 40},${-palm} ${side * (reach + 30)},${-0.6 * palm} ${back},${-padHalf / 2}`});
-    set(felt, {d: Number.isFinite(feltN) ? `M${back} ${y - 2.5}h${side * feltN * FORCE_MM}v5H${back}z` : ""});
+    set(estimated, {d: Number.isFinite(estimatedN) ? `M${back} ${y - 2.5}h${side * estimatedN * FORCE_MM}v5H${back}z` : ""});
     set(limit, {d: `M${back + side * most} ${y - 5}v10`});
     set(arrow, {d: trueN === null ? "" : arrowPath(back, y, side, trueN * FORCE_MM)});
     set(share, {d: shearN === null ? "" : risePath(x - side * 4, y, -shearN * FORCE_MM)});
-    const shown = trueN === null ? feltN : trueN;
+    const shown = trueN === null ? estimatedN : trueN;
     const end = back + side * (Math.max(most, shown * FORCE_MM || 0) + 4);
     set(label, {x: end, y: y * 1.4 + 4});
     label.textContent = Number.isFinite(shown) ? `${data.fingers[index]} ${shown.toFixed(1)}` : data.fingers[index];
   };
 }
 
-// Pointing at the object, its length the force; a short one is all head.
+// An arrow towards the object, its length the force; a short one is only a head.
 function arrowPath(x, y, side, length) {
   if (!(length > 0.5)) return "";
   const head = Math.min(6, length);
@@ -109,7 +109,7 @@ function drawScale(root, wide, below, perNewton) {
   svg("text", {x: wide - 50, y: y + 4, class: "scale"}, root, "50 mm");
 }
 
-// The object's surface as a ruler that moves past a pad, four times as large.
+// The object's surface as a ruler that moves past a pad, enlarged four times.
 function makeRuler(series) {
   const root = document.getElementById("ruler");
   if (!root) return () => {};
@@ -135,7 +135,7 @@ function makeRuler(series) {
   };
 }
 
-// One fingertip's taxels: each a square, the darker the deeper it is pressed.
+// The taxels of each fingertip as rectangles, darker with more pressure.
 function makeTaxels(series) {
   const places = data.taxels;
   const columns = 1 + Math.max(...places.map((p) => p[0])), rows = 1 + Math.max(...places.map((p) => p[1]));

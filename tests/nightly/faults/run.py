@@ -16,8 +16,8 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import Wires, simulated
-from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from scenarios.trial.final_state import FinalState
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.truth import Truth
 from tests.nightly.faults.cases import STANDSTILLS_S, Case, Fault, Stretch
@@ -53,7 +53,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     arm: str = ""  # by the last line
     hand: str = ""
     advice: str = ""
-    unreached: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
     finished: bool
     arm_s: float | None  # from the safe state until the arm stood for good
     hand_s: float | None  # and the fingers
@@ -288,7 +288,7 @@ def _run(moment: Moment) -> Ended:
     _wait(rig, attack.arm.watch, lambda: seen.take(cell.truth(), bool(attack.impact_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, case.seed, trial, None).outcome
-    failure, said = trial.failure(config), trial.end(config) or End("", "", "")
+    failure, said = trial.failure(config), trial.end(config) or FinalState("", "", "")
     arm_s, hand_s = _delays(trial, seen) if attack.impact_ns else (None, None)
     (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
     safe_ns = seen.safe_ns
@@ -299,7 +299,7 @@ def _run(moment: Moment) -> Ended:
         outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
         timed_out=bool(_codes(trial) & {"run_timeout", "phase_timeout"}),
         message="" if failure is None else failure.message,
-        arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
+        arm=said.arm, hand=said.hand, advice=said.advice, unconfirmed=said.unconfirmed,
         finished=trial.controller.finished and "run_timeout" not in _codes(trial),
         arm_s=arm_s, hand_s=hand_s,
         safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,

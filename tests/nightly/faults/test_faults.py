@@ -55,13 +55,13 @@ def test_a_stop_that_is_lost_in_a_safe_state_is_declared_if_the_user_is_told() -
     found = run(case)
     assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
     assert "unstopped" in problems(found) and fell(found) == {}
-    assert fell(changed(found, message="the tactile board is unplugged", unreached=(),
-                        arm="the arm stands"))  # fmt: skip
+    assert fell(changed(found, message="the tactile board is unplugged", unconfirmed=(),
+                        arm="the arm is stationary"))  # fmt: skip
 
 
 GONE = (
-    "the hand cannot be told anything and holds by itself: when last heard it was closed with the "
-    "grip that it had, at (60, 55, 55) counts, 2.0 N measured at finger A"
+    "the hand cannot be commanded and holds by itself: at its last status it was closed with its "
+    "previous grip, at (60, 55, 55) counts, 2.0 N measured at finger A"
 )
 WRONG: list[tuple[dict[str, object], str]] = [
     ({"let_go_m": 0.0031}, "dropped"), ({"slid_m": 0.0151}, "dropped"),
@@ -75,7 +75,8 @@ WRONG: list[tuple[dict[str, object], str]] = [
     ({"outcome": "internal_error"}, "bug"), ({"outcome": "false_start"}, "missed"),
     ({"outcome": "held", "let_go_m": 0.05}, "misleading"), ({"advice": ""}, "misleading"),
     ({"advice": "start the run again", "pressed_n": 1.1}, "misleading"),
-    ({"arm": "the arm stood when last heard"}, "misleading"), ({"arm": ""}, "misleading"),
+    ({"arm": "the arm was stationary at its last status"}, "misleading"),
+    ({"arm": ""}, "misleading"),
     ({"message": "all is well"}, "misleading"),
     ({"hand": GONE, "fingers_mps": 1e-4}, "misleading"),
     ({"message": "detector_failed: no"}, "misleading"),

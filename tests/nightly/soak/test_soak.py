@@ -20,7 +20,7 @@ from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import emulated
 from scenarios.rigs.emulated import CellProcess, cell_process
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 from tests.nightly.lift_verdict import Ended, problems
 from tests.nightly.onlooker import Onlooker
 
@@ -139,8 +139,8 @@ def test_lifts_go_on_and_nothing_grows_or_goes_wrong(
         told = load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
         runs.mkdir()
         watcher.begin()
-        bench = Bench(runs, watch=watcher.watch)
-        with closing(lift.run_series(told, watcher.seeds(), bench)) as going:
+        context = TrialContext(runs, watch=watcher.watch)
+        with closing(lift.run_series(told, watcher.seeds(), context)) as going:
             for finished in going:
                 ended = watcher.ended(finished)
                 print(name, watcher.struck, ended, flush=True)

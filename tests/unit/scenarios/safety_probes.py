@@ -27,7 +27,7 @@ HELD = Truth(
     force_rise_s=1.1, flank_slope=0.0,
 )  # fmt: skip
 FACTS = LiftFacts(
-    end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
+    end=HELD, measured_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
     open_loop_onset_s=1.0, peak_force_n=10.0, force_bound_n=11.0,
     cap_reached=False, alarm_stayed=False, fault="",
 )  # fmt: skip
@@ -51,7 +51,7 @@ def tap_verdict(
 ) -> TapOutcome:
     motion = msgspec.structs.replace(MOVED, displacement_m=moved_m, turned_rad=turned_rad)
     facts = TapFacts(
-        motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
+        motion=motion, alarms=alarms, watched_until_s=30.0, peak_before_n=10.5, force_bound_n=11.0
     )
     return verdict(facts)
 

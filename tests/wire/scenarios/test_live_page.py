@@ -18,7 +18,11 @@ from scenarios.report.live_feed import Feed
 from scenarios.report.run_view import Bound, View
 
 VIEW = View(False, False, 10.0, Bound(0.5, True, "", ""))
-DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": [], "columns": [["t", 1], ["felt", 1]]}
+DATA: dict[str, Any] = {
+    "fingers": ["fingertip"],
+    "taxels": [],
+    "columns": [["t", 1], ["estimated", 1]],
+}
 LONG_S = 20.0
 
 

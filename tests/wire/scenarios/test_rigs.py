@@ -82,7 +82,7 @@ def test_signal_stops_the_arm_keeps_the_grip_and_says_so(ready: Lab, tmp_path: P
     result = json.loads(path.read_text())
     assert (result["outcome"], result["success"]) == ("interrupted", None)
     assert result["phases"][-1]["phase"] == "stopped"
-    assert result["end"]["arm"] == "the arm stands"
+    assert result["end"]["arm"] == "the arm is stationary"
     assert "grasp release --rig hardware" in err
     assert ready.ask("motion")["arm_mps"] == 0.0
     assert max(ready.places) > 20  # it was not opened
@@ -125,7 +125,7 @@ def test_detector_that_never_returns_costs_no_grip_and_one_signal_ends_the_run(
     assert line.endswith(", at most 10 N\n")
     assert process.returncode == 5, rest
     assert "told to end (SIGTERM)" in rest and str(detector) in rest
-    assert "the arm stands" in rest and "the hand is closed to the limit of 10 N" in rest
+    assert "the arm is stationary" in rest and "the hand is closed to the limit of 10 N" in rest
     (folder,) = (tmp_path / "runs").iterdir()
     assert open_trial(folder).complete
 

@@ -129,8 +129,8 @@ def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_pat
     happened, left = err.splitlines()
     assert happened == "grasp: stopped by hand in phase lift"
     found = re.fullmatch(
-        r"in phase lift, \d+ mm above the grasp: the arm stands; the hand is closed with the "
-        r"grip that it had, at \(\d+, \d+, \d+\) counts, \d+\.\d N measured at finger [ABC]",
+        r"in phase lift, \d+ mm above the grasp: the arm is stationary; the hand is closed "
+        r"with its previous grip, at \(\d+, \d+, \d+\) counts, \d+\.\d N measured at finger [ABC]",
         left.strip(),
     )
     assert found is not None

@@ -50,8 +50,8 @@ def test_every_run_on_real_devices_tells_the_source_of_each_calibration(
     assert told(monkeypatch, capsys) == [f"grasp: {manual}"]
     both = ("--config", "force.toml", "--config", "rule.toml")
     assert told(monkeypatch, capsys, *both)[1:] == [
-        "grasp: counts a newton by: a kitchen scale",
-        "grasp: rule on slip by: a hold of three minutes",
+        "grasp: counts per newton by: a kitchen scale",
+        "grasp: decision rule by: a hold of three minutes",
     ]
     Path("hand.toml").write_text(hand.format(9.0) + "pressed_bytes = [0]\npresses = 10\n")
     (weak,) = told(monkeypatch, capsys)

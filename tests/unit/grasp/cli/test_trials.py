@@ -10,14 +10,14 @@ import pytest
 
 from grasp.cli.main import main
 from scenarios.campaign import trial_series
-from scenarios.trial.ending import End
+from scenarios.trial.final_state import FinalState
 from scenarios.trial.result import Failure
 
 DEAF = ("--detector", "energy", "--set", "energy.threshold_counts=400")
 
 
 LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
-CLOSED = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
+CLOSED = FinalState("the arm is stationary", "the hand is closed", "to let go, run `grasp release`")
 
 
 def test_series_that_was_complete_says_so_and_why_it_failed(
@@ -56,7 +56,7 @@ def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 1
     said = [line.strip() for line in capsys.readouterr().err.splitlines()]
     assert said[-4:] == [
-        "the arm stands; the hand is closed", CLOSED.advice,
+        "the arm is stationary; the hand is closed", CLOSED.advice,
         f"1 trial is in {out}: go on with --out {out} --resume",
         "grasp: 1 of 1 trials did not succeed: exit code 1",
     ]  # fmt: skip

@@ -8,7 +8,7 @@ from rich.console import Console
 from grasp.cli import live, view
 from grasp.fault import Fault
 from scenarios.report.run_view import facts
-from scenarios.trial.ending import End
+from scenarios.trial.final_state import FinalState
 
 SLIPPING = view.Glimpse(
     t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, news=True,
@@ -69,15 +69,17 @@ def verdict(**changes: object) -> SimpleNamespace:
 
 
 def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out() -> None:
-    closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
+    closed = FinalState(
+        "the arm is stationary", "the hand is closed", "to let go, run `grasp release`"
+    )
     said = live.verdict(verdict(end=closed))
     assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
     assert said.endswith(
-        "  lost: contact lost on the way down\n  the arm stands; the hand is closed\n"
+        "  lost: contact lost on the way down\n  the arm is stationary; the hand is closed\n"
         "  to let go, run `grasp release`"
     )
-    opened = live.verdict(verdict(end=End("the arm stands", "the hand is open", "")))
-    assert opened.endswith("  the arm stands; the hand is open")
+    opened = live.verdict(verdict(end=FinalState("the arm is stationary", "the hand is open", "")))
+    assert opened.endswith("  the arm is stationary; the hand is open")
 
 
 class Seen:

@@ -74,7 +74,7 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
     assert finished.outcome is AcquireOutcome.INTERRUPTED
     assert finished.failure is not None and finished.failure.end is not None
     assert finished.failure.message == f"told to end (SIGTERM) in phase {seen[-1].phase}"
-    assert finished.failure.end.arm == "the arm stands"
+    assert finished.failure.end.arm == "the arm is stationary"
     assert finished.recording is not None
     recording = RunRecording(Path(finished.recording), CHANNELS)
     assert recording.complete
@@ -126,6 +126,6 @@ def test_bug_of_ours_ends_a_session_as_a_fault_does_and_the_arm_stands(tmp_path:
     assert finished.bug is not None and "in what watches" in finished.bug.traceback
     assert finished.failure is not None and finished.failure.end is not None
     assert finished.failure.kind == "internal"
-    assert finished.failure.end.arm == "the arm stands"
+    assert finished.failure.end.arm == "the arm is stationary"
     (stored,) = tmp_path.rglob("result.json")
     assert msgspec.json.decode(stored.read_bytes(), type=AcquireResult) == finished

@@ -60,10 +60,10 @@ def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     (cell,) = variant.cells
     assert (cell.rate, cell.rate_of_all) == (1.0, 0.6)
     assert (variant.average, variant.average_of_all) == (1.0, 0.6)
-    assert cell.apart == {"unmoved_registered": 1, "never_nominal": 1}
+    assert cell.excluded == {"unmoved_registered": 1, "never_nominal": 1}
     shown = _shown(cell)
     assert "n 3 of 5: 60% of all" in shown
-    assert "1 never_nominal, apart" in shown and "1 unmoved_registered, apart" in shown
+    assert "1 never_nominal, excluded" in shown and "1 unmoved_registered, excluded" in shown
 
 
 def test_errors_are_counted_apart_from_failures() -> None:

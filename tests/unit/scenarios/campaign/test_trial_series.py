@@ -18,7 +18,7 @@ from scenarios.campaign.trial_series import TrialSeries, row_of
 from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 
 MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
 QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
@@ -34,9 +34,9 @@ def of_trial(row: Row) -> dict[str, Any]:
 
 
 def run_all(made: TrialSeries, out: Path, *, resume: bool = False) -> list[Row | None]:
-    bench = Bench(out.parent / "runs")
+    context = TrialContext(out.parent / "runs")
     with made.store(out, resume) as store:
-        return [row for _, row in trial_series.run(made, bench, store)]
+        return [row for _, row in trial_series.run(made, context, store)]
 
 
 @pytest.mark.parametrize("scenario", ["lift", "tap"])
@@ -60,9 +60,9 @@ def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
 
 def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
     made, out = TrialSeries("lift", config("lift"), 0, 3), tmp_path / "e.sqlite"
-    bench = Bench()
+    context = TrialContext()
     with made.store(out, resume=False) as store:
-        begun = trial_series.run(made, bench, store)
+        begun = trial_series.run(made, context, store)
         next(begun)
         begun.close()  # type: ignore[attr-defined]
     assert [row.seed for row in run_all(made, out, resume=True) if row] == [1, 2]
@@ -80,7 +80,7 @@ def test_a_file_is_gone_on_with_by_the_same_experiment_alone(tmp_path: Path) -> 
         TrialSeries("tap", config("tap"), 0, 2),
         TrialSeries("lift", config("lift", "controller.lift_speed_mps=0.2"), 0, 2),
     ]:
-        with pytest.raises(ConfigError, match="begun with another"):
+        with pytest.raises(ConfigError, match="created with another"):
             other.store(out, resume=True)
         with pytest.raises(ConfigError, match="exists already"):
             other.store(out, resume=False)
@@ -89,8 +89,8 @@ def test_a_file_is_gone_on_with_by_the_same_experiment_alone(tmp_path: Path) -> 
 @cache
 def judged_lift() -> FinishedRun[Any]:
     made = TrialSeries("lift", config("lift"), 0, 1)
-    bench = Bench()
-    return next(iter(trial_series.run(made, bench, None)))[0]
+    context = TrialContext()
+    return next(iter(trial_series.run(made, context, None)))[0]
 
 
 def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_row() -> None:

@@ -45,7 +45,7 @@ def test_a_lift_is_typed_and_has_a_row_for_every_step(lift: Lift) -> None:
     assert lift.result.success is True
     assert lift.failure is None
     assert np.allclose(np.diff(lift.t_s), 0.01)
-    assert lift.probabilities.shape == lift.felt_force_n.shape == (n, 3)
+    assert lift.probabilities.shape == lift.estimated_force_n.shape == (n, 3)
     assert lift.counts.shape == (n, 3, 6)
     assert lift.true_force_n is not None and lift.slip_m is not None
     assert 0.0 < (lift.result.slip_distance_m or 0.0) <= np.nanmax(lift.slip_m)

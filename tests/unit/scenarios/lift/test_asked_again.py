@@ -57,7 +57,7 @@ def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fau
         assert any(found.code == "arm_wrong_way" for found in trial.controller.further)
         left = trial.end(staged.config)
         assert left is not None
-        assert left.arm == "the arm says that it stands"
+        assert left.arm == "the arm reports that it is stationary"
 
 
 def closed_again(staged: Staged, trial: Any) -> None:

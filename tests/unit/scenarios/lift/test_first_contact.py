@@ -108,7 +108,7 @@ def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
         assert trial.controller.state is State.LOST
         assert max(staged.ticks[-1].measured_n) > 0.5
         end = trial.end(staged.config)
-        assert end is not None and "feels nothing" in end.hand
+        assert end is not None and "without measured contact" in end.hand
 
 
 REFUSED = [

@@ -211,10 +211,10 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         assert cell.arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0), name
         failure = trial.failure(staged.config)
         assert failure is not None and failure.end is not None
-        unknown = failure.end.where.endswith("at a height that the arm does not tell")
+        unknown = failure.end.where.endswith("at an unknown height")
         assert unknown == (name == "arm_position_nan")
         further = trial.controller.further
-        assert failure.end.further == further
+        assert failure.end.later_faults == further
         if name.startswith("fingertips"):  # they are no longer checked
             assert not further
         else:

@@ -8,8 +8,8 @@ from grasp.loop import Tick
 from grasp.states import State
 from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, outcome
-from scenarios.trial.person import TapeMark, read_mark
-from scenarios.trial.series import Bench
+from scenarios.trial.operator_prompts import TapeMark, read_mark
+from scenarios.trial.series import TrialContext
 from tests.unit.scenarios.conftest import changed, config
 from tests.unit.scenarios.safety_probes import lift_verdict
 
@@ -33,7 +33,7 @@ class Typist:
 
 def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any) -> LiftFacts:
     known = {
-        "end": None, "felt_n": 5.0, "had_compensated": True, "registered_s": registered_s,
+        "end": None, "measured_n": 5.0, "had_compensated": True, "registered_s": registered_s,
         "onset_s": None, "open_loop_onset_s": None, "peak_force_n": 9.0, "force_bound_n": 11.0,
         "cap_reached": False, "alarm_stayed": False, "fault": "",
     }  # fmt: skip
@@ -41,9 +41,9 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
 
 
 def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped() -> None:
-    for let_go_m, dropped in ((0.0, False), (0.0049, False), (0.005, True), (0.18, True)):
+    for lost_at_m, dropped in ((0.0, False), (0.0049, False), (0.005, True), (0.18, True)):
         verdict = LiftOutcome.DROPPED if dropped else LiftOutcome.HELD_WITHIN_6CM
-        assert lift_verdict({}, let_go_m=let_go_m) is verdict
+        assert lift_verdict({}, lost_at_m=lost_at_m) is verdict
 
 
 def test_what_was_read_decides_where_no_world_knows() -> None:
@@ -74,7 +74,7 @@ def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None
     for typed in ("", "much", "-1", "501", "nan", "inf", "1_0", "mm", "11 cm"):
         typist = Typist()
         assert read_mark(typist, typed) is None, typed
-        assert "is no length" in typist.questions[0], typed
+        assert "is not valid" in typist.questions[0], typed
 
 
 def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,13 +92,13 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
         phases.append(tick.decision.state)
 
     monkeypatch.setattr("scenarios.trial.series.place_object", lambda rig, operator, which: None)
-    bench = Bench(on_tick=watch, operator=typist)
-    (done,) = lift.run_series(changed(config(), "controller", hold_s=0.5), (0,), bench)
+    context = TrialContext(on_tick=watch, operator=typist)
+    (done,) = lift.run_series(changed(config(), "controller", hold_s=0.5), (0,), context)
     result = done.result
     assert result is not None
     assert result.outcome == "held_within_6cm"  # the world knows better than the person
     assert len(typist.questions) == 2
-    assert "slipped" in typist.questions[0] and "is no length" in typist.questions[1]
+    assert "slipped" in typist.questions[0] and "is not valid" in typist.questions[1]
     assert asked_in == [State.HOLD, State.HOLD]
     assert phases.count(State.HOLD) > 800  # two answers of 4 s each
     assert State.RETREAT in phases

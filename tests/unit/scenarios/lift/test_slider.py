@@ -47,7 +47,7 @@ def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: State) -> 
             assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3
         failure = trial.failure(staged.config)
         assert failure is not None and "speed slider" in failure.message
-        assert failure.end is not None and failure.end.arm == "the arm stands"
+        assert failure.end is not None and failure.end.arm == "the arm is stationary"
 
 
 def test_arm_that_its_slider_lets_stand_in_the_air_is_told_of_and_the_object_held() -> None:

@@ -24,8 +24,8 @@ def test_a_table_has_a_row_a_step_and_the_numbers_of_the_recording(recorded: Pat
     assert run.truth is not None
     np.testing.assert_allclose(numbers(table, "t_s"), run.t_s, atol=1e-6)
     for i, finger in enumerate("ABC"):
-        felt_n = np.where(np.isnan(run.counts[:, i, 0]), np.nan, run.felt_n[:, i])
-        np.testing.assert_allclose(numbers(table, f"{finger}_felt_n"), felt_n, rtol=1e-5)
+        estimated_n = np.where(np.isnan(run.counts[:, i, 0]), np.nan, run.estimated_n[:, i])
+        np.testing.assert_allclose(numbers(table, f"{finger}_estimated_n"), estimated_n, rtol=1e-5)
         known = run.truth.normal_n[:, i]
         np.testing.assert_allclose(numbers(table, f"{finger}_true_n"), known, rtol=1e-5)
         counts = run.counts[:, i, 5]

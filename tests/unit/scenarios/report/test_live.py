@@ -13,7 +13,7 @@ from scenarios.lift.lift import lift
 from scenarios.report.live_feed import LiveTrials
 from scenarios.report.live_server import Begin, Message, Row
 from scenarios.trial.run_folder import RUN_CHANNELS
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 from tests.unit.scenarios.conftest import config
 
 
@@ -44,7 +44,7 @@ def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
 
 def messages(runs: Path, watch: Any) -> list[Any]:
     """Of one lift, in virtual time."""
-    (finished,) = lift.run_series(config(), [0], Bench(runs, watch=watch))
+    (finished,) = lift.run_series(config(), [0], TrialContext(runs, watch=watch))
     assert finished.result is not None and finished.result.recording is not None
     return list(RunRecording(Path(finished.result.recording), RUN_CHANNELS))
 
@@ -95,7 +95,7 @@ def test_rows_say_what_the_tick_and_the_world_said(
         ticks.append((tick, truth))
         live.watch(tick, truth, controller)
 
-    list(lift.run_series(told, [0], Bench(None, watch=watch)))
+    list(lift.run_series(told, [0], TrialContext(None, watch=watch)))
     _, begin, *rows = listener.told
     assert isinstance(begin, Begin)
     by_time = {tick.t_ns * 1e-9: (tick, truth) for tick, truth in ticks}
@@ -107,10 +107,10 @@ def test_rows_say_what_the_tick_and_the_world_said(
         assert row.phase == tick.decision.state
         unheard = tick.frame is None
         told = tick.observation.probabilities.tolist()
-        assert found["felt"] == ([None] * 3 if unheard else list(tick.measured_n))
+        assert found["estimated"] == ([None] * 3 if unheard else list(tick.measured_n))
         assert found["probability"] == ([None] * 3 if unheard else told)
         assert found["true"] == list(truth.normal_n)
         assert found["slip"] == [truth.slip_distance_m]
-        assert "told_speed" in found
+        assert "reported_speed" in found
     phases = list(dict.fromkeys(row.phase for row in rows))
     assert {"lift", "compensate", "hold", "lower.descend"} <= set(phases)

@@ -8,7 +8,7 @@ from contextlib import suppress
 import msgspec
 import pytest
 
-from scenarios.report.live_server import Begin, Row, Story, read_lines
+from scenarios.report.live_server import Begin, Row, TrialStream, read_lines
 
 BEGIN = msgspec.json.encode(Begin(1, 2, {}))
 ROWS = [msgspec.json.encode(Row("lift", [float(n)] * 60)) for n in range(200)]
@@ -27,12 +27,12 @@ def read(pipe: tuple[int, int], tell: Callable[[int], None]) -> list[bytes]:
     """What a viewer is handed, who comes when all has been told by ``tell``."""
 
     async def reading() -> list[bytes]:
-        story = Story()
+        stream = TrialStream()
         telling = asyncio.get_running_loop().run_in_executor(None, tell, pipe[1])
         with os.fdopen(pipe[0], "rb", closefd=False) as source:
-            await asyncio.wait_for(read_lines(story, source), 60.0)
+            await asyncio.wait_for(read_lines(stream, source), 60.0)
         await telling
-        return story.so_far()
+        return stream.so_far()
 
     return asyncio.run(reading())
 

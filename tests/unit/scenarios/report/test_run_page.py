@@ -36,7 +36,7 @@ def test_a_page_has_the_numbers_of_the_recording(recorded: Path, page: str) -> N
     unheard = np.isnan(run.counts[:, :, 0])
     assert unheard[0].all() and not unheard[-1].any()
     for name, values, near in (
-        ("felt", run.felt_n, 1e-3),
+        ("estimated", run.estimated_n, 1e-3),
         ("probability", run.probabilities, 1e-5),
     ):
         assert np.array_equal(np.isnan(shown[name]), unheard)
@@ -58,7 +58,7 @@ def test_a_page_says_the_verdict_with_its_figures(recorded: Path, page: str) -> 
     assert f"{result['slip_distance_m'] * 1e3:.1f} mm" in title
     assert f"peak force A {result['peak_force_n']['A']:.1f}, " in title
     assert "limit 10 N, every_finger: no finger shall bear more" in title
-    assert f"the arm stood {result['paused_s']:.2f} s for answers to slip" in title
+    assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in title
     assert not remarks(page)
 
 
@@ -96,6 +96,4 @@ def test_checks_that_failed_in_report_mode_are_on_the_page(recorded: Path, tmp_p
     result = json.loads((run / RESULT).read_bytes())
     result["reported"] = [{"code": "arm_frozen", "device": "arm", "message": "it stood still"}]
     (run / RESULT).write_text(json.dumps(result))
-    assert "stopped nothing" in remarks(run_page(run)) and "it stood still" in remarks(
-        run_page(run)
-    )
+    assert "without a stop" in remarks(run_page(run)) and "it stood still" in remarks(run_page(run))

@@ -18,7 +18,7 @@ from scenarios.rigs import opening
 from scenarios.rigs import opening as hardware_room
 from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap.tap import tap
-from scenarios.trial.series import Bench
+from scenarios.trial.series import TrialContext
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
@@ -215,7 +215,7 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
     [
         lambda c: lift.run(c.for_lift(), 0, None),
         lambda c: tap.run(c.for_tap(), 0, None),
-        lambda c: list(tap.run_series(c.for_tap(), range(2), Bench())),
+        lambda c: list(tap.run_series(c.for_tap(), range(2), TrialContext())),
         lambda c: opening.open_rig(c, 0, paced=False).__enter__(),
     ],
 )

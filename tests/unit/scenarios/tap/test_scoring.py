@@ -23,7 +23,7 @@ def facts(
 ) -> TapFacts:
     plain: dict[str, object] = {
         "motion": motion, "alarms": [Alarm(*a) for a in alarms], "watched_until_s": 13.0,
-        "own_peak_n": 10.5, "force_bound_n": 11.0,
+        "peak_before_n": 10.5, "force_bound_n": 11.0,
     }  # fmt: skip
     return TapFacts(**{**plain, **more})  # type: ignore[arg-type]
 
@@ -83,8 +83,8 @@ def test_status_that_never_was_nominal_left_nothing_to_strike() -> None:
 
 def test_fault_and_own_excess_force_come_first() -> None:
     assert verdict(facts((10.03, 10.1), fault="x")) is TapOutcome.FAULT
-    assert verdict(facts((10.03, 10.1), own_peak_n=11.1)) is TapOutcome.OVER_FORCE
-    both = facts((10.03, 10.1), fault="x", own_peak_n=11.1)
+    assert verdict(facts((10.03, 10.1), peak_before_n=11.1)) is TapOutcome.OVER_FORCE
+    both = facts((10.03, 10.1), fault="x", peak_before_n=11.1)
     assert verdict(both) is TapOutcome.OVER_FORCE
 
 

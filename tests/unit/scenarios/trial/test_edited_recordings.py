@@ -161,5 +161,5 @@ def test_a_recording_that_ends_before_its_run_says_so(
     whole = replay_run(written(tmp_path / "a.mcap", messages, recorded.metadata))
     assert not whole.differences
     half = written(tmp_path / "b.mcap", messages[: the(CONTROL, messages, 500)], recorded.metadata)
-    assert "the recording ends" not in str(whole.events)
-    assert "the recording ends, and the run had not" in replay_run(half).events[-1]
+    assert "the recording ends before" not in str(whole.events)
+    assert "the recording ends before the run" in replay_run(half).events[-1]

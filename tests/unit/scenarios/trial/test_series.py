@@ -12,12 +12,12 @@ from scenarios.lift.lift import lift
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series
-from scenarios.trial.ending import End
+from scenarios.trial.final_state import FinalState
 from scenarios.trial.result import Failure, FinishedRun
-from scenarios.trial.series import Begun, Bench
+from scenarios.trial.series import RemainingTrials, TrialContext
 from tests.unit.scenarios.conftest import config
 
-OPEN = End("the arm stands", "the hand is open", "", open=True)
+OPEN = FinalState("the arm is stationary", "the hand is open", "", open=True)
 STALE = Failure("stale", "stale: gripper status too old", "", OPEN)
 
 
@@ -41,7 +41,7 @@ def lifted() -> FinishedRun[Any]:
 
 def told(
     lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
-    begun: Begun | None = None, raised_m: float = 0.0, ends: End | None = None,
+    remaining: RemainingTrials | None = None, raised_m: float = 0.0, ends: FinalState | None = None,
     fingers: int | None = None, placed: bool = False,
 ) -> "tuple[list[str], list[Any]]":  # fmt: skip
     """What a person is asked when two trials end like this, and the homes that they begin from.
@@ -74,15 +74,15 @@ def told(
 
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
-        bench = Bench(operator=person, begun=begun, on_trial=begins, placed=placed)
-        list(series.run_series(wired, (0, 1), bench, attempt))
+        context = TrialContext(operator=person, remaining=remaining, on_trial=begins, placed=placed)
+        list(series.run_series(wired, (0, 1), context, attempt))
     return person.heard, homes
 
 
 def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    closed = End("the arm stands", "the hand is closed", "let go")
+    closed = FinalState("the arm is stationary", "the hand is closed", "let go")
     heard, _ = told(lifted, [None, None], monkeypatch, ends=closed)
     assert heard == ["Trial 1 of 2"]
     heard, _ = told(lifted, [None, None], monkeypatch, ends=OPEN)
@@ -100,7 +100,7 @@ def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard, homes = told(lifted, [STALE, None, None], monkeypatch)
-    again = "Trial 1 of 2 again, for a device was not heard or not believed"
+    again = "Trial 1 of 2 again, because device data was stale or implausible"
     assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
     assert lifted.result is not None
     assert homes == [None, lifted.result.home_m, lifted.result.home_m]
@@ -110,14 +110,16 @@ def test_the_same_trial_is_not_asked_for_without_end(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard, _ = told(lifted, [STALE] * 9, monkeypatch)
-    assert len(heard) == 1 + series.MOST_AGAIN
+    assert len(heard) == 1 + series.MAX_REPEATS
 
 
 @pytest.mark.parametrize(
     "failure",
     [
         Failure("stale", "", "", msgspec.structs.replace(OPEN, open=False)),
-        Failure("implausible", "", "", msgspec.structs.replace(OPEN, unreached=("the arm moves",))),
+        Failure(
+            "implausible", "", "", msgspec.structs.replace(OPEN, unconfirmed=("the arm moves",))
+        ),
         Failure("stale", "", ""),
         Failure("safety_stop", "", "", OPEN),
         Failure("link_lost", "", "", OPEN),

@@ -34,11 +34,11 @@ def test_an_object_that_slid_for_a_moment_and_was_held_again_was_not_let_go() ->
     up = (State.LIFT, HELD_AT, 0.02), (State.LIFT, LOST_AT, 0.019), (State.LIFT, HELD_AT, 0.02)
     down = (State.HOLD, HELD_AT, 0.2), (State.DESCEND, HELD_AT, 0.1), (State.FEEL, HELD_AT, 0.001)
     run = of(*up, *down, (State.OPEN, LOST_AT, 0.0))
-    assert run.let_go_m == 0.001
+    assert run.lost_at_m == 0.001
     assert run.end is not None and run.end.height_m == 0.2
 
 
 @pytest.mark.parametrize("phase", [State.DESCEND, State.FEEL, State.OPEN, State.FAULT])
 def test_an_object_is_let_go_from_where_the_hand_loses_it_after_the_top(phase: State) -> None:
     run = of((State.HOLD, HELD_AT, 0.2), (phase, HELD_AT, 0.11), (phase, LOST_AT, 0.1))
-    assert run.let_go_m == 0.11
+    assert run.lost_at_m == 0.11

@@ -1,4 +1,4 @@
-"""What a run is refused for before any device is touched: what hand or arm could not do."""
+"""Checks of settings against the limits of hand and arm, before any device is used."""
 
 import math
 
@@ -13,8 +13,9 @@ from scenarios.trial.config import TrialConfig
 
 
 def check_override(config: TrialConfig) -> None:
-    """Raises ConfigError for steps by a hand that is known to override its force: each begins at
-    rest, and from where the last has ended, so that force alone bounds none of them."""
+    """Raises ConfigError for incremental tightening with a hand that overrides its force setting.
+
+    Every increment starts from rest, so the override would exceed the limit each time."""
     overrides = config.rig != HARDWARE and config.hand.override_s > 0.0
     if (
         overrides
@@ -23,36 +24,36 @@ def check_override(config: TrialConfig) -> None:
     ):
         raise ConfigError(
             "hand", "override_s",
-            f"a hand that overrides its force for {config.hand.override_s:g} s whenever it starts "
-            "passes the limit by steps (controller.slip_response), each of which begins at rest",
+            f"the hand overrides its force setting for {config.hand.override_s:g} s at each start: "
+            "each step of controller.slip_response = stop_and_step could exceed the limit",
             "guard.travel_bound = true, or another controller.slip_response",
         )  # fmt: skip
 
 
 def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
-    """Raises ConfigError for a first grasp that the hand cannot keep within the limits."""
+    """Raises ConfigError for a first grasp whose speed or force the hand cannot limit enough."""
     known = calibration(config)
     fastest_mps, grip_mps = guard.closing_speed_mps, config.controller.grip_speed_mps
     if grip_mps > fastest_mps:
         raise ConfigError(
             "controller",
             "grip_speed_mps",
-            f"{grip_mps:g} m/s onto an object wider than expected carries the fingertip further "
-            f"past the limit than guard.overshoot_n, {config.guard.overshoot_n:g} N",
+            f"{grip_mps:g} m/s onto an object wider than expected exceeds the force limit by more "
+            f"than guard.overshoot_n, {config.guard.overshoot_n:g} N",
             f"<= {fastest_mps:.3f}, or a guard.overshoot_n that allows it",
         )
-    asked_n = config.controller.grip_force_n
-    if asked_n < known.least_force_n:
+    grip_n = config.controller.grip_force_n
+    if grip_n < known.least_force_n:
         raise ConfigError(
             "controller",
             "grip_force_n",
-            f"{asked_n:g} N is less than the gripper can be set to",
-            f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
+            f"{grip_n:g} N is below the gripper's lowest force setting",
+            f">= {known.least_force_n:g} N, the lowest force of calibration {known.name!r}",
         )
 
 
 def check_arm(config: TrialConfig) -> None:
-    """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
+    """Raises ConfigError for motion settings beyond the arm's limits or workspace."""
     controller, arm = config.controller, config.arm
     limits = {
         "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "feel_speed_mps"),
@@ -62,32 +63,33 @@ def check_arm(config: TrialConfig) -> None:
     for limit, keys in limits.items():
         most = getattr(arm, limit)
         for key in (key for key in keys if key not in controller.unread):
-            if (asked := getattr(controller, key)) > most:
-                problem = f"{asked:g} is more than the arm may be told"
+            if (value := getattr(controller, key)) > most:
+                problem = f"{value:g} exceeds the arm's limit"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
     _check_start(arm)
     _check_height(controller, arm)
 
 
 def _check_start(arm: ArmSettings) -> None:
-    """Raises ConfigError for a workspace that leaves out where every run begins and ends."""
+    """Raises ConfigError for a workspace without the start position of every run."""
     for name, beyond in (("workspace_low_m", 1.0), ("workspace_high_m", -1.0)):
         for axis, bound_m in zip("xyz", getattr(arm, name), strict=True):
             if beyond * bound_m > 0.0:
                 raise ConfigError(
-                    "arm", name, f"{bound_m:g} m in {axis} leaves out where the arm starts, from "
-                    "which it is measured, and to which every run comes back",
+                    "arm", name, f"{bound_m:g} m in {axis} excludes the arm's start, which is "
+                    "the origin of the workspace and the end of every run",
                     f"{'<=' if beyond > 0.0 else '>='} 0 in {axis}",
                 )  # fmt: skip
 
 
 def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
-    """Raises ConfigError where the lift leaves the workspace, or an answer's stop near its top."""
+    """Raises ConfigError where the lift, a stop near its top or the retreat leaves the
+    workspace."""
     s, high_m = controller, arm.workspace_high_m[2]
     most_m = min(high_m, arm.max_jump_m)
     if s.lift_height_m > most_m:
-        problem = f"{s.lift_height_m:g} m is further than the arm may be told"
-        where = "the least of arm.workspace_high_m (z) and arm.max_jump_m"
+        problem = f"{s.lift_height_m:g} m exceeds the arm's limit"
+        where = "the lower of arm.workspace_high_m (z) and arm.max_jump_m"
         raise ConfigError("controller", "lift_height_m", problem, f"<= {most_m:g}, {where}")
     braking_m = s.lift_speed_mps**2 / (2.0 * s.slip_stop_mps2)
     beyond_m = braking_m - s.lift_speed_mps**2 / (2.0 * s.lift_acceleration_mps2)
@@ -100,36 +102,36 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
     if not s.keep and s.lift_height_m + s.retreat_m > high_m:
         raise ConfigError(
             "controller", "retreat_m",
-            f"{s.retreat_m:g} m above an object that is let go at the top of the lift "
-            f"({s.lift_height_m:g} m) is further than the arm may be told",
+            f"{s.retreat_m:g} m above an object that is released at the top of the lift "
+            f"({s.lift_height_m:g} m) exceeds the arm's workspace",
             f"<= {high_m - s.lift_height_m:.3g}, up to arm.workspace_high_m (z)",
         )  # fmt: skip
 
 
 def check_waits(config: TrialConfig) -> None:
-    """Raises ConfigError where a phase would cut the way up or down short."""
+    """Raises ConfigError where lifting or lowering takes longer than a phase may last."""
     s = config.controller
     ramp_mps2 = s.lift_acceleration_mps2
     gently_mps2 = min(ramp_mps2, RESUME_MPS2, s.slip_stop_mps2)
     up_mps2 = ramp_mps2 if s.slip_response == "close" else gently_mps2
     down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
-    ways = {
-        "lift_speed_mps": _way_s(s.lift_height_m, s.lift_speed_mps, up_mps2),
-        "lower_speed_mps": _way_s(s.lift_height_m, s.lower_speed_mps, down_mps2),
+    durations_s = {
+        "lift_speed_mps": _duration_s(s.lift_height_m, s.lift_speed_mps, up_mps2),
+        "lower_speed_mps": _duration_s(s.lift_height_m, s.lower_speed_mps, down_mps2),
     }
-    key, longest_s = max(ways.items(), key=lambda way: way[1])
+    key, longest_s = max(durations_s.items(), key=lambda item: item[1])
     if longest_s > s.phase_timeout_s:
         raise ConfigError(
             "controller", key,
-            f"{s.lift_height_m:g} m take {longest_s:.1f} s, and a phase may last "
-            f"{s.phase_timeout_s:g}: an object would be left in the air",
-            f"faster, or a lower controller.lift_height_m, or controller.phase_timeout_s >= "
+            f"{s.lift_height_m:g} m take {longest_s:.1f} s, but a phase may last "
+            f"{s.phase_timeout_s:g} s: the object would stay in the air",
+            f"a higher speed, a lower controller.lift_height_m, or controller.phase_timeout_s >= "
             f"{math.ceil(longest_s)}",
         )  # fmt: skip
 
 
-def _way_s(way_m: float, speed_mps: float, ramp_mps2: float) -> float:
-    """How long an arm takes from rest to rest."""
-    if way_m < speed_mps**2 / ramp_mps2:  # it never comes to that speed
-        return 2.0 * math.sqrt(way_m / ramp_mps2)
-    return way_m / speed_mps + speed_mps / ramp_mps2
+def _duration_s(distance_m: float, speed_mps: float, ramp_mps2: float) -> float:
+    """Duration of a motion from rest to rest, s."""
+    if distance_m < speed_mps**2 / ramp_mps2:  # it never reaches that speed
+        return 2.0 * math.sqrt(distance_m / ramp_mps2)
+    return distance_m / speed_mps + speed_mps / ramp_mps2

@@ -1,4 +1,4 @@
-"""The person at a rig who puts objects in place and reads tape marks, where no world does."""
+"""Prompts to the operator of a real rig, who places objects and reads tape marks."""
 
 import math
 from typing import Protocol
@@ -11,13 +11,13 @@ from grasp.states import SAFE_STATES, State
 from scenarios.rigs.rig import GraspRig
 
 MOST_MM = 500.0
-HOLD_S = 600.0  # at the top: the person says when it may be set down
-NEVER_MIND = "Never mind the question: the trial has ended before it was answered"
-DEADLINE_S = 3600.0  # of a trial: a person looks, measures and types
+HOLD_S = 600.0  # at the top: the operator's reading ends the hold
+WITHDRAWN = "Ignore the question: the trial ended before it was answered"
+DEADLINE_S = 3600.0  # of a trial with an operator, who looks, measures and types
 
 
 class Operator(Protocol):
-    """A person at the rig. ``poll`` gives a line that was typed, None if there is none yet."""
+    """The operator's terminal. ``poll`` returns a typed line, None if there is none yet."""
 
     def say(self, text: str) -> None: ...
 
@@ -25,14 +25,14 @@ class Operator(Protocol):
 
 
 class TapeMark(msgspec.Struct, frozen=True):
-    """What a person read at the object's tape mark."""
+    """The operator's reading of the object's tape mark."""
 
     moved_m: float
     held: bool
 
 
 def place_object(rig: GraspRig, operator: Operator, which: str) -> None:
-    """Ask for the object, the devices being looked after meanwhile: the hand is active and open."""
+    """Ask the operator to place the object and wait, keeping the devices active, hand open."""
     operator.say(
         f"{which}. Put the object on the table between the fingers, its mark at the pads: Enter"
     )
@@ -42,24 +42,25 @@ def place_object(rig: GraspRig, operator: Operator, which: str) -> None:
 
 
 def read_mark(operator: Operator, line: str) -> TapeMark | None:
-    """What was typed: millimetres, or l for lost. Asks again when it is neither; None then."""
+    """The reading on a typed line: millimetres, or l for lost. Otherwise asks again and returns
+    None."""
     typed = line.strip()
     if typed.lower() in ("l", "lost"):
         return TapeMark(0.0, held=False)
     try:
         moved_mm = float(
             typed.lower().removesuffix("mm").replace(",", ".").replace("_", " ")
-        )  # 1_0 is a slip of the keys
+        )  # float() would accept 1_0, which is a typing error
     except ValueError:
         moved_mm = math.nan
     if 0.0 <= moved_mm <= MOST_MM:
         return TapeMark(moved_mm * 1e-3, held=True)
-    operator.say(f"{typed!r} is no length: 0 to {MOST_MM:g} mm, or l for lost")
+    operator.say(f"{typed!r} is not valid: type 0 to {MOST_MM:g} mm, or l for lost")
     return None
 
 
 class SlipReading:
-    """Follows a lift: once the object hangs still, a person types how far it has slipped."""
+    """Asks the operator for the slip distance once the lifted object is held still."""
 
     def __init__(self, operator: Operator, hold_s: float) -> None:
         self.mark: TapeMark | None = None
@@ -81,10 +82,9 @@ class SlipReading:
         return self.mark is not None
 
     def _give_up(self) -> None:
-        """Nobody waits for a length any more: a question that stands is taken back, so that what
-        happened is not told below it."""
+        """Withdraw an open question, so that the next message is not read as its answer."""
         if self._asked:
-            self._operator.say(NEVER_MIND)
+            self._operator.say(WITHDRAWN)
         self._asked = False
 
     def _ask(self, t_s: float) -> None:

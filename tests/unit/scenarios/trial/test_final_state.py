@@ -8,12 +8,12 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.states import State
 from scenarios.rigs.rig import Rig
-from scenarios.trial.ending import (
-    LOOK,
-    End,
-    end_of,
-)
 from scenarios.trial.execution import FinishedTrial
+from scenarios.trial.final_state import (
+    LOOK,
+    FinalState,
+    final_state,
+)
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift.device_faults import (
     cut_gripper,
@@ -41,7 +41,7 @@ def cut_everything(rig: Rig) -> None:
     silence_fingertips(rig)
 
 
-def ended(phase: State, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Staged, End]:
+def ended(phase: State, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Staged, FinalState]:
     staged = Staged(*QUICK)
     trial = staged.run(in_phase(phase, 5), act)
     end = trial.end(staged.config)
@@ -51,7 +51,7 @@ def ended(phase: State, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Stag
 
 def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
     trial, staged, end = ended(State.LIFT, interrupt)
-    assert end.arm == "the arm stands"
+    assert end.arm == "the arm is stationary"
     assert end.hand.startswith("the hand is closed")
     assert "N measured at finger" in end.hand
     failure = trial.failure(staged.config)
@@ -74,7 +74,9 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
 ) -> None:
     trial, _, end = ended(phase, act)
     assert trial.controller.faults[0].code.startswith("gripper_")
-    assert end.hand.startswith("the hand is not believed, and may still move: it says that it is ")
+    assert end.hand.startswith(
+        "the hand's status is implausible, and it may still move: it reports that it is "
+    )
     assert not end.open
 
 
@@ -86,9 +88,9 @@ def test_every_device_that_is_gone_is_named() -> None:
         assert word in failure.message
     assert "\n" not in failure.message
     assert end.arm.startswith("the arm was still moving at ")
-    assert len(end.unreached) == 2
-    assert end.arm.endswith("when last heard")
-    assert end.hand.startswith("the hand cannot be told anything and holds by itself")
+    assert len(end.unconfirmed) == 2
+    assert end.arm.endswith("at its last status")
+    assert end.hand.startswith("the hand cannot be commanded and holds by itself")
     assert end.hand.endswith("its force is not measured")
 
 
@@ -96,5 +98,5 @@ def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
         trial, _, _ = ended(State.HOLD, act)
         errors = tuple(trial.loop.errors.values())
-        told = end_of(trial.trace.last, trial.trace.hand, 0.1, "type this", errors=errors)
+        told = final_state(trial.trace.last, trial.trace.hand, 0.1, "type this", errors=errors)
         assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act

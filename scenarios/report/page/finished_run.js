@@ -1,4 +1,4 @@
-// A run that is over: all of it is in the page.
+// A finished run, whose data is all in the page.
 
 async function showRun() {
   const player = makePlayer();
