@@ -126,7 +126,7 @@ def replug_fingertips(rig: Rig) -> None:
 # Detector: every one that is made from now on, and the one that runs
 
 
-def answering(patch: pytest.MonkeyPatch, answer: object) -> Act:
+def returning(patch: pytest.MonkeyPatch, answer: object) -> Act:
     return lambda rig: patch.setattr(EnergyDetector, "update", lambda self, counts: answer)
 
 
@@ -137,14 +137,14 @@ def raising(patch: pytest.MonkeyPatch) -> Act:
     return lambda rig: patch.setattr(EnergyDetector, "update", update)
 
 
-def unforgetting(patch: pytest.MonkeyPatch) -> Act:
+def failing_reset(patch: pytest.MonkeyPatch) -> Act:
     def reset(self: object) -> None:
         raise MemoryError("no room for another past")
 
     return lambda rig: patch.setattr(EnergyDetector, "reset", reset)
 
 
-def taking(patch: pytest.MonkeyPatch, seconds: float) -> Act:
+def slowed(patch: pytest.MonkeyPatch, seconds: float) -> Act:
     def act(rig: Rig) -> None:
         quick = EnergyDetector.update
 
@@ -187,11 +187,11 @@ def power_cycle_gripper(rig: Rig) -> None:
     cell(rig).gripper.power_cycle()
 
 
-def let_finger_b_leap(rig: Rig) -> None:
+def make_finger_b_jump(rig: Rig) -> None:
     cell(rig).gripper.misreport(lambda w: (*w[:3], w[3] & 0xFF00 | (w[3] + 90) & 0xFF, *w[4:]))
 
 
-def let_thumb_leap(rig: Rig) -> None:
+def make_thumb_jump(rig: Rig) -> None:
     cell(rig).gripper.misreport(lambda w: (*w[:2], (w[2] + (90 << 8)) & 0xFFFF, *w[3:]))
 
 
@@ -209,7 +209,7 @@ def freeze_arm_values(rig: Rig) -> None:
     arm.misreport(lambda sample: msgspec.structs.replace(kept, t_ns=sample.t_ns))
 
 
-def turn_arm_round(rig: Rig) -> None:
+def reverse_arm(rig: Rig) -> None:
     """It makes the opposite of the moves that it is told from now on."""
     cell(rig).arm.contrary = True
 
@@ -221,7 +221,7 @@ def push_arm(rig: Rig) -> None:
     arm.move_l((x + 0.1, y, z), 0.1, 0.5, now_ns)
 
 
-def let_arm_leap(rig: Rig) -> None:
+def make_arm_jump(rig: Rig) -> None:
     def lie(sample: msgspec.Struct) -> msgspec.Struct:
         x, y, z = sample.position_m
         return msgspec.structs.replace(sample, position_m=(x, y, z + 0.05))
@@ -248,9 +248,9 @@ def lose_stops(rig: Rig, times: int) -> list[int]:
 # Loop
 
 
-def stand_still(seconds: float) -> Act:
+def pause_loop(seconds: float) -> Act:
     def act(rig: Rig) -> None:
         rig.clock.sleep_until_ns(rig.clock.now_ns + round(seconds * 1e9))
 
-    act.__name__ = f"stand_still_{seconds:g}_s"
+    act.__name__ = f"pause_loop_{seconds:g}_s"
     return act

@@ -28,17 +28,17 @@ CASES = [
     (fault.freeze_gripper_status, (P.SHAPE, P.BRACE), "gripper_stands", 32),
     (fault.jam_gripper, (P.SHAPE, P.BRACE), "gripper_stands", 32),
     (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
-    (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
-    (fault.let_finger_b_leap, (P.BRACE, P.HOLD), "gripper_impossible", 3),
+    (fault.make_thumb_jump, ALL, "gripper_impossible", 3),
+    (fault.make_finger_b_jump, (P.BRACE, P.HOLD), "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
     (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 37),
     (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 140),  # it stands until it goes on
     (fault.push_arm, (P.SHAPE, P.BRACE), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
-    (fault.let_arm_leap, (P.SHAPE, P.BRACE, P.HOLD, P.DESCEND), "arm_wrong_way", 2),
-    (fault.let_arm_leap, (P.LIFT,), "arm_wrong_way", 200),  # past the top: it leapt on its line
-    (fault.stand_still(0.3), ALL, "loop_stood_still", 1),
-    (fault.stand_still(3.0), (P.LIFT, P.HOLD), "loop_stood_still", 1),
+    (fault.make_arm_jump, (P.SHAPE, P.BRACE, P.HOLD, P.DESCEND), "arm_wrong_way", 2),
+    (fault.make_arm_jump, (P.LIFT,), "arm_wrong_way", 200),  # past the top: it leapt on its line
+    (fault.pause_loop(0.3), ALL, "loop_stood_still", 1),
+    (fault.pause_loop(3.0), (P.LIFT, P.HOLD), "loop_stood_still", 1),
 ]
 
 
@@ -79,7 +79,7 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: 
         done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
         assert fault_at(staged) - done <= steps, case
         before = staged.ticks[fault_at(staged) - 1].decision.state
-        lost = act.__name__ == "stand_still_3_s" and phase is P.LIFT  # during the pause
+        lost = act.__name__ == "pause_loop_3_s" and phase is P.LIFT  # during the pause
         if before in AIRBORNE_STATES and not name.startswith("gripper") and not lost:
             assert thumb_n(staged) > 8.0, case  # closed to the limit, not left at 2.4 N
         if before in (P.BRACE, P.SHAPE):
@@ -130,7 +130,7 @@ def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_
     for answer, phase in [*((answer, P.LIFT) for answer in DETECTORS), *everywhere]:
         with monkeypatch.context() as patch:
             staged = Staged()
-            trial = staged.run(in_phase(phase, 5), fault.answering(patch, DETECTORS[answer]))
+            trial = staged.run(in_phase(phase, 5), fault.returning(patch, DETECTORS[answer]))
         in_safe_state(staged, trial, "detector_failed", (answer, phase))
         assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
 
@@ -139,12 +139,12 @@ def test_a_detector_that_raises_or_takes_too_long_or_cannot_forget_is_a_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def silent(rig: Rig) -> None:
-        fault.unforgetting(monkeypatch)(rig)
+        fault.failing_reset(monkeypatch)(rig)
         fault.silence_fingertips(rig)
 
     for act, name in (
         (silent, "detector_failed"),
-        (fault.taking(monkeypatch, 0.12), "detector_late"),
+        (fault.slowed(monkeypatch, 0.12), "detector_late"),
         (fault.raising(monkeypatch), "detector_failed"),
     ):
         staged = Staged()
@@ -180,9 +180,9 @@ def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
 
 FURTHER = [
     (fault.lose_arm_position, "arm_position_nan"),
-    (fault.let_arm_leap, "arm_wrong_way"),
+    (fault.make_arm_jump, "arm_wrong_way"),
     (fault.power_cycle_gripper, "gripper_inactive"),
-    (fault.let_thumb_leap, "gripper_impossible"),
+    (fault.make_thumb_jump, "gripper_impossible"),
     (fault.fingertips_read(0), "fingertips_at_rail"),
 ]
 

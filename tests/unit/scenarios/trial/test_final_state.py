@@ -19,7 +19,7 @@ from tests.unit.scenarios.lift.device_faults import (
     cut_gripper,
     freeze_gripper_status,
     interrupt,
-    let_finger_b_leap,
+    make_finger_b_jump,
     silence_fingertips,
     trip_arm,
     zero_gripper_status,
@@ -65,7 +65,7 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
     ("phase", "act"),
     [
         (State.DESCEND, freeze_gripper_status),
-        (State.BRACE, let_finger_b_leap),
+        (State.BRACE, make_finger_b_jump),
         (State.HOLD, zero_gripper_status),
     ],
 )

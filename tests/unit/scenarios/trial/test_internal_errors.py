@@ -18,7 +18,7 @@ from scenarios.trial.replay import replay_run
 from scenarios.world.cell import SimulatedCell
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
-from tests.unit.scenarios.trial.test_stopped import QUICK
+from tests.unit.scenarios.trial.test_interrupted import QUICK
 
 TEXT = "planted"
 PLACES: dict[str, tuple[type, str]] = {
