@@ -1,4 +1,4 @@
-"""The control loop of a lift at the first step of a phase: kept once, copied for every test."""
+"""Checkpoints of a lift at the first step of each phase, made once and copied for every test."""
 
 # ruff: noqa: SLF001
 import copy
@@ -18,7 +18,7 @@ from grasp.states import State
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import execution
 
-# rig, loop, controller and trace: they share parts, so they are copied together
+# rig, loop, controller and trace share objects, so they are copied together
 Parts = tuple[Any, ...]
 Kept = dict[State, tuple[Parts, list[Tick]]]
 _kept: dict[tuple[str, int], Kept] = {}
@@ -28,12 +28,12 @@ for _lock in (threading.Lock, threading.RLock):
 
 
 def kept(digest: str, seed: int) -> Kept:
-    """By phase, of the lift with these settings; empty before its first run."""
+    """Checkpoints by phase of the lift with these settings; empty before its first run."""
     return _kept.setdefault((digest, seed), {})
 
 
 def _array(array: Any, memo: dict[int, Any]) -> Any:
-    """A view stays a view, of the copy of what it looks at."""
+    """A copy of an array; a view becomes a view of the copied base."""
     base = array.base
     if not isinstance(base, np.ndarray):
         return array.copy()
@@ -42,7 +42,7 @@ def _array(array: Any, memo: dict[int, Any]) -> Any:
 
 
 def copied(parts: Parts) -> Parts:
-    """Independent of what they are copied from."""
+    """An independent copy of the parts."""
     detector, memo = parts[1]._step._detector, dict[int, Any]()
     network = isinstance(detector, StreamingNetwork)
     if network:  # native parts, bound to arrays by address
@@ -55,7 +55,7 @@ def copied(parts: Parts) -> Parts:
     if network:
         again = made[1]._step._detector
         again._bindings = [again._bind(0), again._bind(1)]
-    link: ModelLink = made[0].tactile._link  # its functions refer to the one that was copied
+    link: ModelLink = made[0].tactile._link  # its functions still refer to the original
     link._receiver._connect = lambda serial: ModelUsb(link._model)
     link._receiver._clock = lambda: link._now_ns
     return made
@@ -63,7 +63,7 @@ def copied(parts: Parts) -> Parts:
 
 @contextmanager
 def parts_of(rig: GraspRig) -> Iterator[Callable[[], Parts]]:
-    """Within, the function returns the parts of the trial that runs."""
+    """Context in which the returned function gives the parts of the running trial."""
     made: dict[str, Any] = {}
 
     def noted(name: str) -> Callable[..., Any]:
@@ -83,7 +83,7 @@ def parts_of(rig: GraspRig) -> Iterator[Callable[[], Parts]]:
 
 @contextmanager
 def resumed(parts: Parts) -> Iterator[GraspRig]:
-    """The next trial on this rig goes on from there."""
+    """Context in which the next trial on this rig continues from the checkpoint."""
     rig, loop, controller, trace = parts
 
     def make_loop(*args: Any) -> Any:

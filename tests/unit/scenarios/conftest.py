@@ -18,11 +18,10 @@ from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from tests.unit.scenarios import checkpoint
 
 AnyRig = Rig[Any, Any]
-QUIET = "fingertip.holding_share=0.1"  # of its range the end at which EAGER is no false alarm
-EAGER = "energy.threshold_counts=3"  # a detector that hears a slip at once
+QUIET = "fingertip.holding_share=0.1"  # low enough that EAGER has no false alarm
+EAGER = "energy.threshold_counts=3"  # a detector that detects slip at once
 
-# A fingertip as the rigid part of the paper's set has it: what tests are staged on that were found
-# by searching for a lift in which something rare happens
+# A rigid fingertip of the paper's data set, for tests of rare events whose seeds depend on it
 RIGID = tuple(
     f"fingertip.{name}={value}"
     for name, value in {
@@ -37,16 +36,15 @@ RIGID = tuple(
 
 
 def by_default(*assignments: str, object_name: str = "can") -> LiftConfig:
-    """A lift as it is packaged, with the default detector."""
+    """Packaged settings of a lift, with the default detector."""
     return load_config(object_name, "simulated", None, None, assignments).for_lift()
 
 
 def config(*assignments: str, object_name: str = "can") -> LiftConfig:
-    """One in which `energy` hears a slip at once: for tests that ask what follows a slip, at a
-    known moment of a known seed, and not who hears it. Those of the force limit, of faults, of
-    taps and of the two rigs side by side have the default."""
-    told = (QUIET, EAGER, *assignments)
-    return load_config(object_name, "simulated", "energy", None, told).for_lift()
+    """Settings of a lift in which `energy` detects slip at once, for tests of the response to slip
+    at a known time. Tests of the force limit, faults, taps and rigs use ``by_default``."""
+    values = (QUIET, EAGER, *assignments)
+    return load_config(object_name, "simulated", "energy", None, values).for_lift()
 
 
 @cache
@@ -75,9 +73,9 @@ in_phase = InPhase
 
 
 class Staged:
-    """One lift in which something is done to the rig at the first tick that meets a condition.
+    """One lift with an action on the rig at the first tick that meets a condition.
 
-    Where that is some ticks into a phase, the lift goes on from a copy of another one there.
+    For a condition on a phase, the lift continues from a checkpoint of that phase, if there is one.
     """
 
     def __init__(
@@ -133,18 +131,17 @@ class Staged:
         return lift.judge(self.config, self.seed, trial, None)
 
 
-# on the way down, as often as what is felt has it
-LANDING = ("lower.feel",)
-HAND_ALONE = "controller.slip_response=close"  # answers slip, the arm goes on
+HAND_ALONE = "controller.slip_response=close"  # the arm does not stop
 ONE_SPEED = "controller.closing=constant"
 
 
-def phases_but_landing(result: Any) -> list[str]:
-    return [p.phase for p in result.phases if p.phase not in LANDING]
+def phases_without_feel(result: Any) -> list[str]:
+    """Phases of a run without `lower.feel`, which may occur any number of times."""
+    return [p.phase for p in result.phases if p.phase != "lower.feel"]
 
 
 def well_in(phase: State) -> Callable[[Tick], bool]:
-    """Some ticks into a phase; of the lift so many that the arm goes on after its pauses."""
+    """Some ticks into a phase; in the lift after its pauses."""
     return in_phase(phase, 40 if phase is State.LIFT else 5)
 
 

@@ -1,4 +1,4 @@
-"""Where a setting takes effect in a verdict, or under one fingertip that presses."""
+"""Probes of the effect of a setting on a verdict, or on a pressing fingertip."""
 
 from typing import Any
 
@@ -34,7 +34,7 @@ FACTS = LiftFacts(
 
 
 def lift_verdict(end: dict[str, float] | None, **facts: Any) -> LiftOutcome:
-    """Of a long object that was held, but for what is named; ``end`` None: no simulation."""
+    """Verdict of a held long object with changed facts; ``end`` None: no simulation."""
     truth = None if end is None else msgspec.structs.replace(HELD, **end)
     changed = msgspec.structs.replace(FACTS, end=truth, **facts)
     body = msgspec.structs.replace(config().object, long_body=True)
@@ -56,7 +56,7 @@ def tap_verdict(
     return verdict(facts)
 
 
-# One fingertip that presses
+# A pressing fingertip
 
 
 def presser(**settings: Any) -> PressController:
@@ -65,7 +65,7 @@ def presser(**settings: Any) -> PressController:
 
 
 def pressing_mps(felt_n: float, below_m: float = 0.0, **settings: Any) -> float:
-    """Speed downwards at a measured force, so far below where it touched (at 100 counts a N)."""
+    """Downward speed at a measured force, ``below_m`` below first contact, at 100 counts per N."""
     p = presser(**settings)
     p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
     counts = np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16)

@@ -1,4 +1,4 @@
-"""Campaigns: what a file stands for, what its rows hold, and what no accident may lose."""
+"""Campaigns: grid, rows, and behaviour on crashes and interruptions."""
 
 import os
 import sqlite3
@@ -18,8 +18,8 @@ from scenarios.rigs.workers import Workers
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 
 
-def judged_at_once(trial: Task) -> Finished:
-    """In place of a trial that takes its time."""
+def instant_success(trial: Task) -> Finished:
+    """A stub for a trial."""
     return Finished(msgspec.structs.replace(error_row(trial, ""), status="done", success=True))
 
 
@@ -28,7 +28,7 @@ def run_with(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progr
 
 
 def run_here(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progress:
-    """No workers, where they are not what is tested: they take seconds to start."""
+    """Run without workers, which take seconds to start."""
     return run(spec, out, Workers(0), work=work, **options)
 
 
@@ -87,9 +87,9 @@ def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     assert lost.row.success is False
     assert lost.recording is not None
     assert lost.recording.startswith(b"\x89MCAP")
-    assert lost.row.recording is None  # its place is known when it is stored
-    written_as_it_went = run_trial(msgspec.structs.replace(bad, recordings="all"))
-    assert lost.recording == written_as_it_went.recording
+    assert lost.row.recording is None  # its path is set when it is stored
+    recorded = run_trial(msgspec.structs.replace(bad, recordings="all"))
+    assert lost.recording == recorded.recording
 
 
 def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,11 +108,11 @@ def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.Mo
 # Accidents
 
 
-def test_a_worker_that_dies_costs_its_own_trial_alone(tmp_path: Path) -> None:
+def test_killed_worker_fails_only_its_own_trial(tmp_path: Path) -> None:
     def work(trial: Task) -> Finished:
         if trial.number == 1:
             os._exit(3)
-        return judged_at_once(trial)
+        return instant_success(trial)
 
     done = run_with(TWO_OBJECTS, tmp_path / "a.sqlite", work)
     rows = stored(tmp_path / "a.sqlite")
@@ -121,11 +121,11 @@ def test_a_worker_that_dies_costs_its_own_trial_alone(tmp_path: Path) -> None:
     assert (done.new, done.successes, done.errors) == (4, 3, 1)
 
 
-def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path) -> None:
+def test_resume_runs_only_missing_trials_and_those_with_an_error(tmp_path: Path) -> None:
     def crash_two(trial: Task) -> Finished:
         if trial.number in (0, 3):
             raise RuntimeError("on purpose")
-        return judged_at_once(trial)
+        return instant_success(trial)
 
     out = tmp_path / "a.sqlite"
     assert run_here(TWO_OBJECTS, out, crash_two).errors == 2
@@ -137,7 +137,7 @@ def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path)
 
     def work(trial: Task) -> Finished:
         (ran / str(trial.number)).touch()
-        return judged_at_once(trial)
+        return instant_success(trial)
 
     done = run_here(TWO_OBJECTS, out, work, resume=True)
     assert sorted(path.name for path in ran.iterdir()) == ["0", "1", "3"]
@@ -147,27 +147,27 @@ def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path)
 
 def test_an_existing_file_is_refused_without_resume(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
-    run_here(TWO_OBJECTS, out, judged_at_once)
+    run_here(TWO_OBJECTS, out, instant_success)
     before = out.read_bytes()
     with pytest.raises(ConfigError, match="exists already"):
-        run_here(TWO_OBJECTS, out, judged_at_once)
+        run_here(TWO_OBJECTS, out, instant_success)
     assert out.read_bytes() == before
 
 
-def test_a_foreign_file_is_not_resumed_into(tmp_path: Path) -> None:
+def test_resume_refuses_a_file_that_is_no_campaign(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     with sqlite3.connect(out) as db:
         db.execute("CREATE TABLE precious (x)")
     db.close()
     before = out.read_bytes()
     with pytest.raises(BadFile, match="not a campaign"):
-        run_here(TWO_OBJECTS, out, judged_at_once, resume=True)
+        run_here(TWO_OBJECTS, out, instant_success, resume=True)
     assert out.read_bytes() == before
 
 
 def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
-    run_here(TWO_OBJECTS, out, judged_at_once)
+    run_here(TWO_OBJECTS, out, instant_success)
     other = msgspec.structs.replace(TWO_OBJECTS, repetitions=5)
     with pytest.raises(ConfigError, match="another campaign"):
-        run_here(other, out, judged_at_once, resume=True)
+        run_here(other, out, instant_success, resume=True)

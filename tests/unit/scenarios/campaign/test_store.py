@@ -1,4 +1,4 @@
-"""A campaign's file: one writer, and what damage or a full disk may leave."""
+"""A campaign's file: one writer, damage, and a full disk."""
 
 import errno
 import os
@@ -24,8 +24,8 @@ MANY = ", ".join(f"{i}e-6" for i in range(60_000))
 SPEC = CampaignSpec(name="two", objects=("can", "ball"), repetitions=3)
 
 
-def judged(trial: Task) -> Finished:
-    """In place of a trial that takes its time; awkward values among its figures."""
+def stub_trial(trial: Task) -> Finished:
+    """A stub for a trial, with unusual values."""
     row = msgspec.structs.replace(
         error_row(trial, "Grüße \ud800 \x00 \n"), status="done", success=trial.number % 2 == 0,
         slip_distance_m=float("inf"), reaction_latency_ms=float("nan"), wall_s=1,
@@ -36,9 +36,9 @@ def judged(trial: Task) -> Finished:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign that nothing happened to."""
+    """An undamaged campaign."""
     out = tmp_path_factory.mktemp("whole") / "a.sqlite"
-    run(SPEC, out, Workers(0), work=judged)
+    run(SPEC, out, Workers(0), work=stub_trial)
     return out
 
 
@@ -63,14 +63,14 @@ def everything(path: Path) -> object:
 
 def test_a_second_writer_is_refused_with_the_name_of_the_first(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
-    places = combinations(SPEC)
-    with CampaignStore.create(out, SPEC, places):
+    grid = combinations(SPEC)
+    with CampaignStore.create(out, SPEC, grid):
         for resume in (False, True):
             with pytest.raises(ConfigError, match=rf"written by process {os.getpid()}: ") as caught:
-                CampaignStore.create(out, SPEC, places, resume)
+                CampaignStore.create(out, SPEC, grid, resume)
             assert caught.value.key == "--out"
-        assert everything(out)  # to read it is another matter
-    with CampaignStore.create(out, SPEC, places, resume=True):
+        assert everything(out)  # reading is allowed
+    with CampaignStore.create(out, SPEC, grid, resume=True):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["a.sqlite"]
 
@@ -78,7 +78,7 @@ def test_a_second_writer_is_refused_with_the_name_of_the_first(tmp_path: Path) -
 # What a file holds
 
 
-def test_what_was_written_is_read_whatever_the_values(whole: Path) -> None:
+def test_unusual_values_are_stored_and_read(whole: Path) -> None:
     with CampaignStore.open(whole) as opened:
         rows = opened.rows()
     assert [row.trial for row in rows] == list(range(6))
@@ -101,10 +101,10 @@ def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(
     change(copy, statement)
     before = copy.read_bytes()
     with pytest.raises(BadFile):
-        run(SPEC, copy, Workers(0), resume=True, work=judged)
+        run(SPEC, copy, Workers(0), resume=True, work=stub_trial)
     assert copy.read_bytes() == before
-    for words in (["runs"], ["export"]):
-        assert main([*words, str(copy)]) == 2
+    for command in ("runs", "export"):
+        assert main([command, str(copy)]) == 2
         out, err = capsys.readouterr()
         assert out == "" and named in err
 
@@ -113,7 +113,7 @@ def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(
 
 
 def damage(content: bytes, rng: random.Random) -> bytes:
-    """A page of zeros or with another head, two pages exchanged, or a file cut short."""
+    """Content with a page of zeros, a changed page header, two swapped pages, or a missing end."""
     data = bytearray(content)
     kind = rng.choice(("head", "zeros", "exchange", "cut"))
     a, b = (rng.randrange(len(data) // 4096) * 4096 for _ in range(2))
@@ -128,23 +128,23 @@ def damage(content: bytes, rng: random.Random) -> bytes:
     return bytes(data)
 
 
-def test_damaged_files_are_refused_in_one_line_or_read_whole(
+def test_damaged_files_are_refused_in_one_line_or_read_completely(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rng, content, wanted = random.Random(20_26), whole.read_bytes(), everything(whole)
+    rng, content, expected = random.Random(20_26), whole.read_bytes(), everything(whole)
     out, refused = tmp_path / "a.sqlite", 0
     for _ in range(25):
         out.write_bytes(damage(content, rng))
         code = main(["runs", str(out), "--json"])
-        said = capsys.readouterr()
-        assert (code, said.err, said.out.count("\n")) in ((0, "", 1), (2, "", 1))
+        printed = capsys.readouterr()
+        assert (code, printed.err, printed.out.count("\n")) in ((0, "", 1), (2, "", 1))
         refused += code == 2
         if code == 0:
-            assert everything(out) == wanted  # the damage was where nothing is
+            assert everything(out) == expected  # the damage was in an unused part
         else:
-            assert out.name in said.out
+            assert out.name in printed.out
             with pytest.raises(BadFile):
-                run(SPEC, out, Workers(0), resume=True, work=judged)
+                run(SPEC, out, Workers(0), resume=True, work=stub_trial)
     assert refused > 15
 
 
@@ -175,18 +175,18 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     with monkeypatch.context() as patch:
         patch.setattr(Path, method, failing)
         with pytest.raises(CouldNotRecord, match="No space left"):
-            run(SPEC, out, Workers(0), resume=True, work=judged)
+            run(SPEC, out, Workers(0), resume=True, work=stub_trial)
     assert files(tmp_path) == ["a.sqlite"]
     with CampaignStore.open(out) as opened:
         assert opened.rows() == []
-    assert run(SPEC, out, Workers(0), resume=True, work=judged).done == 6
+    assert run(SPEC, out, Workers(0), resume=True, work=stub_trial).done == 6
 
 
-# What a campaign file may say
+# Content of a campaign file
 
 
-def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(tmp_path: Path) -> None:
-    for says, named in [
+def test_a_campaign_with_repeated_values_or_an_invalid_sweep_is_refused(tmp_path: Path) -> None:
+    for content, named in [
         ('objects = ["can", "ball", "can"]', '"can" twice'),
         ('objects = ["can"]\nseeds = [1, 2, 1]', "1 twice"),
         ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = [0.1, 0.10]', "0.1 twice"),
@@ -195,8 +195,8 @@ def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(tmp_path: Pat
         (f'objects = ["can"]\n[sweep]\n"loop.decision_delay_s" = [{MANY}]', "too large"),
     ]:
         file, out = tmp_path / "c.toml", tmp_path / "a.sqlite"
-        file.write_text(f'name = "c"\n{says}\n')
+        file.write_text(f'name = "c"\n{content}\n')
         with pytest.raises(ConfigError) as caught:
-            run(read_spec(file), out, Workers(0), work=judged)
-        assert named in f"{caught.value.message} {caught.value.remedy}", (says, named)
-        assert not out.exists(), (says, named)
+            run(read_spec(file), out, Workers(0), work=stub_trial)
+        assert named in f"{caught.value.message} {caught.value.remedy}", (content, named)
+        assert not out.exists(), (content, named)

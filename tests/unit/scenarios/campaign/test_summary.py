@@ -1,4 +1,4 @@
-"""The figures of Table IV: intervals, quantiles in which a drop is infinity."""
+"""Summary of a campaign: intervals, and quantiles in which a dropped object counts as infinite."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_a_lost_object_counts_as_infinitely_far() -> None:
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, math.inf)
 
 
-def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
+def test_false_start_counts_as_undetected_for_the_later_slip() -> None:
     held = [row(i, "ball", "held", detection_latency_ms=5.0, reaction_latency_ms=60.0,
                 peak_force_n=9.0) for i in (0, 1)]  # fmt: skip
     early = row(2, "ball", "false_start", detection_latency_ms=-300.0, reaction_latency_ms=-240.0,
@@ -51,7 +51,7 @@ def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
         assert q is not None and (q.p10, q.max) == (least, math.inf)
 
 
-def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
+def test_excluded_trials_are_listed_beside_the_rate() -> None:
     tap = {"scenario": "tap", "slip_m": 0.005}
     rows = [row(i, "ball", "registered", success=True, moved=True, **tap) for i in range(3)]
     rows.append(row(3, "ball", "unmoved_registered", success=False, moved=False, **tap))
@@ -66,7 +66,7 @@ def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     assert "1 never_nominal, excluded" in shown and "1 unmoved_registered, excluded" in shown
 
 
-def test_errors_are_counted_apart_from_failures() -> None:
+def test_errors_are_counted_separately_from_failures() -> None:
     rows = [row(0, "ball", "held"), row(1, "ball", "dropped"), row(2, "ball", "held")]
     rows[2] = msgspec.structs.replace(rows[2], status="error", success=None, outcome=None)
     summary = summarize("x", rows)

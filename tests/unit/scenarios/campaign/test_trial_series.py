@@ -1,4 +1,4 @@
-"""Trials on one rig in one process leave the rows of a campaign, and are gone on with."""
+"""A series of trials on one rig has the rows of a campaign and can be resumed."""
 
 from functools import cache
 from pathlib import Path
@@ -20,7 +20,13 @@ from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import TrialContext
 
-MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
+MACHINE = (
+    "wall_s",
+    "cpu_s",
+    "versions",
+    "timing",
+    "recording",
+)  # columns that depend on the machine
 QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
 
 
@@ -48,30 +54,30 @@ def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
     )  # fmt: skip
     run_campaign(spec, tmp_path / "c.sqlite", Workers(0))
     with (
-        CampaignStore.open(tmp_path / "e.sqlite") as own,
+        CampaignStore.open(tmp_path / "e.sqlite") as series,
         CampaignStore.open(tmp_path / "c.sqlite") as campaign,
     ):
-        assert [*map(of_trial, own.rows())] == [*map(of_trial, campaign.rows())]
-        for row in own.rows():
+        assert [*map(of_trial, series.rows())] == [*map(of_trial, campaign.rows())]
+        for row in series.rows():
             assert row.recording is not None
             assert (tmp_path / row.recording).is_file()
             assert row.versions is not None and row.wall_s is not None
 
 
-def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
+def test_resume_runs_only_missing_trials(tmp_path: Path) -> None:
     made, out = TrialSeries("lift", config("lift"), 0, 3), tmp_path / "e.sqlite"
     context = TrialContext()
     with made.store(out, resume=False) as store:
-        begun = trial_series.run(made, context, store)
-        next(begun)
-        begun.close()  # type: ignore[attr-defined]
+        interrupted = trial_series.run(made, context, store)
+        next(interrupted)
+        interrupted.close()  # type: ignore[attr-defined]
     assert [row.seed for row in run_all(made, out, resume=True) if row] == [1, 2]
     assert run_all(made, out, resume=True) == []
     with CampaignStore.open(out) as store:
         assert [row.trial for row in store.rows()] == [0, 1, 2]
 
 
-def test_a_file_is_gone_on_with_by_the_same_experiment_alone(tmp_path: Path) -> None:
+def test_file_is_resumed_only_with_the_same_experiment_and_settings(tmp_path: Path) -> None:
     out = tmp_path / "e.sqlite"
     TrialSeries("lift", config("lift"), 0, 2).store(out, resume=False).__exit__()
     for other in [
@@ -93,7 +99,7 @@ def judged_lift() -> FinishedRun[Any]:
     return next(iter(trial_series.run(made, context, None)))[0]
 
 
-def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_row() -> None:
+def test_device_error_makes_an_error_row_and_an_interruption_none() -> None:
     task = TrialSeries("lift", config("lift"), 0, 1).tasks()[0]
     finished = judged_lift()
 
@@ -109,18 +115,18 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
     assert safe is not None and safe.status == "done" and safe.error == "what happened"
 
 
-def test_options_of_a_series_that_do_not_fit_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    for words, says in [
+def test_options_that_do_not_fit_a_series_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in [
         (["lift", "--resume"], "name it with --out FILE"),
         (["lift", "--keep", "--trials", "2"], "--trials 1"),
         (["acquire", "--trials", "2"], "`grasp run acquire` does not take --trials 2"),
         (["tap", "--taps", "4"], "does not take --taps 4"),
     ]:
-        assert main(["run", *words, "--rig", "simulated"]) == 2, (words, says)
-        assert says in capsys.readouterr().err, (words, says)
+        assert main(["run", *arguments, "--rig", "simulated"]) == 2, (arguments, message)
+        assert message in capsys.readouterr().err, (arguments, message)
 
 
-def test_what_a_device_ended_keeps_what_it_left_and_the_home_that_it_began_from() -> None:
+def test_error_row_keeps_the_partial_result_and_its_home() -> None:
     task = TrialSeries("lift", config("lift"), 0, 1).tasks()[0]
     finished = judged_lift()
     assert finished.result is not None and finished.result.home_m is not None

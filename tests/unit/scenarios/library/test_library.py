@@ -1,4 +1,4 @@
-"""`import grasp` as a library: light, typed, frozen, and no way to a real device."""
+"""The Python API of `import grasp`: light, typed, frozen, and without access to real devices."""
 
 import os
 import subprocess
@@ -53,7 +53,7 @@ def test_a_lift_is_typed_and_has_a_row_for_every_step(lift: Lift) -> None:
     assert lift.registered.any()
 
 
-def test_nothing_of_a_result_can_be_changed(lift: Lift) -> None:
+def test_result_cannot_be_changed(lift: Lift) -> None:
     with pytest.raises(AttributeError):
         lift.failure = None  # type: ignore[misc]
     for array in (lift.t_s, lift.counts, lift.registered, lift.true_force_n, lift.slip_m):
@@ -62,7 +62,7 @@ def test_nothing_of_a_result_can_be_changed(lift: Lift) -> None:
             array[0] = 0
 
 
-def test_a_replay_says_whether_all_is_as_recorded(lift: Lift) -> None:
+def test_replay_reports_whether_all_is_as_recorded(lift: Lift) -> None:
     again = grasp.replay(lift.folder)
     assert again.same  # type: ignore[union-attr]
     assert "as recorded" in again._repr_html_()
@@ -70,7 +70,7 @@ def test_a_replay_says_whether_all_is_as_recorded(lift: Lift) -> None:
         grasp.replay(lift.folder, settings={"rule.threshold": 0.9})
 
 
-# No way to a real device
+# No access to a real device
 
 
 @pytest.fixture

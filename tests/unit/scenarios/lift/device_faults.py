@@ -1,4 +1,4 @@
-"""What can be wrong with the devices of a simulated rig, each a function of the rig."""
+"""Faults of the devices of a simulated rig, each a function of the rig."""
 
 from collections.abc import Callable
 from typing import Any
@@ -72,7 +72,7 @@ def freeze_thumb(rig: Rig) -> None:
 
 
 def freeze_taxels(of_thumb: int) -> Act:
-    """The first so many of the thumb."""
+    """Freeze the first ``of_thumb`` taxels of the thumb."""
 
     def act(rig: Rig) -> None:
         _keep(rig, slice(0, of_thumb))
@@ -82,7 +82,7 @@ def freeze_taxels(of_thumb: int) -> Act:
 
 
 def _keep(rig: Rig, cells: slice) -> None:
-    """The next codes of these cells are repeated for ever."""
+    """Repeat the next codes of these cells without end."""
     kept: list[Any] = []
 
     def lie(codes: np.ndarray) -> np.ndarray:
@@ -117,13 +117,13 @@ def stick_one_taxel_at_the_rail(rig: Rig) -> None:
 
 
 def replug_fingertips(rig: Rig) -> None:
-    """Between two polls: the link opens the board again, and nobody hears of an error."""
+    """Replug the board between two polls: the link reopens it and reports no error."""
     cell(rig).board.unplug()
     cell(rig).board.replug()
     rig.tactile._link.start()  # type: ignore[attr-defined]
 
 
-# Detector: every one that is made from now on, and the one that runs
+# Detector: every later one, and the running one
 
 
 def returning(patch: pytest.MonkeyPatch, answer: object) -> Act:
@@ -132,14 +132,14 @@ def returning(patch: pytest.MonkeyPatch, answer: object) -> Act:
 
 def raising(patch: pytest.MonkeyPatch) -> Act:
     def update(self: object, counts: object) -> None:
-        raise MemoryError("no room for a window")
+        raise MemoryError("no memory for a window")
 
     return lambda rig: patch.setattr(EnergyDetector, "update", update)
 
 
 def failing_reset(patch: pytest.MonkeyPatch) -> Act:
     def reset(self: object) -> None:
-        raise MemoryError("no room for another past")
+        raise MemoryError("no memory for a reset")
 
     return lambda rig: patch.setattr(EnergyDetector, "reset", reset)
 
@@ -175,7 +175,7 @@ def zero_gripper_status(rig: Rig) -> None:
 
 
 def always_contact(rig: Rig) -> None:
-    """The status says of every finger that it stands since it met something."""
+    """The status reports contact for every finger."""
     cell(rig).gripper.misreport(lambda w: (w[0] & ~0x003F | 0x002A, *w[1:]))
 
 
@@ -210,12 +210,12 @@ def freeze_arm_values(rig: Rig) -> None:
 
 
 def reverse_arm(rig: Rig) -> None:
-    """It makes the opposite of the moves that it is told from now on."""
+    """The arm executes every later motion in the opposite direction."""
     cell(rig).arm.contrary = True
 
 
 def push_arm(rig: Rig) -> None:
-    """It goes where nobody told it to."""
+    """The arm moves without a command."""
     arm, now_ns = cell(rig).arm, rig.clock.now_ns
     x, y, z = arm.position(now_ns)
     arm.move_l((x + 0.1, y, z), 0.1, 0.5, now_ns)
@@ -230,7 +230,7 @@ def make_arm_jump(rig: Rig) -> None:
 
 
 def lose_stops(rig: Rig, times: int) -> list[int]:
-    """The arm's controller loses so many stops; returns the times of those that it received."""
+    """The arm's controller loses ``times`` stops; returns the times of those that it received."""
     arm, left, received_ns = cell(rig).arm, [times], list[int]()
     whole = arm.stop_l
 

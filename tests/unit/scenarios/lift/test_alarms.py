@@ -1,4 +1,4 @@
-"""Any sequence of alarms, on the full loop: every run ends in its time, nothing held is dropped."""
+"""Arbitrary sequences of alarms on the full loop: every run ends in time, no object is dropped."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,11 @@ from tests.unit.scenarios.conftest import QUIET as CALM
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift.device_faults import cell
 
-Said = tuple[float, float, float]  # a probability a finger
+Probabilities = tuple[float, float, float]  # of each finger
 ALARM, QUIET = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector wants more than one finger
-# stated time of every phase of a run: to the object and its grip, which hear no alarm; 0.1 m up and
-# down, all of that at the speed of a landing where slip ended at the top, and one step that tells
-# whether the object stands (1.1 s); the hold with its alarms, patience at each end
+EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector needs more than one finger
+# longest time of each phase: approach and grasp without alarms; 0.1 m up and down, after slip at
+# the top all of it at feel speed, and one step to check for the table (1.1 s); the hold with alarms
 LONGEST_S = {
     State.SHAPE: 1.0, State.TARE: 1.0, State.BRACE: 1.5, State.CLOSE: 2.0, State.SETTLE: 0.5,
     State.BASELINE: 0.5, State.SET_DOWN: 0.1,
@@ -33,37 +32,38 @@ LONGEST_S = {
 SETTINGS = ("hand.activation_s=0.5", "controller.lift_height_m=0.1", "controller.hold_s=0.3")
 
 
-class Told:
-    """A detector that says what it is told, frame by frame, over and over."""
+class ScriptedDetector:
+    """A detector that repeats a script of probabilities, frame by frame."""
 
-    def __init__(self, script: list[tuple[int, Said]]) -> None:
-        self._said = np.concatenate([np.tile(p, (n, 1)) for n, p in script])
+    def __init__(self, script: list[tuple[int, Probabilities]]) -> None:
+        self._script = np.concatenate([np.tile(p, (n, 1)) for n, p in script])
         self._frame = 0
 
     def reset(self) -> None: ...
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        p: NDArray[np.float64] = self._said[self._frame % len(self._said)]
+        p: NDArray[np.float64] = self._script[self._frame % len(self._script)]
         self._frame += 1
         return p
 
 
 def run(
-    script: list[tuple[int, Said]], *words: str, object_name: str = "can",
+    script: list[tuple[int, Probabilities]], *settings: str, object_name: str = "can",
     detector: str | None = "energy",
 ) -> tuple[GraspController, list[Tick], bool]:  # fmt: skip
-    """Controller at its end, its ticks, and whether the object was held all the time in the air.
-    From the start of the lift on: no alarm counts before it.
-    ``detector``: whose rule gets the script; None: that of the default."""
+    """Run a lift with scripted probabilities from the baseline on.
 
-    def made(*told: str) -> LiftConfig:
-        return load_config(object_name, "simulated", detector, None, (CALM, *told)).for_lift()
+    Returns the finished controller, its ticks, and whether the object was never dropped.
+    ``detector``: whose rule gets the script; None: the default's."""
 
-    def hear(rig: Rig) -> None:
-        staged.loop._step._detector = Told(script)  # noqa: SLF001
+    def made(*values: str) -> LiftConfig:
+        return load_config(object_name, "simulated", detector, None, (CALM, *values)).for_lift()
 
-    staged = Staged(*SETTINGS, *words, made=made)
-    controller = staged.run(in_phase(State.BASELINE, 1), hear).controller
+    def start_script(rig: Rig) -> None:
+        staged.loop._step._detector = ScriptedDetector(script)  # noqa: SLF001
+
+    staged = Staged(*SETTINGS, *settings, made=made)
+    controller = staged.run(in_phase(State.BASELINE, 1), start_script).controller
     truth = cell(staged.rig).truth()
     return controller, staged.ticks, truth.touched or controller.state is State.SET_DOWN
 
@@ -78,38 +78,38 @@ STEPS = "controller.slip_response=stop_and_step"
 
 
 @pytest.mark.parametrize(
-    ("words", "detector"),
+    ("assignments", "detector"),
     [((STEPS, "controller.hold_by_clock=true"), "energy"), ((), None)],
 )  # fmt: skip
 @settings(max_examples=5)
 @given(script=SCRIPT)
-def test_every_phase_ends_in_its_time_whatever_the_detector_says(
-    words: tuple[str, ...], detector: str | None, script: list[tuple[int, Said]]
+def test_every_phase_ends_in_time_for_any_output_of_the_detector(
+    assignments: tuple[str, ...], detector: str | None, script: list[tuple[int, Probabilities]]
 ) -> None:
-    controller, ticks, held = run(script, *words, detector=detector)
+    controller, ticks, held = run(script, *assignments, detector=detector)
     assert controller.finished, controller.state
     assert held
     assert closes(ticks) <= 1
-    assert answered_s(ticks) < 10.0
-    begun = {t.decision.state: 0 for t in ticks}
-    stretch, before = 0, None
+    assert response_s(ticks) < 10.0
+    longest = {t.decision.state: 0 for t in ticks}
+    steps_in_phase, before = 0, None
     for tick in ticks:
-        stretch = stretch + 1 if tick.decision.state is before else 1
+        steps_in_phase = steps_in_phase + 1 if tick.decision.state is before else 1
         before = tick.decision.state
-        begun[before] = max(begun[before], stretch)
-    for phase, steps in begun.items():
+        longest[before] = max(longest[before], steps_in_phase)
+    for phase, steps in longest.items():
         assert steps * 0.01 <= LONGEST_S[phase], phase
 
 
 def closes(ticks: list[Tick]) -> int:
-    """To the force cap: a first stage belongs to the one that follows."""
+    """Number of closings to the force limit; a first stage counts with its second."""
     sent = [i.admitted for t in ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
     assert sum(c.more for c in sent) <= sum(not c.more for c in sent)
     return sum(not c.more for c in sent)
 
 
-def answered_s(ticks: list[Tick]) -> float:
-    """From the first alarm that was registered to the way down, or to the run's end."""
+def response_s(ticks: list[Tick]) -> float:
+    """Time from the first registered slip to lowering, or to the end of the run, s."""
     began_ns = next((t.t_ns for t in ticks if t.decision.slip.event), ticks[-1].t_ns)
     down_ns = next((t.t_ns for t in ticks if t.decision.state is State.DESCEND), ticks[-1].t_ns)
     return (down_ns - began_ns) * 1e-9
@@ -121,34 +121,34 @@ PATTERNS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("answer", "name", "detector", "loud", "silent"), PATTERNS)
-def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_ten_seconds(
-    answer: str, name: str, detector: str | None, loud: int, silent: int
+@pytest.mark.parametrize(("response", "name", "detector", "alarm", "silent"), PATTERNS)
+def test_repeated_alarms_get_a_response_while_force_can_rise_and_end_in_ten_seconds(
+    response: str, name: str, detector: str | None, alarm: int, silent: int
 ) -> None:
-    script = [(loud, EVERYWHERE), (silent, QUIET)]
-    words = (f"controller.slip_response={answer}", "controller.hold_s=1.0")
-    controller, ticks, held = run(script, *words, object_name=name, detector=detector)
+    script = [(alarm, EVERYWHERE), (silent, QUIET)]
+    assignments = (f"controller.slip_response={response}", "controller.hold_s=1.0")
+    controller, ticks, held = run(script, *assignments, object_name=name, detector=detector)
     assert held
     assert controller.response.closings > 0
     assert closes(ticks) <= 1
-    assert answered_s(ticks) < 10.0
-    steps = 0 if answer == "stop_and_close" else 5  # stop_and_step.STEP_TRIES
-    assert controller.response.closings <= 1 + steps  # and to the cap at last
+    assert response_s(ticks) < 10.0
+    steps = 0 if response == "stop_and_close" else 5  # stop_and_step.STEP_TRIES
+    assert controller.response.closings <= 1 + steps  # and finally to the limit
 
 
-@pytest.mark.parametrize("answer", ["stop_and_close", "stop_and_step"])
-def test_alarm_that_never_ends_is_borne_by_the_clock_though_commands_take_their_time(
-    answer: str,
+@pytest.mark.parametrize("response", ["stop_and_close", "stop_and_step"])
+def test_hold_by_clock_ends_in_time_with_a_permanent_alarm_and_delayed_commands(
+    response: str,
 ) -> None:
-    words = (f"controller.slip_response={answer}", "controller.hold_by_clock=true",
-             "loop.decision_delay_s=0.02")  # fmt: skip
-    controller, ticks, held = run([(1, ALARM)], *words)
+    assignments = (f"controller.slip_response={response}", "controller.hold_by_clock=true",
+                   "loop.decision_delay_s=0.02")  # fmt: skip
+    controller, ticks, held = run([(1, ALARM)], *assignments)
     assert controller.state is State.SET_DOWN and held
-    assert closes(ticks) <= 1  # by steps it may be at its cap without
-    assert answered_s(ticks) < 10.0
+    assert closes(ticks) <= 1  # steps may reach the limit without a closing
+    assert response_s(ticks) < 10.0
 
 
-def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> None:
+def test_permanent_alarm_sets_the_object_down_without_dropping_it() -> None:
     controller, _, held = run([(1, ALARM)])
     assert controller.cap_reached
     assert held

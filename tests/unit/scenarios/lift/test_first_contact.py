@@ -1,4 +1,4 @@
-"""The limit from first contact to last: objects that are not as expected, or not there any more."""
+"""The force limit from first to last contact, for objects of unexpected width or lost objects."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def lifted(name: str, wider_m: float, *assignments: str, seed: int = 0) -> LiftR
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_no_finger_passes_the_limit_on_an_object_of_another_width_than_expected(name: str) -> None:
+def test_no_finger_exceeds_the_limit_on_an_object_of_unexpected_width(name: str) -> None:
     for wider_mm in (0.0, 5.0, 8.0):
         result = lifted(name, wider_mm * 1e-3)
         assert result.peak_force_n is not None  # also when the run ends in a fault
@@ -38,8 +38,8 @@ def test_no_finger_passes_the_limit_on_an_object_of_another_width_than_expected(
         assert "feels nothing" in missed.phases[-1].cause
 
 
-def test_where_each_motor_keeps_the_limit_the_thumb_bears_two_of_them() -> None:
-    """And two motors' overshoot: each passes the limit by up to its own."""
+def test_thumb_bears_the_force_of_two_motors_in_mode_each_motor() -> None:
+    """Its overshoot is that of two motors too."""
     each = ('guard.cap_mode="each_motor"', "hand.debounce_s=0.001")
     result = lifted("cardboard", -0.24e-3, *each, seed=24)
     assert result.peak_force_n is not None
@@ -51,7 +51,7 @@ def test_where_each_motor_keeps_the_limit_the_thumb_bears_two_of_them() -> None:
 SLIPPERY = ("object.friction_static=0.25", "object.friction_kinetic=0.2")
 
 
-def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> None:
+def test_closed_empty_hand_is_not_lowered_onto_the_lost_object() -> None:
     result = judged(*SLIPPERY, HAND_ALONE, object_name="ball")
     assert result.phases[-1].phase == "lost"
     assert result.outcome in ("dropped", "expelled")
@@ -59,7 +59,7 @@ def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> No
     assert max(result.peak_force_n.values()) <= BOUND_N
 
 
-# The object falls out of a weak grip while a closing takes long, lands, and is gripped higher up.
+# The object falls out of a weak grip during a slow closing and is gripped again higher up.
 LATE = (
     ("ball", 34, ("loop.decision_delay_s=0.3", "variation.command_latency_s=0.1",
                   "controller.lift_height_m=0.03")),
@@ -69,7 +69,7 @@ LATE = (
 
 
 @pytest.mark.parametrize(("name", "seed", "settings"), LATE)
-def test_hand_that_gripped_again_where_the_object_had_fallen_is_not_driven_down_along_it(
+def test_hand_that_gripped_a_fallen_object_again_is_not_lowered(
     name: str, seed: int, settings: tuple[str, ...]
 ) -> None:
     result = lifted(name, 0.0, *settings, seed=seed)
@@ -93,7 +93,7 @@ def test_object_that_vanishes_stops_the_arm_where_it_is(phase: State) -> None:
 
 
 @pytest.mark.parametrize("broken", [fault.stick_one_taxel_at_the_rail, fault.freeze_taxels(3)])
-def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
+def test_loss_of_the_object_is_detected_with_taxels_that_still_report_contact(
     broken: fault.Act,
 ) -> None:
     for phase in (State.HOLD, State.DESCEND):
@@ -150,21 +150,21 @@ REFUSED = [
 ]
 
 
-def test_settings_that_cannot_be_kept_are_refused_before_anything_moves() -> None:
+def test_infeasible_settings_are_refused_before_anything_moves() -> None:
     for assignments, key in REFUSED:
         with pytest.raises(ConfigError) as caught:
             make_guard(config(*assignments))
         assert caught.value.key == key, assignments
 
 
-def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused() -> None:
+def test_first_grasp_that_is_too_fast_for_the_limit_is_refused() -> None:
     with pytest.raises(ConfigError, match="wider than expected") as refused:
         make_guard(config("controller.grip_speed_mps=0.064"))
     assert refused.value.remedy.endswith("<= 0.063, or a guard.overshoot_n that allows it")
 
 
 @pytest.mark.parametrize("name", ["cardboard", "ball"])
-def test_fastest_first_grasp_that_is_allowed_keeps_the_limit(name: str) -> None:
+def test_fastest_allowed_first_grasp_keeps_the_limit(name: str) -> None:
     result = lifted(name, 7.8e-3, "controller.grip_speed_mps=0.063")
     assert result.peak_force_n is not None
     assert max(result.peak_force_n.values()) <= BOUND_N

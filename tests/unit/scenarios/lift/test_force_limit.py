@@ -1,7 +1,7 @@
-"""No sequence of events puts a byte above the force limit on its way to the gripper.
+"""No sequence of events sends the gripper a force byte above the limit.
 
-The bytes are taken where they reach the device: each register image that the driver writes is
-decoded here by its own few lines, not by the driver's code.
+The bytes are checked where they reach the device: each register image that the driver writes is
+decoded here independently of the driver's code.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def paper_force_n(byte: int) -> float:
 
 
 class Wire:
-    """Sees every register image that reaches the gripper."""
+    """Collects every register image that reaches the gripper."""
 
     def __init__(self, transport: RegisterTransport) -> None:
         self._inner = transport
@@ -51,15 +51,15 @@ class Wire:
 
     def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
         if self.cut:
-            raise LinkLost("cut", "mend it")
-        # registers before the first are those that the hand has been told already
+            raise LinkLost("cut", "connect it")
+        # registers before the first keep their values
         before = self.images[-1][: 2 * first] if self.images else bytes(2 * first)
         self.images.append(before + b"".join(r.to_bytes(2, "big") for r in registers))
         self._inner.write(first, registers, now_ns)
 
     def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
         if self.cut:
-            raise LinkLost("cut", "mend it")
+            raise LinkLost("cut", "connect it")
         return self._inner.read(first, count, now_ns)
 
     def highest_force_n(self) -> float:
@@ -68,7 +68,7 @@ class Wire:
 
 
 def watched(config: GraspRigConfig, seed: int) -> tuple[Rig, Wire]:
-    """The simulated rig, and the gripper's wire on it."""
+    """The simulated rig and its gripper's wire."""
     wires: list[Wire] = []
 
     def wrap(transport: RegisterTransport) -> Wire:
@@ -79,7 +79,7 @@ def watched(config: GraspRigConfig, seed: int) -> tuple[Rig, Wire]:
 
 
 class FixedDetector:
-    """Says what the test wants to have felt, by every finger."""
+    """Returns the probability ``p`` for every finger."""
 
     def __init__(self) -> None:
         self.p = 0.0
@@ -90,26 +90,26 @@ class FixedDetector:
         return np.full(3, self.p)
 
 
-def greedy(config: TrialConfig, asked_n: float) -> GraspController:
-    """A controller that asks for this force, whatever the limit is."""
-    plan = msgspec.structs.replace(grip_plan(config), force_cap_n=asked_n)
+def greedy(config: TrialConfig, commanded_n: float) -> GraspController:
+    """A controller that commands this force regardless of the limit."""
+    plan = msgspec.structs.replace(grip_plan(config), force_cap_n=commanded_n)
     monitor = SlipMonitor(DecisionRule(config.rule, 3), config.slip)
     return GraspController(config.controller, plan, monitor)
 
 
-def stressed(asked_n: float, mode: str, bound: bool) -> TrialConfig:
+def stressed(commanded_n: float, mode: str, bound: bool) -> TrialConfig:
     base = changed(by_default("hand.activation_s=0.5"), "guard", cap_mode=mode, travel_bound=bound)
-    return changed(base, "controller", grip_force_n=asked_n)
+    return changed(base, "controller", grip_force_n=commanded_n)
 
 
-_begun: dict[tuple[str, bool], checkpoint.Parts] = {}
+_started: dict[tuple[str, bool], checkpoint.Parts] = {}
 
 
-def begun(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
+def started(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
     """Rig, loop, controller, detector and wire, before the first step or at the start of the
     lift."""
     key = config.digest(), to_lift
-    if key not in _begun:
+    if key not in _started:
         rig, wire = watched(config, 0)
         detector, controller = FixedDetector(), greedy(config, config.controller.grip_force_n)
         step = GraspStep(detector, controller, make_guard(config))
@@ -118,24 +118,24 @@ def begun(config: TrialConfig, to_lift: bool) -> checkpoint.Parts:
             if loop.tick() and controller.state is State.LIFT:
                 break
         assert (controller.state is State.LIFT) == to_lift
-        _begun[key] = (rig, loop, controller, detector, wire)
-    return _begun[key]
+        _started[key] = (rig, loop, controller, detector, wire)
+    return _started[key]
 
 
 class GraspUnderStress(RuleBasedStateMachine):
-    """A lift on the simulated rig, steered by hypothesis; one rule an event."""
+    """A lift on the simulated rig with random events; each rule is an event."""
 
     @initialize(
-        asked_n=st.sampled_from([10.0, 10.2, 60.0]),
+        commanded_n=st.sampled_from([10.0, 10.2, 60.0]),
         mode=st.sampled_from(["every_finger", "each_motor"]),
         bound=st.booleans(),
         to_lift=st.booleans(),
     )
-    def start(self, asked_n: float, mode: str, bound: bool, to_lift: bool) -> None:
-        self.config = stressed(asked_n, mode, bound)
-        self.asked_n = asked_n
-        kept = checkpoint.copied(begun(self.config, to_lift))
-        self.rig, self.loop, self.controller, self.detector, self.wire = kept
+    def start(self, commanded_n: float, mode: str, bound: bool, to_lift: bool) -> None:
+        self.config = stressed(commanded_n, mode, bound)
+        self.commanded_n = commanded_n
+        parts = checkpoint.copied(started(self.config, to_lift))
+        self.rig, self.loop, self.controller, self.detector, self.wire = parts
 
     @rule(ticks=st.integers(1, 40))
     def time_passes(self, ticks: int) -> None:
@@ -143,7 +143,7 @@ class GraspUnderStress(RuleBasedStateMachine):
             self.loop.tick()
 
     @rule()
-    def slip_is_felt(self) -> None:
+    def slip_begins(self) -> None:
         self.detector.p = 0.9
         for _ in range(self.config.rule.consecutive + 1):
             self.loop.tick()
@@ -169,13 +169,13 @@ class GraspUnderStress(RuleBasedStateMachine):
             st.just(HoldFingers()),
         )
     )  # fmt: skip
-    def controller_goes_mad(self, command: GripperCommand) -> None:
+    def controller_sends_anything(self, command: GripperCommand) -> None:
         self.loop.submit(command)
         self.loop.tick()
 
     @precondition(lambda self: not self.wire.cut)
     @rule(ticks=st.integers(1, 3))
-    def link_blinks(self, ticks: int) -> None:
+    def link_fails_briefly(self, ticks: int) -> None:
         self.wire.cut = True
         for _ in range(ticks):
             self.loop.tick()
@@ -191,7 +191,7 @@ class GraspUnderStress(RuleBasedStateMachine):
     @precondition(lambda self: self.controller.finished)
     @rule()
     def a_new_run_begins(self) -> None:
-        self.controller = greedy(self.config, self.asked_n)
+        self.controller = greedy(self.config, self.commanded_n)
         self.loop = ControlLoop(
             self.rig.devices, self.rig.clock,
             GraspStep(self.detector, self.controller, make_guard(self.config)),
@@ -209,20 +209,20 @@ TestForceLimit = GraspUnderStress.TestCase
 TestForceLimit.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 
 
-def test_the_stress_would_find_a_guard_that_lets_forces_through(
+def test_stress_test_finds_a_guard_without_a_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The check can fail: without the guard the same machine finds a byte above the limit."""
+    """Without the guard the same machine finds a byte above the limit."""
     monkeypatch.setattr("grasp.guard.ForceGuard.admit", lambda self, command, *_: command)
     machine = GraspUnderStress()
     machine.start(60.0, "every_finger", bound=False, to_lift=True)
-    machine.slip_is_felt()
+    machine.slip_begins()
     machine.time_passes(5)
     with pytest.raises(AssertionError):
         machine.no_force_byte_is_above_the_limit()
 
 
-def test_bytes_keep_any_limit_sampled_densely() -> None:
+def test_force_bytes_keep_every_limit() -> None:
     for limit_n in (10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0):
         base = changed(by_default("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
         rig, wire = watched(base, 0)
@@ -231,20 +231,20 @@ def test_bytes_keep_any_limit_sampled_densely() -> None:
         loop.tick()
         at = 100
         for beyond_n in (-0.2, -1e-9, 0.0, 1e-9, 0.2, 150.0):
-            asked_n = limit_n + beyond_n
+            commanded_n = limit_n + beyond_n
             wire.images.clear()
             at += 10  # so that there is something to write
-            loop.submit(CloseFast(max(asked_n, 10.0), (True, True, True), (at, at, at), 0.11))
+            loop.submit(CloseFast(max(commanded_n, 10.0), (True, True, True), (at, at, at), 0.11))
             loop.tick()
-            assert wire.images, (limit_n, asked_n)
-            assert wire.highest_force_n() <= limit_n, (limit_n, asked_n)
+            assert wire.images, (limit_n, commanded_n)
+            assert wire.highest_force_n() <= limit_n, (limit_n, commanded_n)
 
 
-def test_what_the_default_detector_hears_commands_no_byte_above_the_limit() -> None:
+def test_response_to_slip_by_the_default_detector_sends_no_byte_above_the_limit() -> None:
     made = by_default()
     rig, wire = watched(made, 0)
     trial = run_trial(made, rig, make_guard(made), lambda *_: None)
-    assert State.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip was heard
+    assert State.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip registered
     assert wire.highest_force_n() == LIMIT_N
 
 

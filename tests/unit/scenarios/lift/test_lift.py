@@ -1,4 +1,4 @@
-"""The lift as a closed loop over the device models: every outcome, and what leads to it."""
+"""The lift as a closed loop over the device models, with every outcome."""
 
 from pathlib import Path
 
@@ -13,16 +13,16 @@ from tests.unit.scenarios.conftest import (
     config,
     in_phase,
     judged,
-    phases_but_landing,
+    phases_without_feel,
 )
 from tests.unit.scenarios.lift.device_faults import interrupt
 
 
-def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None:
+def test_slip_of_a_weakly_grasped_can_is_detected_and_compensated(plain_lift: LiftResult) -> None:
     r = plain_lift
     assert r.success
     assert r.outcome == "held_within_6cm"
-    phases = phases_but_landing(r)
+    phases = phases_without_feel(r)
     pauses = phases.count("compensate")
     assert 0 < pauses < 4
     assert phases == [
@@ -37,12 +37,12 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.slip_distance_m is not None
     assert 0.0002 < r.slip_distance_m < 0.06
     following = zip(r.phases, r.phases[1:], strict=False)
-    answers_s = sum(b.t_s - a.t_s for a, b in following if a.phase == "compensate")
-    assert 0.9 * answers_s < r.paused_s < answers_s  # but for what the arm braked
+    compensate_s = sum(b.t_s - a.t_s for a, b in following if a.phase == "compensate")
+    assert 0.9 * compensate_s < r.paused_s < compensate_s  # without the braking of the arm
 
 
 @pytest.mark.parametrize("name", ["box", "cardboard", "ball", "football", "foam"])
-def test_every_object_can_be_saved_by_the_default_controller(name: str) -> None:
+def test_default_controller_holds_every_object(name: str) -> None:
     assert judged(object_name=name).success
 
 
@@ -54,25 +54,25 @@ def test_true_peak_of_the_reference_hand_stays_within_a_newton_of_the_limit(seed
     assert r.commanded_force_n <= 10.0
 
 
-def test_deaf_detector_drops_the_can() -> None:
+def test_can_is_dropped_with_a_detector_that_misses_slip() -> None:
     r = judged("energy.threshold_counts=400")
     assert r.slip_registered_s is None
     assert r.outcome == "dropped"
 
 
-def test_grasp_that_is_strong_enough_never_slips_and_is_no_success() -> None:
+def test_lift_without_slip_is_no_success() -> None:
     r = judged("object.mass_kg=0.1", "object.added_mass_kg=0", "object.grip_counts=[57,56,56]")
     assert r.outcome == "never_slipped"
     assert not r.success
 
 
-def test_detector_that_cries_at_once_is_a_false_start() -> None:
+def test_detector_with_an_immediate_alarm_is_a_false_start() -> None:
     r = judged("energy.threshold_counts=0.3")
     assert r.outcome == "false_start"
     assert r.slip_registered_s is not None
 
 
-def test_object_too_heavy_for_the_limit_reports_the_cap_and_is_lowered() -> None:
+def test_object_too_heavy_for_the_limit_is_lowered_with_outcome_cap_reached() -> None:
     r = judged("object.mass_kg=2.5")
     assert r.outcome == "cap_reached"
     assert "lower.descend" in [p.phase for p in r.phases]
@@ -94,7 +94,7 @@ def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() 
 ONE_CLOSING = 'controller.closing="constant"'
 
 
-def test_start_up_override_breaks_the_limit_in_one_closing_and_position_restores_it() -> None:
+def test_start_up_override_exceeds_the_limit_in_one_closing_but_not_in_two_stages() -> None:
     override = ("hand.override_s=0.1", "hand.override_n=30")
     assert judged(*override, ONE_CLOSING).outcome == "over_force"
     staged = judged(*override)
@@ -111,7 +111,7 @@ def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
     assert not truth.touched
 
 
-def test_own_closing_does_not_register_as_a_second_slip() -> None:
+def test_closing_of_the_hand_is_not_registered_as_a_second_slip() -> None:
     trial = Staged(HAND_ALONE).run(in_phase(State.SET_DOWN), interrupt)
     assert len(trial.controller.monitor.events) == 1
 

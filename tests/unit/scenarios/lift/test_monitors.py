@@ -1,4 +1,4 @@
-"""What devices say and cannot be: a fault with a name, soon, and the safe state of the phase."""
+"""Implausible device data: a fault with the right code, in time, and the safe state."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ P = State
 HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.DESCEND)
 ALL = (P.SHAPE, P.BRACE, *HELD)
 
-# what is done, in which phases, the name of the fault, and how many steps later it is there at
-# the latest, from when it could be noticed: the first frame, or the first command that is ignored
+# injected fault, phases, code of the expected fault, and the most steps until it is raised, from
+# the first frame or ignored command that shows it
 CASES = [
     (fault.freeze_fingertips, HELD, "fingertips_frozen", 13),
     (fault.freeze_thumb, (P.LIFT, P.HOLD, P.DESCEND), "fingertip_dead", 35),
@@ -32,11 +32,16 @@ CASES = [
     (fault.make_finger_b_jump, (P.BRACE, P.HOLD), "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
     (fault.freeze_arm_values, (P.LIFT, P.DESCEND), "arm_frozen", 37),
-    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 140),  # it stands until it goes on
+    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 140),  # stationary until it resumes
     (fault.push_arm, (P.SHAPE, P.BRACE), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
     (fault.make_arm_jump, (P.SHAPE, P.BRACE, P.HOLD, P.DESCEND), "arm_wrong_way", 2),
-    (fault.make_arm_jump, (P.LIFT,), "arm_wrong_way", 200),  # past the top: it leapt on its line
+    (
+        fault.make_arm_jump,
+        (P.LIFT,),
+        "arm_wrong_way",
+        200,
+    ),  # past the top: it jumped along its path
     (fault.pause_loop(0.3), ALL, "loop_stood_still", 1),
     (fault.pause_loop(3.0), (P.LIFT, P.HOLD), "loop_stood_still", 1),
 ]
@@ -53,7 +58,7 @@ def fault_at(staged: Staged) -> int:
 
 
 def in_safe_state(staged: Staged, trial: FinishedTrial, name: str, case: object = "") -> None:
-    """The name stands first in the cause; the arm stands, nothing is squeezed, nothing falls."""
+    """The expected fault ended the run, the arm is stationary, and no force exceeds the limit."""
     assert trial.controller.state is P.FAULT, case
     assert trial.controller.faults[0].code == name, (case, trial.controller.fault_cause)
     assert any(isinstance(c, StopArm) for c in issued_since(staged, staged.done_at_ns)), case
@@ -69,7 +74,7 @@ def thumb_n(staged: Staged) -> float:
 
 
 @pytest.mark.parametrize("phase", ALL)
-def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: State) -> None:
+def test_implausible_data_is_a_fault_in_time_and_leads_to_the_safe_state(phase: State) -> None:
     for act, phases, name, steps in CASES:
         if phase not in phases:
             continue
@@ -86,14 +91,14 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(phase: 
             assert max(fault.cell(staged.rig).truth().normal_n) < 4.0, case  # stays as it is
 
 
-def test_hand_that_says_contact_while_it_closes_is_a_named_fault() -> None:
+def test_hand_that_reports_contact_while_it_closes_is_a_fault() -> None:
     staged = Staged(HAND_ALONE, ONE_SPEED)
     trial = staged.run(well_in(P.COMPENSATE), fault.always_contact)
     in_safe_state(staged, trial, "gripper_impossible")
 
 
 @pytest.mark.parametrize("phase", [P.CLOSE, P.COMPENSATE, P.OPEN])
-def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
+def test_command_does_not_activate_a_hand_that_loses_power_at_the_same_time(
     phase: State,
 ) -> None:
     staged, stood = Staged(), list[float]()
@@ -123,7 +128,7 @@ DETECTORS = {
 }
 
 
-def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
+def test_invalid_detector_output_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     everywhere = [("nan", phase) for phase in (P.BRACE, P.COMPENSATE, P.HOLD)]
@@ -135,7 +140,7 @@ def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_
         assert (thumb_n(staged) > 8.0) == (phase in AIRBORNE_STATES), (answer, phase)
 
 
-def test_a_detector_that_raises_or_takes_too_long_or_cannot_forget_is_a_fault(
+def test_detector_that_raises_is_late_or_fails_to_reset_is_a_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def silent(rig: Rig) -> None:
@@ -169,7 +174,7 @@ def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline
         assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9, (phase, act.__name__)
 
 
-def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
+def test_one_saturated_taxel_is_reported_without_a_fault() -> None:
     staged = Staged()
     trial = staged.run(in_phase(P.LIFT, 5), fault.stick_one_taxel_at_the_rail)
     assert not any(t.observation.faults for t in staged.ticks)
@@ -178,7 +183,7 @@ def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
     assert 1 <= at_rail["A"] < 6
 
 
-FURTHER = [
+LATER_FAULTS = [
     (fault.lose_arm_position, "arm_position_nan"),
     (fault.make_arm_jump, "arm_wrong_way"),
     (fault.power_cycle_gripper, "gripper_inactive"),
@@ -188,24 +193,25 @@ FURTHER = [
 
 
 @pytest.mark.parametrize("phase", [P.BRACE, P.HOLD])
-def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_arm(
+def test_later_fault_in_a_safe_state_is_reported_and_moves_neither_hand_nor_arm(
     phase: State,
 ) -> None:
-    for act, name in FURTHER:
-        staged, struck = Staged(), list[int]()
+    for act, name in LATER_FAULTS:
+        staged, injected = Staged(), list[int]()
 
         def then(
-            tick: Tick, act: fault.Act = act, staged: Staged = staged, struck: list[int] = struck
+            tick: Tick, act: fault.Act = act, staged: Staged = staged,
+            injected: list[int] = injected,
         ) -> None:  # fmt: skip
-            if tick.decision.state is P.FAULT and not struck:
-                struck.append(tick.t_ns)
+            if tick.decision.state is P.FAULT and not injected:
+                injected.append(tick.t_ns)
                 act(staged.rig)
 
         staged.on_tick = then
         trial = staged.run(in_phase(phase, 5), fault.unplug_fingertips)
         assert trial.controller.state is P.FAULT, name
         assert "unplugged" in trial.controller.fault_cause, name
-        commands = issued_since(staged, struck[0])
+        commands = issued_since(staged, injected[0])
         assert not any(isinstance(c, MoveArm | MoveFingers | OpenFingers) for c in commands), name
         cell = fault.cell(staged.rig)
         assert cell.arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0), name
@@ -213,19 +219,19 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         assert failure is not None and failure.end is not None
         unknown = failure.end.where.endswith("at an unknown height")
         assert unknown == (name == "arm_position_nan")
-        further = trial.controller.further
-        assert failure.end.later_faults == further
-        if name.startswith("fingertips"):  # they are no longer checked
-            assert not further
+        later = trial.controller.further
+        assert failure.end.later_faults == later
+        if name.startswith("fingertips"):  # fingertips are not checked any more
+            assert not later
         else:
-            assert further[0].code == name
+            assert later[0].code == name
             assert f"; then {name}: " in failure.message
 
 
 QUIET = "fingertip.noise_counts=0.15"  # in the air its codes repeat for a third of a second
 
 
-def test_a_lift_with_quiet_sensors_is_held_and_one_whose_sensors_freeze_is_refused() -> None:
+def test_low_noise_fingertips_are_no_fault_and_frozen_ones_prevent_the_lift() -> None:
     staged = Staged(HAND_ALONE, QUIET)
     trial = staged.run(in_phase(P.SET_DOWN), fault.interrupt)
     assert trial.controller.faults == ()

@@ -1,4 +1,4 @@
-"""A person reads at the tape mark how far a lifted object slipped, where no world knows."""
+"""The operator reads the slip distance of a lifted object from the tape mark."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from tests.unit.scenarios.safety_probes import lift_verdict
 
 
 class Typist:
-    """Says what it was told to, a line a question, each a few polls after it was asked."""
+    """Types one line per question, a few polls after it was asked."""
 
     def __init__(self, *answers: str, after: int = 3) -> None:
         self.questions: list[str] = []
@@ -40,13 +40,13 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
     return LiftFacts(**(known | others), mark=mark)
 
 
-def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped() -> None:
+def test_object_lost_in_the_air_while_lowering_is_dropped() -> None:
     for lost_at_m, dropped in ((0.0, False), (0.0049, False), (0.005, True), (0.18, True)):
         verdict = LiftOutcome.DROPPED if dropped else LiftOutcome.HELD_WITHIN_6CM
         assert lift_verdict({}, lost_at_m=lost_at_m) is verdict
 
 
-def test_what_was_read_decides_where_no_world_knows() -> None:
+def test_operator_s_reading_decides_without_a_simulation() -> None:
     for known, verdict in (
         (facts(None), LiftOutcome.HELD),
         (facts(TapeMark(0.06, True)), LiftOutcome.HELD_WITHIN_6CM),
@@ -63,7 +63,7 @@ def test_what_was_read_decides_where_no_world_knows() -> None:
         assert outcome(known, config().object) is verdict, verdict
 
 
-def test_length_is_read_in_millimetres_and_what_is_none_is_asked_again() -> None:
+def test_length_is_read_in_millimetres_and_invalid_input_is_asked_again() -> None:
     for typed, moved_m, held in (
         ("12.5", 0.0125, True), (" 3,5 ", 0.0035, True), ("0", 0.0, True), ("11 mm", 0.011, True),
         ("3,5MM", 0.0035, True), ("L", 0.0, False), ("lost", 0.0, False),
@@ -91,12 +91,12 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
     def watch(tick: Tick) -> None:
         phases.append(tick.decision.state)
 
-    monkeypatch.setattr("scenarios.trial.series.place_object", lambda rig, operator, which: None)
+    monkeypatch.setattr("scenarios.trial.series.place_object", lambda *_: None)
     context = TrialContext(on_tick=watch, operator=typist)
     (done,) = lift.run_series(changed(config(), "controller", hold_s=0.5), (0,), context)
     result = done.result
     assert result is not None
-    assert result.outcome == "held_within_6cm"  # the world knows better than the person
+    assert result.outcome == "held_within_6cm"  # the simulated truth overrides the reading
     assert len(typist.questions) == 2
     assert "slipped" in typist.questions[0] and "is not valid" in typist.questions[1]
     assert asked_in == [State.HOLD, State.HOLD]

@@ -1,4 +1,4 @@
-"""What a hand holds is let go where it stands, by whoever asks for that, and nowhere else."""
+"""A held object is released only on the table, or by an explicit command."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,20 +15,20 @@ from scenarios.trial.execution import make_guard, run_trial
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 
-MET_WHILE_OPENING, THERE = 0x0015, 0x003F  # detections of all fingers
+CONTACT_WHILE_OPENING, AT_TARGET = 0x0015, 0x003F  # detections of all fingers
 
 
-def stand(rig: Rig, detections: int) -> None:
-    """The motors stand, and the status gives that as the reason."""
+def jam(rig: Rig, detections: int) -> None:
+    """The motors stop, and the status reports these detections."""
     gripper = fault.cell(rig).gripper
     gripper.jam()
     gripper.misreport(lambda w: (w[0] & ~0x003F | detections, *w[1:]))
 
 
-@pytest.mark.parametrize("says", [MET_WHILE_OPENING, THERE])
-def test_object_is_not_taken_up_again_by_a_hand_that_does_not_open(says: int) -> None:
+@pytest.mark.parametrize("detections", [CONTACT_WHILE_OPENING, AT_TARGET])
+def test_hand_that_does_not_open_is_not_raised_with_the_object(detections: int) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(State.OPEN, 1), lambda rig: stand(rig, says))
+    trial = staged.run(in_phase(State.OPEN, 1), lambda rig: jam(rig, detections))
     truth = staged.rig.truth()
     assert truth is not None
     assert truth.height_m < 0.001
@@ -36,8 +36,8 @@ def test_object_is_not_taken_up_again_by_a_hand_that_does_not_open(says: int) ->
     assert staged.result(trial).outcome == "fault"
 
 
-def test_next_run_does_not_let_go_what_an_interrupted_one_holds_in_the_air() -> None:
-    """It was gripped by position, and never slipped: no finger reports contact."""
+def test_next_run_does_not_release_an_object_held_in_the_air_by_an_interrupted_run() -> None:
+    """It was gripped by position and never slipped: no finger reports contact."""
     rough = (
         "object.friction_static=2.0",
         "object.friction_kinetic=2.0",
@@ -74,9 +74,9 @@ def closed_hand(act: Callable[[Rig], None]) -> Iterator[GraspRig]:
         yield rig
 
 
-@pytest.mark.parametrize("says", [MET_WHILE_OPENING, THERE])
-def test_release_does_not_say_that_a_hand_is_open_which_is_not(says: int) -> None:
-    with closed_hand(lambda rig: stand(rig, says)) as rig:
+@pytest.mark.parametrize("detections", [CONTACT_WHILE_OPENING, AT_TARGET])
+def test_release_reports_a_hand_that_did_not_open(detections: int) -> None:
+    with closed_hand(lambda rig: jam(rig, detections)) as rig:
         hand = Hand(config(), rig.devices.gripper, None, rig.clock, "")
         with pytest.raises(DeviceFault, match="did not open"):
             hand.open(lambda _: None)

@@ -1,4 +1,4 @@
-"""A safe state is asked for until it is reached, on the full loop: a stop or closing is lost."""
+"""The safe state is commanded until it is reached, on the full loop, when commands are lost."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ IN_THE_AIR = [State.LIFT, State.DESCEND]
 
 
 @pytest.mark.parametrize("phase", IN_THE_AIR)
-def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) -> None:
+def test_stop_is_repeated_until_the_arm_is_stationary(phase: State) -> None:
     for lost in (1, 4):
         staged, received = Staged(), list[list[int]]()
 
@@ -27,11 +27,11 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) ->
 
         trial = staged.run(in_phase(phase, 5), act)
         assert trial.controller.state is State.FAULT
-        further = trial.controller.further
-        assert all(found.code == "arm_wrong_way" for found in further)
-        assert not further or lost > 1  # it has gone on for longer than braking takes
+        later = trial.controller.further
+        assert all(found.code == "arm_wrong_way" for found in later)
+        assert not later or lost > 1  # it moved for longer than braking takes
         unknown = "the arm cannot be believed: whether it stands is unknown"
-        assert trial.controller.unreached == ((unknown,) if further else ())
+        assert trial.controller.unreached == ((unknown,) if later else ())
         assert received[0]
         sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
         assert len(sent) > lost
@@ -40,8 +40,8 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) ->
 
 
 @pytest.mark.parametrize("end", [fault.silence_fingertips, fault.interrupt])
-def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fault.Act) -> None:
-    """Whatever the arm does, it says that it stands."""
+def test_stop_is_repeated_for_an_arm_that_always_reports_to_be_stationary(end: fault.Act) -> None:
+    """The final state quotes the report instead of confirming it."""
     still = {"moving": False, "velocity_mps": (0.0, 0.0, 0.0)}
 
     def act(rig: Rig) -> None:
@@ -67,7 +67,7 @@ def closed_again(staged: Staged, trial: Any) -> None:
     assert trial.controller.unreached == ()
 
 
-def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back() -> None:
+def test_hand_is_closed_after_a_link_failure_at_the_time_of_the_fault() -> None:
     for phase, ms in ((State.LIFT, 30), (State.LIFT, 300), (State.COMPENSATE, 80)):
         staged = Staged()
 
@@ -84,7 +84,7 @@ def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back() -> None
         closed_again(staged, staged.run(in_phase(phase, 1), act))
 
 
-def test_hand_that_loses_the_closing_itself_is_told_again() -> None:
+def test_lost_closing_is_commanded_again() -> None:
     for ms in (100, 500, 1500):
         staged = Staged()
 
@@ -92,11 +92,11 @@ def test_hand_that_loses_the_closing_itself_is_told_again() -> None:
             fault.swallow_writes(rig)
             fault.silence_fingertips(rig)
 
-            def hear(tick: Tick) -> None:
+            def recover(tick: Tick) -> None:
                 late = tick.t_ns - (staged.done_at_ns or 0) > ms * 1_000_000
                 fault.cell(rig).gripper.swallows = not late
 
-            staged.on_tick = hear
+            staged.on_tick = recover
 
         closed_again(staged, staged.run(in_phase(State.LIFT, 2), act))
         closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
@@ -104,7 +104,7 @@ def test_hand_that_loses_the_closing_itself_is_told_again() -> None:
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.07])
-def test_run_has_not_ended_while_an_opening_whose_reply_was_lost_still_sets_the_hand_going(
+def test_run_does_not_end_before_an_opening_with_a_lost_reply_is_complete(
     latency_s: float,
 ) -> None:
     staged = Staged(f"hand.command_latency_s={latency_s}", "controller.lift_height_m=0.05")
@@ -120,6 +120,6 @@ def test_run_has_not_ended_while_an_opening_whose_reply_was_lost_still_sets_the_
 
         transport.write = write
 
-    trial = staged.run(in_phase(State.DESCEND, 5), act)  # the next that is written opens the hand
+    trial = staged.run(in_phase(State.DESCEND, 5), act)  # the next write opens the hand
     assert trial.controller.machine.before is State.OPEN
     assert not fault.cell(staged.rig).gripper.moving

@@ -1,4 +1,4 @@
-"""The arm's speed slider is turned in the midst of a lift."""
+"""The arm's speed slider is changed during a lift."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def lowered_s(staged: Staged) -> float:
     return sum(tick.decision.state in LOWERING_STATES for tick in staged.ticks) * 0.01
 
 
-def test_lift_goes_on_slower_above_a_half() -> None:
+def test_lift_continues_more_slowly_above_one_half() -> None:
     plain = Staged()
     plain.run(in_phase(State.SET_DOWN), turn_to(1.0))
     for phase, fraction in ((State.LIFT, 0.5), (State.BRACE, 0.9)):
@@ -33,7 +33,7 @@ def test_lift_goes_on_slower_above_a_half() -> None:
 
 
 @pytest.mark.parametrize("phase", [State.BASELINE, State.LIFT])
-def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: State) -> None:
+def test_lift_ends_in_the_safe_state_below_one_half(phase: State) -> None:
     for fraction in (0.0, 0.45):
         staged = Staged()
         trial = staged.run(well_in(phase), turn_to(fraction))
@@ -50,7 +50,7 @@ def test_below_it_the_lift_ends_in_the_safe_state_and_says_why(phase: State) -> 
         assert failure.end is not None and failure.end.arm == "the arm is stationary"
 
 
-def test_arm_that_its_slider_lets_stand_in_the_air_is_told_of_and_the_object_held() -> None:
+def test_object_stays_held_when_the_slider_stops_the_arm_in_the_air() -> None:
     staged = Staged()
     trial = staged.run(in_phase(State.DESCEND, 30), turn_to(0.0))
     assert trial.controller.state is State.FAULT

@@ -1,4 +1,4 @@
-"""Closing in two stages on the whole loop: true force under errors, delays and faults."""
+"""Closing in two stages on the full loop: true force with model errors, delays and faults."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from tests.unit.scenarios.conftest import Staged, config, in_phase, judged
 from tests.unit.scenarios.lift import device_faults as fault
 
 BOUND_N = 11.0  # limit and stated overshoot
-TOUGH_N = 11.2  # where the hand is worse than the overshoot is stated for
+HARD_CASE_N = 11.2  # for hands worse than the overshoot is specified for
 OVERRIDE = ("hand.override_s=0.1", "hand.override_n=30")
 CONSTANT = 'controller.closing="constant"'
 
@@ -26,7 +26,7 @@ def stages(ticks: list[Tick]) -> list[CloseFast]:
     return [c for c in sent if isinstance(c, CloseFast)]
 
 
-def test_answer_goes_by_position_at_full_speed_and_from_rest_to_the_cap_at_the_slowest() -> None:
+def test_response_closes_by_position_at_full_speed_then_slowly_to_the_force_limit() -> None:
     staged = Staged()
     trial = staged.run(in_phase(State.SET_DOWN), fault.interrupt)
     first, second = stages(staged.ticks)
@@ -46,25 +46,25 @@ HANDS = [
 
 
 @pytest.mark.parametrize("hand", HANDS, ids=lambda hand: hand[0])
-def test_no_hand_drives_the_thumb_past_the_limit_by_more_than_a_little(
+def test_thumb_exceeds_the_limit_only_slightly_with_worse_hands(
     hand: tuple[str, ...],
 ) -> None:
     result = judged(*hand, seed=3)
-    assert thumb_n(result) <= TOUGH_N
+    assert thumb_n(result) <= HARD_CASE_N
     assert result.slip_distance_m is not None
     assert result.slip_distance_m < 0.02
 
 
-def test_position_alone_keeps_the_limit() -> None:
+def test_travel_bound_alone_keeps_the_limit() -> None:
     assert thumb_n(judged("hand.current_clamp=false", "guard.travel_bound=true")) <= 9.8
     assert thumb_n(judged(*OVERRIDE, "guard.travel_bound=true")) <= 9.8
 
 
 @pytest.mark.parametrize(("object_name", "override_s"), [("ball", 0.2)])
-def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
+def test_steps_margin_and_final_closing_keep_the_limit_by_travel_bound(
     object_name: str, override_s: float
 ) -> None:
-    """A pull of 6 N at the top is answered by a jump."""
+    """A pull of 6 N at the top causes the final closing."""
     result = judged(
         f"hand.override_s={override_s}", "hand.override_n=30", "guard.travel_bound=true",
         "controller.slip_response=stop_and_step", "pull.force_n=6", "pull.above_m=0.1",
@@ -77,17 +77,17 @@ def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
     ("object_name", "hand"),
     [("can", ()), ("foam", ()), ("football", ("hand.current_clamp=false",))],
 )
-def test_contact_that_is_stiffer_and_grasped_harder_than_believed_keeps_limit_and_overshoot(
+def test_limit_is_kept_with_a_stiffer_contact_and_stronger_grasp_than_configured(
     object_name: str, hand: tuple[str, ...]
 ) -> None:
-    """Without a clamp the second stage adds what it does without errors."""
+    """Without a current clamp the second stage adds as much as without these errors."""
     known = config(object_name=object_name)
     stated = known.object.contact_stiffness_npm or known.guard.contact_stiffness_npm
-    result = judged(  # and 2 N are taken for 1 N
+    result = judged(  # 2 N are estimated as 1 N
         f"object.contact_stiffness_npm={stated / 1.3}", "guard.counts_per_newton=320",
         *hand, object_name=object_name, seed=2,
     )  # fmt: skip
-    assert thumb_n(result) <= (TOUGH_N if hand else BOUND_N)
+    assert thumb_n(result) <= (HARD_CASE_N if hand else BOUND_N)
     assert result.success or result.outcome == "over_force"
 
 
@@ -95,7 +95,7 @@ BROKEN = [fault.freeze_gripper_status, fault.swallow_writes, fault.always_contac
 
 
 @pytest.mark.parametrize("broken", BROKEN)
-def test_gripper_that_fails_between_the_stages_never_passes_limit_and_overshoot(
+def test_gripper_fault_between_the_stages_does_not_exceed_the_limit(
     broken: fault.Act,
 ) -> None:
     for latency_s, after in ((0.03, 1), (0.03, 20), (0.15, 10)):
@@ -105,7 +105,7 @@ def test_gripper_that_fails_between_the_stages_never_passes_limit_and_overshoot(
         assert not staged.ticks[-1].arm.moving, (latency_s, after)
 
 
-def test_fault_between_the_stages_still_closes_to_the_cap() -> None:
+def test_fault_between_the_stages_still_closes_to_the_limit() -> None:
     for after in (1, 5, 20):
         staged = Staged()
         trial = staged.run(in_phase(State.COMPENSATE, after), fault.freeze_fingertips)
@@ -115,7 +115,7 @@ def test_fault_between_the_stages_still_closes_to_the_cap() -> None:
         assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
 
 
-def test_hand_whose_status_stands_still_is_closed_to_the_cap_without_being_seen() -> None:
+def test_hand_with_a_frozen_status_is_closed_to_the_limit_unconfirmed() -> None:
     staged = Staged()
     trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
     assert trial.controller.state is State.FAULT
@@ -126,16 +126,16 @@ def test_hand_whose_status_stands_still_is_closed_to_the_cap_without_being_seen(
 
 
 @pytest.mark.parametrize("closing", [(), (CONSTANT,)])
-def test_closing_that_is_on_its_way_to_the_hand_when_a_person_stops_is_not_forgotten(
+def test_pending_closing_is_still_sent_after_an_interruption(
     closing: tuple[str, ...],
 ) -> None:
     staged = Staged("loop.decision_delay_s=0.03", *closing)
 
-    def to_the_cap(tick: Tick) -> bool:
-        told = [c for c in tick.decision.commands if isinstance(c, CloseFast)]
-        return any(not c.more for c in told)
+    def to_the_limit(tick: Tick) -> bool:
+        closings = [c for c in tick.decision.commands if isinstance(c, CloseFast)]
+        return any(not c.more for c in closings)
 
-    trial = staged.run(to_the_cap, fault.interrupt)
+    trial = staged.run(to_the_limit, fault.interrupt)
     assert trial.controller.state is State.STOPPED
     assert trial.interrupted
     assert trial.final is not None

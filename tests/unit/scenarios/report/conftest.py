@@ -1,4 +1,4 @@
-"""A recorded lift, and the same with something changed in it."""
+"""A recorded lift, and modified copies of it."""
 
 import base64
 import json
@@ -34,11 +34,11 @@ def changed(
     change: Callable[[Message], Message | None] = lambda message: message,
     settings: Callable[[dict[str, Any]], None] = lambda settings: None,
 ) -> Path:
-    """A copy of a run's folder, message by message (None leaves one out), with other settings."""
+    """A copy of a run's folder with changed messages (None omits one) and settings."""
     recording = RunRecording(run / "recording.mcap", RUN_CHANNELS)
-    told = json.loads(recording.metadata["config"])
-    settings(told)
-    metadata = {**recording.metadata, "config": json.dumps(told)}
+    table = json.loads(recording.metadata["config"])
+    settings(table)
+    metadata = {**recording.metadata, "config": json.dumps(table)}
     out.mkdir()
     with RunRecorder(out / "recording.mcap", RUN_CHANNELS, metadata) as writer:
         for message in recording:
@@ -51,11 +51,11 @@ def changed(
 
 
 def data_of(page: str) -> dict[str, Any]:
-    """What the scripts of a page are given."""
+    """Input of the scripts of a page."""
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert found is not None
-    told: dict[str, Any] = json.loads(found[1])
-    return told
+    data: dict[str, Any] = json.loads(found[1])
+    return data
 
 
 def unpacked(packed: dict[str, Any]) -> dict[str, NDArray[np.float64]]:

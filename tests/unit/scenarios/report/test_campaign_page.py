@@ -1,4 +1,4 @@
-"""The page of a campaign: its rates beside the paper's, what was varied, and every failure."""
+"""The page of a campaign: rates beside the paper's, swept values, and every failure."""
 
 import json
 import re
@@ -25,10 +25,10 @@ HOSTILE = "</p><script>alert(1)</script>"
 
 
 def made(path: Path, spec: CampaignSpec, **more: Any) -> Path:
-    """A campaign in which every fifth trial was lost, with its recording, and one errored."""
-    places = combinations(spec)
-    with CampaignStore.create(path, spec, places) as store:
-        for task in trials(spec, places):
+    """A campaign in which every fifth trial failed, with its recording, and one had an error."""
+    grid = combinations(spec)
+    with CampaignStore.create(path, spec, grid) as store:
+        for task in trials(spec, grid):
             lost, lift = task.number % 5 == 0, task.scenario == "lift"
             values: dict[str, Any] = {
                 "trial": task.number, "scenario": task.scenario, "object": task.config.object.name,
@@ -58,20 +58,20 @@ def page(file: Path) -> str:
     return campaign_page(file, file.with_suffix(".html"))
 
 
-def meant(command: str) -> Any:
-    """The settings with which that command would run."""
+def settings_by(command: str) -> Any:
+    """The settings of a run of that command."""
     args = build_parser().parse_args(shlex.split(command)[1:])
-    own = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return own.for_tap() if args.scenario == "tap" else own.for_lift()
+    config = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
+    return config.for_tap() if args.scenario == "tap" else config.for_lift()
 
 
-def test_rates_stand_beside_the_papers_with_their_intervals(page: str) -> None:
+def test_rates_are_shown_beside_the_papers_with_intervals(page: str) -> None:
     table = page.split("<h2>Object lift</h2>")[1].split("</table>", maxsplit=1)[0]
     ball = re.split(r'<th scope="row">\s*ball\s*</th>', table)[1].split("</tr>")[0]
-    paper, *own = re.findall(r"(\d+) % \((\d+)–(\d+)\)", ball)
+    paper, *ours = re.findall(r"(\d+) % \((\d+)–(\d+)\)", ball)
     low, high = wilson(7, 20)
     assert paper == ("35", f"{100 * low:.0f}", f"{100 * high:.0f}")
-    assert len(own) == 2  # one a place of the sweep
+    assert len(ours) == 2  # one for each value of the sweep
     assert "8 held" in ball and "2 dropped" in ball
 
 
@@ -84,10 +84,10 @@ def test_every_failure_is_listed_with_a_command_of_the_same_settings(file: Path,
     commands = re.findall(r"<code>(.*?)</code>", rows)
     assert len(commands) == len(failed)
     for command, row in zip(commands, failed, strict=True):
-        assert meant(command).digest() == row.config_hash
+        assert settings_by(command).digest() == row.config_hash
         assert f"--seed {row.seed}" in command and row.object in command
 
 
-def test_a_text_of_a_stranger_stays_text(page: str) -> None:
+def test_html_in_a_foreign_text_is_escaped(page: str) -> None:
     assert "<script" not in page
     assert "&lt;/p&gt;&lt;script&gt;" in page

@@ -1,4 +1,4 @@
-"""The page of an evaluation: what was missed is at the top, thresholds are the rule's own."""
+"""The page of an evaluation: worst misses, thresholds and costs."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from tests.unit.detector.toys import toys
 
 
 def made(path: Path, names: tuple[str, ...] = ("energy", "psd-fair"), data: str = "toys") -> Path:
-    """An evaluation's file of a few toys."""
+    """An evaluation file on a few synthetic recordings."""
     kept = []
     for name in names:
         each = contender(name, toys("test", 3, 50), data)
@@ -31,23 +31,23 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(tmp_path_factory.mktemp("evaluations") / "toys.json")
 
 
-def test_the_threshold_of_a_trace_is_the_rules_own(tmp_path: Path) -> None:
-    told = msgspec.json.decode(made(tmp_path / "one.json", ("psd-fair",)).read_bytes())
-    told["detectors"][0]["rule"] |= {"threshold": 0.765, "kind": "consecutive"}
-    (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
+def test_trace_shows_the_threshold_of_the_rule(tmp_path: Path) -> None:
+    content = msgspec.json.decode(made(tmp_path / "one.json", ("psd-fair",)).read_bytes())
+    content["detectors"][0]["rule"] |= {"threshold": 0.765, "kind": "consecutive"}
+    (tmp_path / "one.json").write_bytes(msgspec.json.encode(content))
     page = evaluation_page(tmp_path / "one.json")
     y = round(BOTTOM - 0.765 * (BOTTOM - TOP), 1)
     assert "threshold 0.765" in page and f'points="{LEFT},{y} {RIGHT},{y}"' in page
-    told["detectors"][0]["rule"]["kind"] = "cusum"
-    (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
+    content["detectors"][0]["rule"]["kind"] = "cusum"
+    (tmp_path / "one.json").write_bytes(msgspec.json.encode(content))
     assert "threshold 0.765" not in evaluation_page(tmp_path / "one.json")
 
 
 def test_accuracy_is_charted_against_the_cost_of_an_update(file: Path) -> None:
-    told = msgspec.json.decode(file.read_bytes())
-    for each, cost_us in zip(told["detectors"], (10.0, 100.0), strict=True):
+    content = msgspec.json.decode(file.read_bytes())
+    for each, cost_us in zip(content["detectors"], (10.0, 100.0), strict=True):
         each["sheet"] |= {"accuracy": 0.75, "compute_us": {"p50": cost_us}}
-    file.write_bytes(msgspec.json.encode(told))
+    file.write_bytes(msgspec.json.encode(content))
     page = evaluation_page(file)
-    for x in (LEFT, (LEFT + RIGHT) / 2):  # a decade of two: the middle
+    for x in (LEFT, (LEFT + RIGHT) / 2):  # one of two decades: the middle
         assert f'cx="{x}" cy="{(TOP + BOTTOM) / 2}"' in page

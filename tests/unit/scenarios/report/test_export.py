@@ -1,4 +1,4 @@
-"""A run as a table, and the layout in which viewers show it."""
+"""A run exported as a table."""
 
 import csv
 from pathlib import Path
@@ -18,7 +18,7 @@ def numbers(table: list[dict[str, str]], column: str) -> Any:
     return np.array([float(row[column] or "nan") for row in table])
 
 
-def test_a_table_has_a_row_a_step_and_the_numbers_of_the_recording(recorded: Path) -> None:
+def test_table_has_a_row_per_step_with_the_recorded_numbers(recorded: Path) -> None:
     run, table = read_run(recorded), rows(as_csv(recorded))
     assert "nan" not in as_csv(recorded)
     assert run.truth is not None

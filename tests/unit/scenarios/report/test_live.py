@@ -1,4 +1,4 @@
-"""A run that is looked at is the run that nobody looks at; and what a page is told of it."""
+"""A live page does not change a run, and gets the recorded values."""
 
 import os
 import signal
@@ -17,15 +17,15 @@ from scenarios.trial.series import TrialContext
 from tests.unit.scenarios.conftest import config
 
 
-class Listener:
-    """In place of the process that serves: keeps what it is handed."""
+class FakeServer:
+    """A stub for the server process that keeps all messages."""
 
     def __init__(self, *_: object, **__: object) -> None:
-        self.told: list[Message] = []
+        self.messages: list[Message] = []
         self.lost, self.pid = 0, 0
 
     def show(self, message: Message) -> bool:
-        self.told.append(message)
+        self.messages.append(message)
         return True
 
     def tell(self, message: Message) -> None:
@@ -36,40 +36,40 @@ class Listener:
 
 
 @pytest.fixture
-def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
-    made = Listener()
+def server(monkeypatch: pytest.MonkeyPatch) -> FakeServer:
+    made = FakeServer()
     monkeypatch.setattr("scenarios.report.live_feed.ViewerProcess", lambda *_, **__: made)
     return made
 
 
 def messages(runs: Path, watch: Any) -> list[Any]:
-    """Of one lift, in virtual time."""
+    """Recorded messages of one lift in virtual time."""
     (finished,) = lift.run_series(config(), [0], TrialContext(runs, watch=watch))
     assert finished.result is not None and finished.result.recording is not None
     return list(RunRecording(Path(finished.result.recording), RUN_CHANNELS))
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
-    """Of a run that nobody looks at."""
-    return messages(tmp_path_factory.mktemp("alone"), None)
+def unobserved(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
+    """Recorded messages of a run without a live page."""
+    return messages(tmp_path_factory.mktemp("unobserved"), None)
 
 
 @pytest.mark.parametrize("fate", [None, signal.SIGSTOP])
-def test_a_server_changes_no_message_of_a_run_whatever_becomes_of_it(
-    fate: int | None, alone: list[Any], tmp_path: Path
+def test_server_changes_no_message_of_a_run_even_if_it_stops(
+    fate: int | None, unobserved: list[Any], tmp_path: Path
 ) -> None:
     live = LiveTrials(config(), "a lift", 1)
-    seen = 0
+    ticks = 0
 
-    def watch(*told: Any) -> None:
-        nonlocal seen
-        seen += 1
-        if seen == 100 and fate is not None:
+    def watch(*args: Any) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 100 and fate is not None:
             os.kill(live.feed.pid, fate)
-        live.watch(*told)
+        live.watch(*args)
 
-    assert messages(tmp_path / "watched", watch) == alone
+    assert messages(tmp_path / "watched", watch) == unobserved
     if fate is not None:
         os.kill(live.feed.pid, signal.SIGKILL)
     live.feed.close()
@@ -84,19 +84,17 @@ def columns(begin: Begin, row: Row) -> dict[str, list[float | None]]:
     return found
 
 
-def test_rows_say_what_the_tick_and_the_world_said(
-    listener: Listener,
-) -> None:
-    told = load_config("can", "simulated", "tcn").for_lift()
-    live = LiveTrials(told, "a lift", 1)
+def test_rows_have_the_values_of_tick_and_truth(server: FakeServer) -> None:
+    settings = load_config("can", "simulated", "tcn").for_lift()
+    live = LiveTrials(settings, "a lift", 1)
     ticks: list[Any] = []
 
     def watch(tick: Any, truth: Any, controller: Any) -> None:
         ticks.append((tick, truth))
         live.watch(tick, truth, controller)
 
-    list(lift.run_series(told, [0], TrialContext(None, watch=watch)))
-    _, begin, *rows = listener.told
+    list(lift.run_series(settings, [0], TrialContext(None, watch=watch)))
+    _, begin, *rows = server.messages
     assert isinstance(begin, Begin)
     by_time = {tick.t_ns * 1e-9: (tick, truth) for tick, truth in ticks}
     assert len(ticks) / 4 <= len(rows) < len(ticks) / 3
@@ -105,10 +103,10 @@ def test_rows_say_what_the_tick_and_the_world_said(
         found = columns(begin, row)
         tick, truth = by_time[found["t"][0]]
         assert row.phase == tick.decision.state
-        unheard = tick.frame is None
-        told = tick.observation.probabilities.tolist()
-        assert found["estimated"] == ([None] * 3 if unheard else list(tick.measured_n))
-        assert found["probability"] == ([None] * 3 if unheard else told)
+        missing = tick.frame is None
+        probabilities = tick.observation.probabilities.tolist()
+        assert found["estimated"] == ([None] * 3 if missing else list(tick.measured_n))
+        assert found["probability"] == ([None] * 3 if missing else probabilities)
         assert found["true"] == list(truth.normal_n)
         assert found["slip"] == [truth.slip_distance_m]
         assert "reported_speed" in found

@@ -1,4 +1,4 @@
-"""How the server of a live page takes what it is told."""
+"""The server of a live page reads messages from its pipe."""
 
 import asyncio
 import os
@@ -23,40 +23,38 @@ def pipe() -> Iterator[tuple[int, int]]:
             os.close(end)
 
 
-def read(pipe: tuple[int, int], tell: Callable[[int], None]) -> list[bytes]:
-    """What a viewer is handed, who comes when all has been told by ``tell``."""
+def read(pipe: tuple[int, int], write: Callable[[int], None]) -> list[bytes]:
+    """Lines for a browser that connects after ``write`` has written everything."""
 
     async def reading() -> list[bytes]:
         stream = TrialStream()
-        telling = asyncio.get_running_loop().run_in_executor(None, tell, pipe[1])
+        writing = asyncio.get_running_loop().run_in_executor(None, write, pipe[1])
         with os.fdopen(pipe[0], "rb", closefd=False) as source:
             await asyncio.wait_for(read_lines(stream, source), 60.0)
-        await telling
+        await writing
         return stream.so_far()
 
     return asyncio.run(reading())
 
 
 def in_pieces_of(size: int) -> Callable[[int], None]:
-    def tell(to: int) -> None:
-        told = b"".join(line + b"\n" for line in [BEGIN, *ROWS])
-        for first in range(0, len(told), size):
-            os.write(to, told[first : first + size])
+    def write(to: int) -> None:
+        content = b"".join(line + b"\n" for line in [BEGIN, *ROWS])
+        for first in range(0, len(content), size):
+            os.write(to, content[first : first + size])
         os.close(to)
 
-    return tell
+    return write
 
 
 @pytest.mark.parametrize("size", [7, 501, 4_096, 60_000])
-def test_lines_are_the_same_however_the_pipe_hands_them_over(
-    pipe: tuple[int, int], size: int
-) -> None:
+def test_lines_do_not_depend_on_the_size_of_writes(pipe: tuple[int, int], size: int) -> None:
     assert read(pipe, in_pieces_of(size)) == [BEGIN, *ROWS]
 
 
-def test_half_a_line_of_a_run_that_died_is_left_out(pipe: tuple[int, int]) -> None:
-    def tell(to: int) -> None:
+def test_incomplete_last_line_is_dropped(pipe: tuple[int, int]) -> None:
+    def write(to: int) -> None:
         os.write(to, BEGIN + b"\n" + ROWS[0] + b"\n" + ROWS[1][:20])
         os.close(to)
 
-    assert read(pipe, tell) == [BEGIN, ROWS[0]]
+    assert read(pipe, write) == [BEGIN, ROWS[0]]

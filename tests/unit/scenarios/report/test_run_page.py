@@ -1,4 +1,4 @@
-"""The page of a run says what was recorded, leaves out what nobody knows, and trusts no text."""
+"""The page of a run shows the recorded values, omits unknown ones, and escapes every text."""
 
 import json
 import re
@@ -33,25 +33,25 @@ def test_a_page_has_the_numbers_of_the_recording(recorded: Path, page: str) -> N
     assert run.truth is not None
     np.testing.assert_allclose(shown["t"][:, 0], run.t_s, atol=1e-5)
     np.testing.assert_allclose(shown["true"], run.truth.normal_n, atol=1e-3)
-    unheard = np.isnan(run.counts[:, :, 0])
-    assert unheard[0].all() and not unheard[-1].any()
+    missing = np.isnan(run.counts[:, :, 0])
+    assert missing[0].all() and not missing[-1].any()
     for name, values, near in (
         ("estimated", run.estimated_n, 1e-3),
         ("probability", run.probabilities, 1e-5),
     ):
-        assert np.array_equal(np.isnan(shown[name]), unheard)
-        np.testing.assert_allclose(shown[name][~unheard], values[~unheard], atol=near)
+        assert np.array_equal(np.isnan(shown[name]), missing)
+        np.testing.assert_allclose(shown[name][~missing], values[~missing], atol=near)
     np.testing.assert_allclose(shown["slip"][:, 0], run.truth.slip_m, atol=1e-5)
     np.testing.assert_array_equal(shown["counts"], run.counts.reshape(len(run.t_s), -1))
 
 
-def test_a_page_asks_for_nothing_from_elsewhere(page: str) -> None:
+def test_page_loads_nothing_from_other_addresses(page: str) -> None:
     assert re.findall(r'(?:src|href|action)="([^"]*)"', page) == ["data:,"]
     assert "@import" not in page and "url(" not in page
     assert "default-src 'none'" in page
 
 
-def test_a_page_says_the_verdict_with_its_figures(recorded: Path, page: str) -> None:
+def test_page_shows_the_verdict_with_its_figures(recorded: Path, page: str) -> None:
     result = json.loads((recorded / RESULT).read_text())
     (title,) = re.findall(r"<h1>(.*?)</h1>", page, re.DOTALL)
     assert (HEADS.get(result["outcome"]) or spelt(result["outcome"]).capitalize()) in title
@@ -62,15 +62,15 @@ def test_a_page_says_the_verdict_with_its_figures(recorded: Path, page: str) -> 
     assert not remarks(page)
 
 
-def test_a_text_of_a_stranger_stays_text(recorded: Path, page: str, tmp_path: Path) -> None:
+def test_html_in_a_foreign_text_is_escaped(recorded: Path, page: str, tmp_path: Path) -> None:
     def rename(message: Message) -> Message:
-        topic, t_ns, told = message
+        topic, t_ns, content = message
         if topic == PHASES:
-            told = msgspec.structs.replace(told, cause=HOSTILE, phase=HOSTILE)
-        return topic, t_ns, told
+            content = msgspec.structs.replace(content, cause=HOSTILE, phase=HOSTILE)
+        return topic, t_ns, content
 
-    def settings(told: dict[str, Any]) -> None:
-        told["object"]["description"] = HOSTILE
+    def settings(table: dict[str, Any]) -> None:
+        table["object"]["description"] = HOSTILE
 
     hostile = run_page(changed(recorded, tmp_path / "run", rename, settings))
     assert hostile.count("<script") == page.count("<script")
@@ -78,17 +78,12 @@ def test_a_text_of_a_stranger_stays_text(recorded: Path, page: str, tmp_path: Pa
     assert data_of(hostile)["scene"]["object"]["description"] == HOSTILE
 
 
-def test_a_recording_that_was_cut_off_is_shown_as_far_as_it_goes(
-    recorded: Path, tmp_path: Path
-) -> None:
+def test_recording_that_was_cut_off_is_shown_to_its_end(recorded: Path, tmp_path: Path) -> None:
     whole = (recorded / "recording.mcap").read_bytes()
     (tmp_path / "recording.mcap").write_bytes(whole[: len(whole) // 2])
     page = run_page(tmp_path)
     last_s = unpacked(data_of(page)["series"])["t"][-1, 0]
     assert f"cut off at {last_s:.2f} s" in remarks(page)
-
-
-# The library of the plots
 
 
 def test_checks_that_failed_in_report_mode_are_on_the_page(recorded: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The command on a page runs the same trial, and its settings say what was chosen."""
+"""The command on a page repeats the trial with the same settings."""
 
 import shlex
 from pathlib import Path
@@ -11,19 +11,19 @@ from scenarios.tap.tap import tap
 from scenarios.trial.config import TrialConfig
 
 
-def meant(words: list[str]) -> TrialConfig:
-    """The settings with which that command would run."""
-    args = build_parser().parse_args(words[1:])
-    own = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
-    return tap.configure(own.for_tap()) if args.scenario == "tap" else own.for_lift()
+def settings_by(arguments: list[str]) -> TrialConfig:
+    """The settings of a run of that command."""
+    args = build_parser().parse_args(arguments[1:])
+    config = load_config(args.object, args.rig, args.detector, None, args.set, args.profile)
+    return tap.configure(config.for_tap()) if args.scenario == "tap" else config.for_lift()
 
 
-def told(run: RunRecord) -> str:
+def config_hash(run: RunRecord) -> str:
     return run.metadata["config_hash"]
 
 
 def test_the_command_has_the_settings_of_the_run(recorded: Path) -> None:
     run = read_run(recorded)
-    words = shlex.split(command_of(run.settings, run.seed))
-    assert meant(words).digest() == told(run)
-    assert "--detector" in words and "energy.threshold_counts=3" in " ".join(words)
+    arguments = shlex.split(command_of(run.settings, run.seed))
+    assert settings_by(arguments).digest() == config_hash(run)
+    assert "--detector" in arguments and "energy.threshold_counts=3" in " ".join(arguments)

@@ -1,4 +1,4 @@
-"""What a page draws as the rule's evidence passes its bound where the slip monitor registered."""
+"""The rule's values on a page exceed their limit where the slip monitor registered slip."""
 
 import msgspec
 import numpy as np
@@ -13,8 +13,9 @@ SAMPLES, PERIOD_NS = 3000, 10_000_000
 
 
 def watched(settings: RuleSettings, seed: int) -> tuple[np.ndarray, ...]:
-    """Probabilities, and of each sample whether it was armed, masked, registered, an event: a
-    monitor that is armed after a while, and hears its own closing now and then."""
+    """Probabilities, and for each sample whether it is armed, masked, registered, an event.
+
+    The monitor is armed after a while, and masked for closings at random times."""
     rng = np.random.default_rng(seed)
     monitor = SlipMonitor(DecisionRule(settings, 3), SlipSettings())
     level = np.repeat(rng.uniform(-3.0, 3.0, SAMPLES // 20), 20)
@@ -22,9 +23,9 @@ def watched(settings: RuleSettings, seed: int) -> tuple[np.ndarray, ...]:
     status = []
     for i in range(SAMPLES):
         now_ns = i * PERIOD_NS
-        told = monitor.update(now_ns, p[i])
-        status.append((told.armed, told.masked, told.registered, told.event))
-        if i == 100:  # as the controller does: after the sample was taken
+        slip = monitor.update(now_ns, p[i])
+        status.append((slip.armed, slip.masked, slip.registered, slip.event))
+        if i == 100:  # after the sample, as the controller does
             monitor.arm()
             status[-1] = (True, False, False, False)
         elif i > 100 and rng.random() < 0.01:
@@ -34,7 +35,7 @@ def watched(settings: RuleSettings, seed: int) -> tuple[np.ndarray, ...]:
 
 @pytest.mark.parametrize("fusion", ["any", "mean"])
 @pytest.mark.parametrize("seed", range(3))
-def test_summed_log_odds_pass_the_limit_where_slip_is_registered(fusion: str, seed: int) -> None:
+def test_summed_log_odds_exceed_the_limit_where_slip_is_registered(fusion: str, seed: int) -> None:
     settings = msgspec.structs.replace(CUSUM, fusion=fusion)
     p, armed, masked, registered, event = watched(settings, seed)
     shown = decided(settings, p, armed, masked)

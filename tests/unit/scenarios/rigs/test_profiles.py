@@ -2,7 +2,7 @@
 
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, lift
-from tests.unit.scenarios.conftest import phases_but_landing
+from tests.unit.scenarios.conftest import phases_without_feel
 
 
 def paper(*assignments: str) -> LiftConfig:
@@ -23,7 +23,7 @@ def test_the_paper_s_profile_never_gives_up_at_the_cap() -> None:
     result = lift.run(paper("energy.threshold_counts=0.3"), 0, None).result
     assert result is not None
     assert result.outcome not in ("cap_reached", "alarm_stayed")
-    assert phases_but_landing(result)[-4:] == [
+    assert phases_without_feel(result)[-4:] == [
         "lower.descend", "release.open", "release.retreat", "done.set_down",
     ]  # fmt: skip
     assert result.alarm_stayed

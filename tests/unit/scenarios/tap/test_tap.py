@@ -1,4 +1,4 @@
-"""The tap as a closed loop over the device models, and with a person who strikes."""
+"""The tap as a closed loop over the device models, and with an operator."""
 
 from collections.abc import Callable
 from functools import cache
@@ -37,7 +37,7 @@ def result_of(*assignments: str, seed: int = 0) -> TapResult:
 
 
 class Staged:
-    """One tap trial with a watcher, on a rig that stays open to look at."""
+    """One tap trial with an observer that may act on the rig."""
 
     def __init__(self, *assignments: str, seed: int = 0) -> None:
         self.config = tap.configure(config(*assignments))
@@ -55,7 +55,7 @@ class Staged:
 
 
 def sent_while_watched(staged: Staged, trial: TapTrial) -> list[Issued]:
-    """Commands that went out between the impact and the end of the watch."""
+    """Commands sent between the impact and the end of the observation."""
     assert trial.sequence.motion is not None
     first, last = trial.sequence.motion.impact_s, trial.sequence.watched_until_s
     issued = [i for tick in staged.ticks for i in tick.issued]
@@ -63,7 +63,7 @@ def sent_while_watched(staged: Staged, trial: TapTrial) -> list[Issued]:
 
 
 @pytest.mark.parametrize(("seed", "direction"), [(0, "top"), (1, "side")])
-def test_impact_moves_the_object_is_registered_and_forgotten(seed: int, direction: str) -> None:
+def test_tap_that_moves_the_object_is_registered_and_cleared(seed: int, direction: str) -> None:
     r = result_of(seed=seed)
     assert r.outcome == "registered"
     assert r.success and r.moved
@@ -79,7 +79,7 @@ def test_impact_moves_the_object_is_registered_and_forgotten(seed: int, directio
     assert r.mallet_mps is not None and 0.3 < r.mallet_mps < 4
 
 
-def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
+def test_slip_at_the_force_limit_sends_no_command() -> None:
     staged = Staged()
     trial = staged.run()
     assert trial.sequence.motion is not None
@@ -87,13 +87,13 @@ def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
     assert sent_while_watched(staged, trial) == []
 
 
-def test_impact_much_too_hard_knocks_the_object_out() -> None:
+def test_strong_impact_knocks_the_object_out() -> None:
     r = result_of("tap.impulse_n_s=1.9", "tap.direction=side")
     assert r.outcome == "knocked_out"
     assert r.moved
 
 
-def test_long_push_that_is_measured_well_above_the_limit_is_not_answered_either() -> None:
+def test_long_push_with_a_measured_force_above_the_limit_sends_no_command() -> None:
     staged = Staged("tap.direction=closing", "tap.impulse_n_s=1.5", "tap.duration_s=0.05",
                     "tap.follow_s=0.2", "tap.follow_fraction=0.5", "tap.spread=0")  # fmt: skip
     trial = staged.run()
@@ -107,7 +107,7 @@ def test_long_push_that_is_measured_well_above_the_limit_is_not_answered_either(
     assert not trial.controller.fault_cause
 
 
-def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
+def test_replay_of_a_recorded_tap_has_no_differences(tmp_path: Path) -> None:
     result = tap.run(config(), 1, tmp_path).result
     assert result is not None and result.recording is not None
     replayed = replay_run(Path(result.recording))
@@ -118,17 +118,17 @@ def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
     ] == result.outcome  # fmt: skip
 
 
-class Person:
-    """Strikes through the world when asked, waits a little, and reads the mark as told."""
+class SimulatedOperator:
+    """Taps through the simulation when asked, waits, and types the given readings."""
 
     def __init__(self, rig: Rig, impact: Impact, answers: list[str]) -> None:
-        self.asked: list[str] = []
+        self.prompts: list[str] = []
         self._rig, self._impact, self._answers = rig, impact, answers
         self._polls = 0
         self._pending: list[str] = []
 
     def say(self, text: str) -> None:
-        self.asked.append(text)
+        self.prompts.append(text)
         self._polls = 0
         if text.startswith("Tap"):
             assert self._rig.tap is not None
@@ -142,22 +142,22 @@ class Person:
         return self._pending.pop() if self._pending and self._polls > 20 else None
 
 
-def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
-    """A tap on a rig that seems to have no world: a person does the rest."""
+def by_operator(answers: list[str], *assignments: str) -> tuple[TapResult, SimulatedOperator]:
+    """A tap on a rig without access to its simulation, with an operator instead."""
     c = tap.configure(config(*assignments))
     with open_rig(c, 0, paced=False) as rig:
-        person = Person(rig, swing(c, 0).impact, answers)
+        operator = SimulatedOperator(rig, swing(c, 0).impact, answers)
         blind = msgspec.structs.replace(rig, tap=None, world=None)
-        trial = tap.act(c, 0, blind, make_guard(c), lambda *_: None, person)
-    return tap.judge(c, 0, trial, None), person
+        trial = tap.act(c, 0, blind, make_guard(c), lambda *_: None, operator)
+    return tap.judge(c, 0, trial, None), operator
 
 
-def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
-    r, person = by_hand(["7,5"])
+def test_operator_taps_and_types_the_displacement_of_the_tape_mark() -> None:
+    r, operator = by_operator(["7,5"])
     assert r.outcome == "registered"
     assert r.displacement_m == pytest.approx(0.0075)
     assert r.impulse_n_s is None and r.down_m is None and r.grip_force_n is None
-    assert "TOP" in person.asked[0]
+    assert "TOP" in operator.prompts[0]
     assert r.detection_latency_ms is not None and 0 <= r.detection_latency_ms < 100
 
 

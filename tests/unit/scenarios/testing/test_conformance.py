@@ -1,5 +1,4 @@
-"""Our three drivers keep to the protocols that a stranger's are asked to; the kit sees one that
-does not."""
+"""The three packaged drivers pass the conformance tests for foreign drivers."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -24,7 +23,7 @@ from tests.conformance import Bench
 
 
 class Wire:
-    """What a driver reaches its model by; cut, nothing answers."""
+    """The connection of a driver to its model; when cut, every call raises LinkLost."""
 
     def __init__(self, inner: Any) -> None:
         self._inner, self.is_cut = inner, False
@@ -39,14 +38,14 @@ class Wire:
 
         def call(*args: Any, **given: Any) -> Any:
             if self.is_cut:
-                raise LinkLost("cut", "join it")
+                raise LinkLost("cut", "connect it")
             return found(*args, **given)
 
         return call
 
 
 class Cell:
-    """The models around no object, in virtual time."""
+    """The device models without an object, in virtual time."""
 
     def __init__(self) -> None:
         self.config = load_config("can", "simulated", "energy", None, ["hand.activation_s=0.5"])
@@ -87,7 +86,7 @@ class TestUniversalRobots(conformance.ArmConformance):
 class TestTakkTile(conformance.FingertipConformance):
     @pytest.fixture
     def bench(self, cell: Cell) -> Iterator[Bench[TactileSensor]]:
-        """A board whose codes are at rest until it is pressed."""
+        """A board with rest codes until it is pressed."""
         codes = np.full(18, 450, np.int16)
         warm = np.full(18, 500, np.int16)
         board = BoardModel(cell.config.board, lambda t_ns: lambda: (codes.copy(), warm))

@@ -1,4 +1,4 @@
-"""What the hash of a trial's settings covers: all that can change a result, nothing else."""
+"""The hash of a trial's settings covers everything that can change a result, and nothing else."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def whole(rig: str = "simulated") -> RunConfig:
 
 
 def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
-    """With another value of a key, by default the section's last, or of a name."""
+    """The settings with another value of a key, by default the section's last, or another name."""
     replace = msgspec.structs.replace
     part = getattr(config, section)
     if isinstance(part, str):
@@ -49,7 +49,7 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
 
 
 def digests(section: str, key: str = "", rig: str = "simulated") -> set[str]:
-    """Of the packaged settings and of those with another value, for lift and tap."""
+    """Hashes of the packaged settings and of those with another value, for lift and tap."""
     plain = whole(rig)
     other = with_other(plain, section, key)
     return {c.digest() for c in (plain.for_lift(), other.for_lift())} | {
@@ -57,14 +57,14 @@ def digests(section: str, key: str = "", rig: str = "simulated") -> set[str]:
     }
 
 
-def test_what_can_change_a_result_changes_the_hash_and_nothing_else_does() -> None:
+def test_only_settings_that_can_change_a_result_change_the_hash() -> None:
     for section in COVERED - {"tap"}:
         assert len(digests(section)) == 4, section
     for section in LEFT_OUT - {"usb"}:
         assert len(digests(section)) == 2, section
 
 
-def test_no_address_no_name_of_a_file_and_no_text_for_people_is_covered() -> None:
+def test_addresses_file_names_and_descriptions_do_not_change_the_hash() -> None:
     for key in (
         "modbus.host", "modbus.port", "modbus.serial_port", "modbus.slave",
         "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name",
@@ -73,7 +73,7 @@ def test_no_address_no_name_of_a_file_and_no_text_for_people_is_covered() -> Non
         assert len(digests(*key.split("."), rig="emulated")) == 2, key
 
 
-def test_the_hash_covers_what_a_weights_file_holds_and_not_its_name(tmp_path: Path) -> None:
+def test_hash_covers_the_content_of_a_weights_file_and_not_its_name(tmp_path: Path) -> None:
     def digest(weights: Path | str) -> str:
         return load_config("can", "simulated", "gru", None, [f"network.weights={weights}"]).digest()
 

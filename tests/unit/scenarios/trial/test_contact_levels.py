@@ -1,4 +1,4 @@
-"""The contact levels of a run: by scenario, by what turns the object, and as told."""
+"""Contact levels of a run: by experiment, by causes of rotation, and by settings."""
 
 import pytest
 
@@ -18,8 +18,8 @@ def lifted(*assignments: str, name: str = "can") -> ContactLevels | None:
 
 
 def tapped(direction: str, *assignments: str, name: str = "can") -> ContactLevels | None:
-    told = config(f"tap.direction={direction}", *assignments, name=name)
-    return tap.configure(told.for_tap()).physics(0)
+    settings = config(f"tap.direction={direction}", *assignments, name=name)
+    return tap.configure(settings.for_tap()).physics(0)
 
 
 @pytest.mark.parametrize("name", names("objects"))
@@ -29,7 +29,7 @@ def test_lifts_and_taps_of_the_objects_have_the_levels_of_their_row(name: str) -
         assert tapped(direction, name=name) == getattr(contact_table(), direction)
 
 
-def test_weight_beside_the_grip_and_a_pull_want_rotation() -> None:
+def test_off_centre_weight_and_a_pull_need_a_level_with_rotation() -> None:
     aside = lifted("object.centre_aside_m=0.006")
     assert aside is not None and (aside.level, aside.impact_level) == ("L3", "L4")
     pulled = lifted("pull.force_n=6")

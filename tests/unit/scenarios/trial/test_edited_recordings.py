@@ -1,4 +1,4 @@
-"""A replay notices what was changed in a recording, wherever the step can tell."""
+"""A replay reports edits of a recording, wherever the control step shows them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ DELAY_NS = 50_000_000
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunRecording:
-    """A lift whose commands wait for a while."""
+    """A lift with delayed commands."""
     delayed = config("loop.decision_delay_s=0.05", "controller.lift_height_m=0.03")
     result = lift.run(delayed, 0, tmp_path_factory.mktemp("runs")).result
     assert result is not None and result.recording is not None
@@ -38,12 +38,12 @@ def written(out: Path, messages: Messages, metadata: dict[str, str]) -> Path:
 
 
 def the(topic: str, messages: Messages, number: int) -> int:
-    """Where the n-th message of a channel stands."""
+    """Index of the n-th message of a channel."""
     return [i for i, (name, *_) in enumerate(messages) if name == topic][number]
 
 
 def closing(messages: Messages) -> int:
-    """Where the answer to slip stands."""
+    """Index of the first closing, the response to slip."""
     return next(
         i for i, (name, _, m) in enumerate(messages)
         if name == COMMANDS and isinstance(m.admitted, CloseFast)
@@ -59,7 +59,7 @@ def command_lost(messages: Messages) -> None:
     del messages[closing(messages)]
 
 
-def command_of_nobody(messages: Messages) -> None:
+def command_added(messages: Messages) -> None:
     name, t_ns, message = messages[closing(messages)]
     opened = replace(message, asked=OpenFingers(0.05), admitted=OpenFingers(0.05))
     messages.insert(closing(messages), (name, t_ns, opened))
@@ -94,16 +94,17 @@ def phase_renamed(messages: Messages) -> None:
 
 
 def other_bytes(act: int, edit: Callable[[list[int]], None]) -> Callable[[Messages], None]:
-    """In the first state after the write of the closing, ``act`` 0, or of a later command."""
+    """Edit the bytes in the first state after the write of the closing, or of the ``act``-th later
+    write."""
 
     def change(messages: Messages) -> None:
         wrote = closing(messages)
-        told = [
+        states = [
             (i, m) for i, (name, t_ns, m) in enumerate(messages)
             if name == GRIPPER and m.written_ns >= messages[wrote][1]
         ]  # fmt: skip
-        writes = sorted({m.written_ns for _, m in told})
-        at, state = next((i, m) for i, m in told if m.written_ns == writes[act])
+        writes = sorted({m.written_ns for _, m in states})
+        at, state = next((i, m) for i, m in states if m.written_ns == writes[act])
         data = list(bytes.fromhex(state.written))
         edit(data)
         changed(messages, at, written=bytes(data).hex())
@@ -120,7 +121,7 @@ def stronger(data: list[int]) -> None:
 
 
 def write_never_seen(messages: Messages) -> None:
-    """The closing was not written, although the status speaks of it."""
+    """The closing was not written, although the status follows it."""
     at = closing(messages)
     before = next(m for name, _, m in reversed(messages[:at]) if name == GRIPPER)
     for i, (name, *_) in enumerate(messages):
@@ -130,12 +131,12 @@ def write_never_seen(messages: Messages) -> None:
 
 EDITS: dict[str, Callable[[Messages], None]] = {
     "a command is lost": command_lost,
-    "a command that no step decided": command_of_nobody,
+    "a command that no step decided": command_added,
     "a command is another, asked and admitted": command_weaker,
     "a command is sent before its delay has passed": command_too_early,
-    "another finger was told to close": other_bytes(0, b_closes_too),
+    "another finger was commanded to close": other_bytes(0, b_closes_too),
     "more force was written": other_bytes(0, stronger),
-    "fingers were not opened as told": other_bytes(-1, b_closes_too),
+    "fingers were not opened as commanded": other_bytes(-1, b_closes_too),
     "a command was never written": write_never_seen,
     "a state of the gripper is lost": state_lost(GRIPPER),
     "a state of the arm is lost": state_lost(ARM),
@@ -154,7 +155,7 @@ def test_an_edit_is_a_difference(part: int, recorded: RunRecording, tmp_path: Pa
         )
 
 
-def test_a_recording_that_ends_before_its_run_says_so(
+def test_replay_of_an_incomplete_recording_reports_its_early_end(
     recorded: RunRecording, tmp_path: Path
 ) -> None:
     messages = list(recorded)

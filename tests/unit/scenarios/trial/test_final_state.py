@@ -1,4 +1,4 @@
-"""What a run says of arm and hand when it ended in a safe state: what was heard last, no more."""
+"""The final state after a safe state is based on the last status messages only."""
 
 import re
 from collections.abc import Callable
@@ -49,7 +49,7 @@ def ended(phase: State, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Stag
     return trial, staged, end
 
 
-def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
+def test_interruption_keeps_the_grip_and_stops_the_arm() -> None:
     trial, staged, end = ended(State.LIFT, interrupt)
     assert end.arm == "the arm is stationary"
     assert end.hand.startswith("the hand is closed")
@@ -69,7 +69,7 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
         (State.HOLD, zero_gripper_status),
     ],
 )
-def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
+def test_implausible_status_of_the_hand_is_reported_as_such(
     phase: State, act: Callable[[Rig], None]
 ) -> None:
     trial, _, end = ended(phase, act)
@@ -80,7 +80,7 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
     assert not end.open
 
 
-def test_every_device_that_is_gone_is_named() -> None:
+def test_every_lost_device_is_named() -> None:
     trial, staged, end = ended(State.LIFT, cut_everything)
     failure = trial.failure(staged.config)
     assert failure is not None
@@ -94,9 +94,9 @@ def test_every_device_that_is_gone_is_named() -> None:
     assert end.hand.endswith("its force is not measured")
 
 
-def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
+def test_advice_is_to_look_at_an_arm_with_unknown_motion() -> None:
     for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
         trial, _, _ = ended(State.HOLD, act)
         errors = tuple(trial.loop.errors.values())
-        told = final_state(trial.trace.last, trial.trace.hand, 0.1, "type this", errors=errors)
-        assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
+        end = final_state(trial.trace.last, trial.trace.hand, 0.1, "type this", errors=errors)
+        assert end.advice == (f"{LOOK}; type this" if unknown else "type this"), act

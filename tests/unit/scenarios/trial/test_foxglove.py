@@ -1,4 +1,4 @@
-"""What viewers draw by themselves: frames at the places of arm, fingers and object."""
+"""Messages for viewers: frames at the positions of arm, fingers and object."""
 
 import json
 from collections import defaultdict
@@ -31,7 +31,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def messages(path: Path) -> dict[str, list[tuple[str, int, dict[str, Any]]]]:
-    """By topic: name of the schema, time since 1970, and the JSON object."""
+    """Messages by topic: name of the schema, time since 1970, and JSON object."""
     found = defaultdict(list)
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
@@ -40,16 +40,16 @@ def messages(path: Path) -> dict[str, list[tuple[str, int, dict[str, Any]]]]:
     return dict(found)
 
 
-def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
-    own = RunRecording(recording, RUN_CHANNELS)
-    arm, gripper = dict(own.of(ARM)), dict(own.of(GRIPPER))
-    truth = dict(own.of(TRUTH))
+def test_frames_have_the_recorded_positions_of_arm_fingers_and_object(recording: Path) -> None:
+    run = RunRecording(recording, RUN_CHANNELS)
+    arm, gripper = dict(run.of(ARM)), dict(run.of(GRIPPER))
+    truth = dict(run.of(TRUTH))
     settings = config()
     assert settings.calibration is not None
     heights = []
-    for _, at_ns, told in messages(recording)["/tf"]:
+    for _, at_ns, message in messages(recording)["/tf"]:
         t_ns = at_ns - VIRTUAL_EPOCH_NS
-        place = {each["child_frame_id"]: each["translation"] for each in told["transforms"]}
+        place = {each["child_frame_id"]: each["translation"] for each in message["transforms"]}
         assert place["hand"]["z"] == pytest.approx(arm[t_ns].position_m[2], abs=1e-4)
         for i, (name, side) in enumerate({"A": -1.0, "B": 1.0, "C": 1.0}.items()):
             closed_m = gripper[t_ns].positions[i] * settings.calibration.m_per_count

@@ -1,4 +1,4 @@
-"""An exception of our own code ends a run as a fault does, wherever it is raised."""
+"""An unexpected exception ends a run like a fault, wherever it is raised."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +36,7 @@ def plant(
     name: str,
     error: type[BaseException] = ZeroDivisionError,
 ) -> Callable[[], None]:
-    """From when the result is called on, the method raises, whenever it is called."""
+    """After a call of the result, the method raises at every call."""
     whole = getattr(owner, name)
     planted: list[bool] = []
 
@@ -55,7 +55,7 @@ def staged(
     begin = plant(patch, *PLACES[place])
     lift = Staged(*QUICK)
     met = in_phase(phase, 5)
-    # a rig has the cell's truth as it was when it was opened: no kept one will do
+    # a rig reads the truth of the cell that it was opened with: no checkpoint can replace it
     trial = lift.run(met.__call__, lambda rig: begin())
     patch.undo()
     cell = fault.cell(lift.rig)
@@ -73,7 +73,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("place", "phase"), CASES)
-def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
+def test_unexpected_exception_leaves_a_stationary_arm_and_a_closed_hand(
     place: str, phase: State, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift, trial, cell = staged(monkeypatch, place, phase)
@@ -114,7 +114,7 @@ def refuse_once(patch: pytest.MonkeyPatch, rig: Any, refused: list[bool]) -> Non
     patch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
 
 
-def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
+def test_refused_closing_is_repeated_without_the_control_step(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     begin = plant(monkeypatch, GraspController, "step")
@@ -131,7 +131,7 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
 
 
-def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state(
+def test_recording_of_a_run_that_an_observer_ended_is_replayed_to_its_safe_state(
     tmp_path: Path,
 ) -> None:
     from scenarios.lift.lift import lift

@@ -1,4 +1,4 @@
-"""A run that a signal ends: safe state, closed recording, a result that is no verdict."""
+"""A run that a signal ends: safe state, closed recording, a result without a verdict."""
 
 import json
 import signal
@@ -24,7 +24,7 @@ PHASES = [p for p in State if p not in SAFE_STATES | END_STATES | {State.START, 
 
 
 def signal_in(phase: State, *numbers: signal.Signals) -> Callable[[Tick], None]:
-    """Raises the signals, one a tick, from some ticks into a phase on."""
+    """Raises the signals, one per tick, shortly after the start of a phase."""
     due = list(numbers)
     met = in_phase(phase, 3 if phase is not State.TARE else 0)
     ticks: list[Tick] = []
@@ -50,10 +50,10 @@ def stopped_lift(
     return finished, on_tick.ticks  # type: ignore[attr-defined]
 
 
-def test_interruption_in_any_phase_leaves_a_standing_arm() -> None:
+def test_interruption_in_any_phase_stops_the_arm() -> None:
     for phase in PHASES:
-        stands = phase is State.FEEL  # of a lift that was searched for
-        settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if stands else QUICK
+        # only a lift with these settings reaches the phase `feel`
+        settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if phase is State.FEEL else QUICK
         staged = Staged(*settings)
         trial = staged.run(in_phase(phase, 0 if phase is State.TARE else 3), interrupt)
         assert trial.interrupted, phase
@@ -79,7 +79,7 @@ def test_signal_ends_the_run_without_a_verdict(phase: State, tmp_path: Path) -> 
     assert replay.complete and not replay.differences
 
 
-def test_answer_to_slip_that_has_begun_is_finished() -> None:
+def test_slip_response_in_progress_is_completed() -> None:
     _, ticks = stopped_lift(None, State.COMPENSATE, signal.SIGHUP)
     last = ticks[-1]
     assert last.decision.state is State.STOPPED
@@ -91,7 +91,7 @@ def test_answer_to_slip_that_has_begun_is_finished() -> None:
     ("phase", "settings"),
     [(State.COMPENSATE, (*QUICK, 'controller.closing="constant"')), (State.DESCEND, QUICK)],
 )
-def test_grip_is_kept_as_it_is(phase: State, settings: tuple[str, ...]) -> None:
+def test_grip_is_kept_unchanged(phase: State, settings: tuple[str, ...]) -> None:
     _, ticks = stopped_lift(None, phase, signal.SIGHUP, settings=settings)
     stopped = [t for t in ticks if t.decision.state is State.STOPPED]
     assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)

@@ -1,4 +1,4 @@
-"""What a run leaves can be read by its user alone."""
+"""The files of a run are readable by their owner only."""
 
 import os
 import stat
@@ -8,7 +8,7 @@ from scenarios.lift.lift import lift
 from tests.unit.scenarios.conftest import config
 
 
-def test_run_folder_is_private_and_one_that_was_there_stays_as_it_is(tmp_path: Path) -> None:
+def test_run_folder_is_private_and_an_existing_parent_keeps_its_mode(tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     runs.mkdir()
     runs.chmod(0o755)

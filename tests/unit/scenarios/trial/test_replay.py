@@ -1,4 +1,4 @@
-"""Replay: the same code on recorded input gives the same events and commands."""
+"""Replay: the same code with recorded input gives the same events and commands."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def copy_changed(source: Path, out: Path, topic: str, at: int, **values: object)
     return out
 
 
-def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
+def test_replay_of_a_run_has_no_differences(recorded: Path) -> None:
     replay = replay_run(recorded.parent)
     assert replay.differences == []
     assert replay.complete
@@ -51,7 +51,8 @@ def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
 
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A lift that closes by position too, so that the anchor matters; its detector has a memory."""
+    """A lift with a travel bound, which depends on the reference grasp, and a detector with
+    memory."""
     settings = config("guard.travel_bound=true")
     settings = msgspec.structs.replace(settings, detector_name="tcn")
     result = lift.run(settings, 0, tmp_path_factory.mktemp("bounded")).result
@@ -66,10 +67,10 @@ def only_at_first(self: StreamingNetwork) -> None:
 
 RESET = StreamingNetwork.reset
 INSIDE = {
-    "the detector is reset no more": ("detector.network.StreamingNetwork.reset", only_at_first),
+    "the detector is never reset": ("detector.network.StreamingNetwork.reset", only_at_first),
     "the guard is never anchored": ("grasp.guard.ForceGuard.anchor", lambda self, *a: None),
     "the guard lets all through": ("grasp.guard.ForceGuard.admit", lambda self, c, *a: c),
-    "own closing is not masked": (
+    "closing is not masked": (
         "grasp.slip_monitor.SlipMonitor.closing",
         lambda self, t_ns: None,
     ),
@@ -78,7 +79,7 @@ INSIDE = {
 }
 
 
-def test_one_thing_changed_inside_the_step_is_noticed_by_the_check(
+def test_every_change_inside_the_control_step_is_found(
     bounded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for what, (name, changed) in INSIDE.items():
@@ -95,9 +96,7 @@ def test_tampered_probability_is_found(recorded: Path, tmp_path: Path) -> None:
     assert [d.what for d in differences] == ["probabilities"]
 
 
-def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
-    recorded: Path, tmp_path: Path
-) -> None:
+def test_recording_of_a_killed_run_is_replayed_to_its_end(recorded: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size * 2 // 3])
     replay = replay_run(cut)
@@ -107,7 +106,7 @@ def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
 
 
 def fingertip_strokes() -> Recording:
-    """Four seconds at rest with two loud strokes of 0.6 s."""
+    """Four seconds at rest with two strong strokes of 0.6 s."""
     rng = np.random.default_rng(0)
     n = 400
     slip = np.zeros(n, bool)
@@ -117,7 +116,7 @@ def fingertip_strokes() -> Recording:
     return Recording(np.arange(n) * 0.01, counts[:, None, :], slip, None, "made up")
 
 
-def test_every_stroke_of_a_fingertip_recording_is_answered_once_by_closing() -> None:
+def test_every_stroke_of_a_fingertip_recording_causes_one_closing() -> None:
     replay = replay_tactile(config(), fingertip_strokes())
     assert [finger for _, finger in replay.registered] == ["A", "A"]
     sent = [(c.t_s, c.command) for c in replay.commands if isinstance(c.command, CloseFast)]

@@ -1,4 +1,4 @@
-"""A run that ended in a fault can be read and replayed: it comes to the same fault again."""
+"""A run that ended in a fault can be replayed to the same fault."""
 
 from pathlib import Path
 
@@ -23,13 +23,13 @@ def test_a_run_that_ended_in_a_fault_is_replayed_to_the_same_end(
 ) -> None:
     rigs: list[Rig] = []
     monkeypatch.setattr(simulated, "Rig", lambda *a, **k: rigs.append(Rig(*a, **k)) or rigs[-1])
-    now, left = in_phase(State.LIFT, 5), [act]
+    due, pending = in_phase(State.LIFT, 5), [act]
 
-    def strike(tick: Tick) -> None:
-        if left and now(tick):
-            left.pop()(rigs[-1])
+    def inject(tick: Tick) -> None:
+        if pending and due(tick):
+            pending.pop()(rigs[-1])
 
-    result = lift.run(config(), 0, tmp_path, on_tick=strike).result
+    result = lift.run(config(), 0, tmp_path, on_tick=inject).result
     assert result is not None and result.outcome == "fault"
     assert result.recording is not None
     replay = replay_run(Path(result.recording))

@@ -1,4 +1,4 @@
-"""Trials on one open rig: which are asked for again, and where they begin."""
+"""Series of trials on one open rig: which are repeated, and where they begin."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,14 +21,14 @@ OPEN = FinalState("the arm is stationary", "the hand is open", "", open=True)
 STALE = Failure("stale", "stale: gripper status too old", "", OPEN)
 
 
-class Person:
-    """Puts every object in place at once."""
+class InstantOperator:
+    """Places every object at once."""
 
     def __init__(self) -> None:
-        self.heard: list[str] = []
+        self.prompts: list[str] = []
 
     def say(self, text: str) -> None:
-        self.heard.append(text.split(". Put", maxsplit=1)[0])
+        self.prompts.append(text.split(". Put", maxsplit=1)[0])
 
     def poll(self) -> str:
         return ""
@@ -39,15 +39,15 @@ def lifted() -> FinishedRun[Any]:
     return lift.run(config(), 0, None)
 
 
-def told(
+def run_two(
     lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
     remaining: RemainingTrials | None = None, raised_m: float = 0.0, ends: FinalState | None = None,
     fingers: int | None = None, placed: bool = False,
 ) -> "tuple[list[str], list[Any]]":  # fmt: skip
-    """What a person is asked when two trials end like this, and the homes that they begin from.
-    ``ends``: how they left arm and hand; ``fingers``: where they stand before, counts."""
+    """Prompts to the operator and homes of two trials with these failures. ``ends``: their final
+    state; ``fingers``: position before, counts."""
     wired = msgspec.structs.replace(config(), rig="hardware")
-    person, homes, left = Person(), list[Any](), iter(failures)
+    operator, homes, remaining_failures = InstantOperator(), list[Any](), iter(failures)
 
     @contextmanager
     def opened(*_: object) -> Iterator[GraspRig]:
@@ -65,52 +65,54 @@ def told(
     def attempt(seed: int, rig: GraspRig, home: Any) -> Any:
         homes.append(home)
         assert lifted.result is not None
-        failure = next(left)
+        failure = next(remaining_failures)
         result = msgspec.structs.replace(lifted.result, end=ends)
         return FinishedRun(result, failure), lifted.result.home_m
 
     def begins(number: int, of: int) -> None:
-        assert placed or person.heard[-1].startswith(f"Trial {number} of {of}")
+        assert placed or operator.prompts[-1].startswith(f"Trial {number} of {of}")
 
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
-        context = TrialContext(operator=person, remaining=remaining, on_trial=begins, placed=placed)
+        context = TrialContext(
+            operator=operator, remaining=remaining, on_trial=begins, placed=placed
+        )
         list(series.run_series(wired, (0, 1), context, attempt))
-    return person.heard, homes
+    return operator.prompts, homes
 
 
 def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     closed = FinalState("the arm is stationary", "the hand is closed", "let go")
-    heard, _ = told(lifted, [None, None], monkeypatch, ends=closed)
-    assert heard == ["Trial 1 of 2"]
-    heard, _ = told(lifted, [None, None], monkeypatch, ends=OPEN)
-    assert heard == ["Trial 1 of 2", "Trial 2 of 2"]
+    prompts, _ = run_two(lifted, [None, None], monkeypatch, ends=closed)
+    assert prompts == ["Trial 1 of 2"]
+    prompts, _ = run_two(lifted, [None, None], monkeypatch, ends=OPEN)
+    assert prompts == ["Trial 1 of 2", "Trial 2 of 2"]
 
 
-def test_hand_that_is_not_open_is_refused_before_anybody_is_asked(
+def test_hand_that_is_not_open_is_refused_before_the_first_prompt(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(Refused, match=r"the hand is not open, at .* it may hold something"):
-        told(lifted, [None, None], monkeypatch, fingers=120)
+        run_two(lifted, [None, None], monkeypatch, fingers=120)
 
 
-def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
+def test_trial_with_stale_device_data_is_repeated(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard, homes = told(lifted, [STALE, None, None], monkeypatch)
+    prompts, homes = run_two(lifted, [STALE, None, None], monkeypatch)
     again = "Trial 1 of 2 again, because device data was stale or implausible"
-    assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
+    assert prompts == ["Trial 1 of 2", again, "Trial 2 of 2"]
     assert lifted.result is not None
     assert homes == [None, lifted.result.home_m, lifted.result.home_m]
 
 
-def test_the_same_trial_is_not_asked_for_without_end(
+def test_number_of_repetitions_is_limited(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard, _ = told(lifted, [STALE] * 9, monkeypatch)
-    assert len(heard) == 1 + series.MAX_REPEATS
+    prompts, _ = run_two(lifted, [STALE] * 9, monkeypatch)
+    assert len(prompts) == 1 + series.MAX_REPEATS
 
 
 @pytest.mark.parametrize(
@@ -125,10 +127,10 @@ def test_the_same_trial_is_not_asked_for_without_end(
         Failure("link_lost", "", "", OPEN),
         Failure("interrupted", "", "", OPEN),
     ],
-    ids=["hand closed", "arm not seen to stand", "unknown", "its own end", "link lost", "stopped"],
+    ids=["hand closed", "arm not stationary", "unknown", "safety stop", "link lost", "stopped"],
 )
-def test_what_else_ends_a_trial_ends_the_series(
+def test_any_other_failure_ends_the_series(
     failure: Failure, lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard, _ = told(lifted, [failure], monkeypatch)
-    assert heard == ["Trial 1 of 2"]
+    prompts, _ = run_two(lifted, [failure], monkeypatch)
+    assert prompts == ["Trial 1 of 2"]

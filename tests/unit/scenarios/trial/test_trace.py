@@ -1,4 +1,4 @@
-"""What is kept of a run to judge it by: when the hand lost the object, and where."""
+"""The trace of a run: whether and at which height the hand lost the object."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +14,7 @@ HELD_AT, LOST_AT = True, False
 
 
 def of(*steps: tuple[State, bool, float]) -> Trace:
-    """A run of phase, whether the hand touches the object, and its height."""
+    """A trace of steps, each with phase, contact and height of the object."""
     trace = Trace()
     for phase, touched, height_m in steps:
         slip = SimpleNamespace(event=False)
@@ -30,7 +30,7 @@ def of(*steps: tuple[State, bool, float]) -> Trace:
     return trace
 
 
-def test_an_object_that_slid_for_a_moment_and_was_held_again_was_not_let_go() -> None:
+def test_object_that_was_lost_briefly_and_held_again_counts_as_held() -> None:
     up = (State.LIFT, HELD_AT, 0.02), (State.LIFT, LOST_AT, 0.019), (State.LIFT, HELD_AT, 0.02)
     down = (State.HOLD, HELD_AT, 0.2), (State.DESCEND, HELD_AT, 0.1), (State.FEEL, HELD_AT, 0.001)
     run = of(*up, *down, (State.OPEN, LOST_AT, 0.0))
@@ -39,6 +39,6 @@ def test_an_object_that_slid_for_a_moment_and_was_held_again_was_not_let_go() ->
 
 
 @pytest.mark.parametrize("phase", [State.DESCEND, State.FEEL, State.OPEN, State.FAULT])
-def test_an_object_is_let_go_from_where_the_hand_loses_it_after_the_top(phase: State) -> None:
+def test_height_of_a_loss_after_the_top_is_recorded(phase: State) -> None:
     run = of((State.HOLD, HELD_AT, 0.2), (phase, HELD_AT, 0.11), (phase, LOST_AT, 0.1))
     assert run.lost_at_m == 0.11

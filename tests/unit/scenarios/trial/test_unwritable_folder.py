@@ -1,4 +1,4 @@
-"""Where a run cannot be kept, that is found before a rig opens."""
+"""A folder that cannot be written is found before a rig opens."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,16 +25,16 @@ def no_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opening, "hardware", opened)
 
 
-@pytest.fixture(params=["below a file", "where nobody may write", "on a full disk"])
+@pytest.fixture(params=["below a file", "on a read-only file system", "on a full disk"])
 def nowhere(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
-    """A folder that nothing can be written in."""
+    """A folder that cannot be written."""
     if request.param == "below a file":
         (tmp_path / "file").write_text("")
         return tmp_path / "file" / "runs"
-    if request.param == "where nobody may write":
-        return Path("/proc/runs")  # for root too
+    if request.param == "on a read-only file system":
+        return Path("/proc/runs")  # also for root
 
     def full(**_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -52,7 +52,7 @@ def taps(runs: Path) -> Any:
 
 
 @pytest.mark.parametrize("run", [lifts, taps])
-def test_runs_that_cannot_be_kept_open_no_rig(run: Callable[[Path], Any], nowhere: Path) -> None:
+def test_no_rig_opens_for_an_unwritable_folder(run: Callable[[Path], Any], nowhere: Path) -> None:
     with pytest.raises((CouldNotRecord, UsageError)) as refused:
         run(nowhere)
     assert "--runs" in refused.value.remedy
