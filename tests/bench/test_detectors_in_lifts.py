@@ -1,7 +1,7 @@
-"""What a detector is worth in a lift: reaction latency and slip distance, forty seeds each.
+"""Reaction latency and slip distance of lifts with each detector, forty seeds each.
 
-Each detector listens with the packaged rule, once masked after our own closing and once not. Other
-objects: OBJECTS=ball,box DETECTORS=gru LIFTS=20.
+Each detector runs with its packaged rule, with and without the mask after a closing. Other objects:
+OBJECTS=ball,box DETECTORS=gru LIFTS=20.
 """
 
 import os
@@ -43,7 +43,7 @@ def row(name: str, detector: str, mask_s: float, results: Sequence[LiftResult]) 
 @pytest.mark.bench
 @pytest.mark.timeout(1200)
 def test_lifts_with_each_detector_masked_and_not() -> None:
-    print(f"\nof what slipped; inf: so many never came\n\n| object | detector | mask, ms "
+    print(f"\nlifts with slip only; inf: event missing\n\n| object | detector | mask, ms "
           f"| outcomes | reaction after onset, ms, {THREE} | slip, mm, {THREE} | events |\n"
           "|---|---|---|---|---|---|---|")  # fmt: skip
     for name, detector, mask_s in product(OBJECTS, DETECTORS, MASKS_S):

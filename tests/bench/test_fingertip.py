@@ -1,4 +1,4 @@
-"""How much faster than real time one fingertip is, with and without the terms of its mount."""
+"""Speed of one simulated fingertip relative to real time, with and without a compliant mount."""
 
 import time
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.bench
 
 AIM = 60.0  # times real time
 SAMPLES, PERIOD_S = 3000, 0.01
-RIGID = {  # none of the mount's terms, as in the paper's set, its rigid part
+RIGID = {  # without the terms of the mount
     "lever_x": 0.0, "lateral_npmm": 0.0, "shift_mm": 0.0, "rock_rad": 0.0,
     "relaxation_slow_share": 0.0, "spring_mm": 2.0,
 }  # fmt: skip
@@ -29,12 +29,12 @@ def test_a_fingertip_is_sixty_times_faster_than_real_time(
     x_mm = 0.0
     for k in range(2 * SAMPLES):  # the first half compiles and warms up
         if k == SAMPLES:
-            begun_s = time.process_time()
+            start_s = time.process_time()
         speed = 0.4 * np.sin(k / 30.0) ** 3
         x_mm += speed if abs(speed) > 0.03 else 0.0
         at = np.array([[x_mm, 0.0]])
         tips.advance((k + 1) * PERIOD_S, mount * 1.0, at, still, middle, True, mount)
         tips.codes()
-    factor = SAMPLES * PERIOD_S / (time.process_time() - begun_s)
+    factor = SAMPLES * PERIOD_S / (time.process_time() - start_s)
     print(f"\n{name}: {factor:.0f} times real time")
     assert factor > AIM

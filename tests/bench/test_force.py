@@ -1,4 +1,4 @@
-"""What the hand, and what is believed of a contact, do to the true peak force, as tables."""
+"""True peak force for different hands and errors of the contact estimate, as tables."""
 
 from collections.abc import Sequence
 
@@ -33,19 +33,21 @@ OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")
 SEEDS = range(5)
 FEWER = range(3)
 STAGES = ("constant", "two_stage")
-BELIEVED = {"can": (0.77, 1.0, 1.3), "foam": (0.77, 1.0, 1.3, 3.0), "football": (0.77, 1.0, 1.3)}
+STATED_SHARES = {
+    "can": (0.77, 1.0, 1.3), "foam": (0.77, 1.0, 1.3, 3.0), "football": (0.77, 1.0, 1.3),
+}  # fmt: skip
 
 
-def lifts(object_name: str, *words: str, seeds: Sequence[int] = FEWER) -> list[LiftResult]:
-    """With the default detector, while the arm goes on: the hand alone."""
-    told = ('controller.slip_response="close"', *words)
-    config = load_config(object_name, "simulated", None, None, told).for_lift()
+def lifts(object_name: str, *settings: str, seeds: Sequence[int] = FEWER) -> list[LiftResult]:
+    """Results of lifts with the default detector, in which only the hand responds."""
+    settings = ('controller.slip_response="close"', *settings)
+    config = load_config(object_name, "simulated", None, None, settings).for_lift()
     results = [lift.run(config, seed, None).result for seed in seeds]
     return [r for r in results if r is not None]
 
 
-def closed(closing: str, words: Sequence[str]) -> list[LiftResult]:
-    return lifts("can", f'controller.closing="{closing}"', *words, seeds=SEEDS)
+def closed(closing: str, settings: Sequence[str]) -> list[LiftResult]:
+    return lifts("can", f'controller.closing="{closing}"', *settings, seeds=SEEDS)
 
 
 def peak_n(results: list[LiftResult]) -> float:
@@ -53,13 +55,13 @@ def peak_n(results: list[LiftResult]) -> float:
 
 
 def slip_mm(results: list[LiftResult]) -> str:
-    """The median and the most, which is p90 and p99 of so few (by nearest rank)."""
+    """Median and maximum, which equals p90 and p99 of so few lifts (by nearest rank)."""
     slid = sorted((r.slip_distance_m or 0.0) * 1e3 for r in results)
     return f"{slid[len(slid) // 2]:.1f}, {slid[-1]:.1f}"
 
 
 def stiffness_npm(body: GraspObject) -> float:
-    """Of walls, pads and linkages of the simulated hand in series, two fingers opposite one."""
+    """Stiffness of walls, pads and linkages of the simulated hand in series, N/m."""
     return 1 / (1.5 * (1 / 5000.0 + 1 / 15000.0 + 1 / body.wall_stiffness_npm))
 
 
@@ -82,10 +84,10 @@ def test_true_peak_force_of_the_thumb() -> None:
 
 @pytest.mark.bench
 @pytest.mark.timeout(3600)
-def test_true_peak_force_where_the_contact_is_not_what_is_believed(
+def test_true_peak_force_with_errors_of_the_contact_estimate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Force measured 1 N too low, right, 1 N too high, from first contact on."""
+    """Force measured 1 N too low, correct, 1 N too high, from first contact on."""
     measured_n = ForceGuard.measured_n
 
     def off_by(error_n: float) -> None:
@@ -99,7 +101,7 @@ def test_true_peak_force_where_the_contact_is_not_what_is_believed(
           "without clamp, N | slip, mm: p50, p90 = p99 | 1 N too high: peak, N | "
           "slip, mm: p50, p90 = p99 |")  # fmt: skip
     print("|---|---|---|---|---|---|---|")
-    for name, shares in BELIEVED.items():
+    for name, shares in STATED_SHARES.items():
         true_npm = stiffness_npm(load_config(name, "simulated", None, None, ()).for_lift().object)
         for share in shares:
             stated = f"object.contact_stiffness_npm={share * true_npm}"

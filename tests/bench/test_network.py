@@ -1,6 +1,6 @@
-"""What an update costs: streaming against the full window, one runtime, one run; memory at rest.
+"""Cost of a detector update, streaming and with the full window, and memory over many updates.
 
-Memory is read on the way: what comes at the start is no growth. Fewer steps: STEPS=200000.
+Memory use of the first steps does not count as growth. Fewer steps: STEPS=200000.
 """
 
 import os
@@ -18,16 +18,16 @@ from tests.unit.detector.networks import walk
 
 UPDATES = 5_000
 WARM_UP, EVERY, STEPS = 20_000, 100_000, int(os.environ.get("STEPS", "1_000_000"))
-MOST_KB = 100  # that memory may grow by after the first steps; a float kept of each is 8,000
+MOST_KB = 100  # of growth after the first steps; one float kept per step would be 8,000
 
 
 def microseconds(update: Callable[[int], object], times: int) -> np.ndarray:
-    spent = np.empty(times)
+    durations = np.empty(times)
     for i in range(times):
         start = time.thread_time_ns()
         update(i)
-        spent[i] = (time.thread_time_ns() - start) * 1e-3
-    return spent
+        durations[i] = (time.thread_time_ns() - start) * 1e-3
+    return durations
 
 
 @pytest.mark.bench
@@ -47,7 +47,7 @@ def test_streaming_against_a_whole_window_for_three_fingers() -> None:
 
 
 def resident_kb() -> int:
-    """Of this process, page by page: `statm` is a sum that lags behind on several cores."""
+    """Memory of this process from `smaps_rollup`, because `statm` lags behind on several cores."""
     rollup = Path("/proc/self/smaps_rollup").read_text()
     return next(int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Rss:"))
 
@@ -55,8 +55,8 @@ def resident_kb() -> int:
 def grown_kb(
     update: Callable[[int], object], read_at: Sequence[int], read: Callable[[], int] = resident_kb
 ) -> list[int]:
-    """What memory grew by from before the first step to each number of steps, all in one go."""
-    grown = [0] * len(read_at)  # whole from the start: a list that lengthens takes pages itself
+    """Growth of memory from before the first step to each number of steps, kB."""
+    grown = [0] * len(read_at)  # allocated first: a growing list would need memory itself
     first, done = read(), 0
     for k, until in enumerate(read_at):
         for i in range(done, until):
@@ -67,7 +67,7 @@ def grown_kb(
 
 
 def test_memory_is_read_at_the_steps_that_are_asked_for() -> None:
-    """Here of something that keeps 3 kB of its first ten steps, and later 2 of every step."""
+    """With a stub that keeps 3 kB for each of its first ten steps, and 2 kB for every later one."""
     kept = [1000]
 
     def update(i: int) -> None:

@@ -15,7 +15,7 @@ MM_PER_MS = 0.1  # the arm's speed
 
 @pytest.mark.bench
 @pytest.mark.timeout(1800)
-def test_wired_lifts_are_those_of_virtual_time_but_for_their_latency() -> None:
+def test_emulated_lifts_equal_simulated_ones_except_for_latency() -> None:
     rest_mm, later_ms, acknowledged_us, decided_us, same, stalls = [], [], [], [], 0, 0
     for name in OBJECTS:
         for seed in SEEDS:
@@ -30,16 +30,16 @@ def test_wired_lifts_are_those_of_virtual_time_but_for_their_latency() -> None:
                 print(name, seed, wired.outcome, wired.phases[-1].cause)
                 continue
             later_ms.append(wired.reaction_latency_ms - virtual.reaction_latency_ms)
-            further_mm = 1e3 * ((wired.slip_distance_m or 0) - (virtual.slip_distance_m or 0))
-            rest_mm.append(further_mm - MM_PER_MS * later_ms[-1])
+            more_mm = 1e3 * ((wired.slip_distance_m or 0) - (virtual.slip_distance_m or 0))
+            rest_mm.append(more_mm - MM_PER_MS * later_ms[-1])
             if wired.timing.decision_to_ack_us and wired.timing.frame_to_decision_us:
                 acknowledged_us.append(wired.timing.decision_to_ack_us)
                 decided_us.append(wired.timing.frame_to_decision_us)
     total = len(OBJECTS) * len(SEEDS)
-    print(f"\nsame phases in {same} of {total}; the cell stood still over 50 ms {stalls} times")
+    print(f"\nsame phases in {same} of {total}; {stalls} stalls of the cell over 50 ms")
     p50, p90, p99 = (quantile(sorted(later_ms), share) for share in (0.5, 0.9, 0.99))
-    print(f"reacted later by p50 {p50:.1f}, p90 {p90:.1f}, p99 {p99:.1f} ms ("
-          f"{np.min(later_ms):.0f} to {np.max(later_ms):.0f}); slip beyond what that explains: "
+    print(f"reaction later by p50 {p50:.1f}, p90 {p90:.1f}, p99 {p99:.1f} ms ("
+          f"{np.min(later_ms):.0f} to {np.max(later_ms):.0f}); slip not explained by that: "
           f"at most {np.abs(rest_mm).max():.2f} mm")  # fmt: skip
     for text, spreads in (("frame to decision", decided_us),
                           ("decision to acknowledged write", acknowledged_us)):  # fmt: skip

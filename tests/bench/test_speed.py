@@ -1,4 +1,4 @@
-"""How fast the simulated rig runs against real time, and where its time goes."""
+"""Speed of the simulated rig relative to real time, and a profile by package."""
 
 import cProfile
 import pstats
@@ -14,7 +14,7 @@ LIFTS = 10
 
 
 def seconds_a_lift(runs: Path | None) -> tuple[float, float]:
-    """Wall and virtual seconds of one lift, from the controller's start to its end."""
+    """Wall and virtual duration of one lift, from the controller's start to its end, s."""
     virtual = 0.0
     start = time.perf_counter()
     for seed in range(LIFTS):
@@ -36,13 +36,13 @@ def test_multiple_of_real_time_with_and_without_a_recording(tmp_path: Path) -> N
     profile.enable()
     lift.run(by_default(), 0, tmp_path)
     profile.disable()
-    rooms: dict[str, float] = {}
+    packages: dict[str, float] = {}
     entries = pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]
-    for (file, _, _), (_, _, own, _, _) in entries:
+    for (file, _, _), (_, _, own_s, _, _) in entries:
         parts = Path(file).parts
         name = next((p for p in ("drivers", "detector", "grasp", "scenarios", "mcap", "numpy",
                                  "transitions") if p in parts), "other")  # fmt: skip
-        rooms[name] = rooms.get(name, 0.0) + own
-    total = sum(rooms.values())
-    shares = sorted(rooms.items(), key=lambda item: -item[1])
-    print("own time: " + ", ".join(f"{name} {own / total:.0%}" for name, own in shares))
+        packages[name] = packages.get(name, 0.0) + own_s
+    total = sum(packages.values())
+    shares = sorted(packages.items(), key=lambda item: -item[1])
+    print("time by package: " + ", ".join(f"{name} {s / total:.0%}" for name, s in shares))

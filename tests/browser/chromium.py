@@ -1,4 +1,4 @@
-"""Chromium without a window, spoken to over two pipes in the DevTools protocol: no driver, no port.
+"""Headless Chromium, controlled over two pipes with the DevTools protocol, without a driver.
 
 https://chromedevtools.github.io/devtools-protocol/, messages end with a zero byte.
 """
@@ -19,7 +19,7 @@ KEYS = {" ": "Space", "n": "KeyN", "p": "KeyP"}
 
 
 class Chromium:
-    """One page in one browser; what it asks for and complains of is kept.
+    """One page in one browser; collects its requests and error messages.
 
     with Chromium(folder) as page: page.open(file); page.value("1 + 1")
     """
@@ -29,7 +29,7 @@ class Chromium:
     ) -> None:
         assert BROWSER is not None
         self.requests: list[str] = []
-        self.complaints: list[str] = []
+        self.errors: list[str] = []
         self._number = 0
         self._received = b""
         self._session: str | None = None
@@ -42,7 +42,7 @@ class Chromium:
         ]  # fmt: skip
         read, self._to = os.pipe()
         self._from, write = os.pipe()
-        # the shell moves the two ends to where the browser looks for them
+        # the shell moves the two ends to the descriptors that the browser uses
         moved = f'exec "$@" {TO_BROWSER}<&{read} {FROM_BROWSER}>&{write}'
         self._process = subprocess.Popen(
             ["bash", "-c", moved, "bash", *command], pass_fds=(read, write),
@@ -82,71 +82,69 @@ class Chromium:
         self._process.wait(timeout=20)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """One command, and its answer."""
+        """Send one command and return its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
         os.write(self._to, json.dumps(message).encode() + b"\0")
         while True:
-            answer = self._next()
-            if answer.get("id") == self._number:
-                assert "error" not in answer, f"{method}: {answer['error']}"
-                result: dict[str, Any] = answer["result"]
+            reply = self._next()
+            if reply.get("id") == self._number:
+                assert "error" not in reply, f"{method}: {reply['error']}"
+                result: dict[str, Any] = reply["result"]
                 return result
-            self._note(answer)
+            self._note(reply)
 
     def _next(self) -> dict[str, Any]:
         while b"\0" not in self._received:
             more = os.read(self._from, 1 << 20)
-            assert more, "the browser has gone"
+            assert more, "the browser has ended"
             self._received += more
         text, _, self._received = self._received.partition(b"\0")
         message: dict[str, Any] = json.loads(text)
         return message
 
     def _note(self, event: dict[str, Any]) -> None:
-        told = event.get("params", {})
+        parameters = event.get("params", {})
         match event.get("method"):
             case "Network.requestWillBeSent":
-                self.requests.append(told["request"]["url"])
+                self.requests.append(parameters["request"]["url"])
             case "Runtime.exceptionThrown":
-                details = told["exceptionDetails"]
-                self.complaints.append(
-                    details.get("exception", {}).get("description", str(details))
-                )
+                details = parameters["exceptionDetails"]
+                self.errors.append(details.get("exception", {}).get("description", str(details)))
             case "Log.entryAdded":
-                self.complaints.append(told["entry"]["text"])
+                self.errors.append(parameters["entry"]["text"])
             case "Runtime.consoleAPICalled":
-                self.complaints.append(str(told["args"]))
+                self.errors.append(str(parameters["args"]))
 
     def open(self, page: Path) -> None:
-        """Load a file and wait until its scripts, if it has any, say that they are ready."""
+        """Load a file and wait until its scripts, if any, report that they are ready."""
         self.call("Page.navigate", url=page.as_uri())
         waiting = f"""new Promise((done) => {{ const look = () =>
             location.href === {json.dumps(page.as_uri())} && document.readyState === "complete" &&
             (document.documentElement.dataset.ready || !document.scripts.length)
             ? done(true) : setTimeout(look, 20);
             look(); setTimeout(() => done(false), 20000); }})"""
-        assert self.value(waiting), f"{page} was never ready: {self.complaints}"
+        assert self.value(waiting), f"{page} was never ready: {self.errors}"
 
     def value(self, expression: str) -> Any:
-        """Of a JavaScript expression; a promise is waited for."""
-        answer = self.call(
+        """Value of a JavaScript expression; waits for a promise."""
+        reply = self.call(
             "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
         )
-        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
-        return answer["result"].get("value")
+        assert "exceptionDetails" not in reply, reply["exceptionDetails"]
+        return reply["result"].get("value")
 
     def text(self, selector: str) -> str:
         return str(self.value(f"document.querySelector({json.dumps(selector)}).textContent"))
 
     def press(self, key: str, shift: bool = False) -> None:
-        """A key goes down and up again."""
-        told = {"key": key, "code": KEYS.get(key, key), "modifiers": 8 if shift else 0}
+        """Press and release a key."""
+        event = {"key": key, "code": KEYS.get(key, key), "modifiers": 8 if shift else 0}
         text = {"text": key} if len(key) == 1 else {}
-        self.call("Input.dispatchKeyEvent", type="keyDown", **told, **text)
-        self.call("Input.dispatchKeyEvent", type="keyUp", **told)
+        self.call("Input.dispatchKeyEvent", type="keyDown", **event, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **event)
 
     def click(self, x: float, y: float) -> None:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):

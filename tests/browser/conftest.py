@@ -1,4 +1,4 @@
-"""Pages to open: of a lift and a tap on the simulated rig."""
+"""Pages of a lift and a tap on the simulated rig."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,9 +23,9 @@ def lifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def tapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a tap by a rule that sums, with its page."""
-    told = ["rule.kind=cusum", "rule.limit=8", "rule.fusion=any", "rule.threshold=0.5"]
-    config = load_config("can", "simulated", "energy", None, told).for_tap()
+    """Folder of a tap with a cusum rule, with its page."""
+    rule = ["rule.kind=cusum", "rule.limit=8", "rule.fusion=any", "rule.threshold=0.5"]
+    config = load_config("can", "simulated", "energy", None, rule).for_tap()
     result = tap.run(config, 0, tmp_path_factory.mktemp("runs")).result
     assert result is not None and result.recording is not None
     return with_page(Path(result.recording).parent)

@@ -1,5 +1,4 @@
-"""Pages of a campaign and an evaluation in a real browser: quiet, without a script, no wider than
-the window."""
+"""Pages of a campaign and an evaluation in a real browser: no errors, requests or overflow."""
 
 from pathlib import Path
 
@@ -18,9 +17,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(("width", "dark"), [(360, False), (1280, True)])
-def test_a_page_asks_for_nothing_and_complains_of_nothing(
-    width: int, dark: bool, tmp_path: Path
-) -> None:
+def test_page_has_no_requests_and_no_errors(width: int, dark: bool, tmp_path: Path) -> None:
     campaign, evaluation = tmp_path / "small.html", tmp_path / "toys.html"
     campaign.write_text(campaign_page(made(tmp_path / "small.sqlite", SPEC), campaign))
     evaluation.write_text(evaluation_page(evaluated(tmp_path / "toys.json")))
@@ -32,7 +29,7 @@ def test_a_page_asks_for_nothing_and_complains_of_nothing(
         for page in (campaign, evaluation):
             browser.requests.clear()
             browser.open(page)
-            assert browser.complaints == []
+            assert browser.errors == []
             assert browser.requests == [page.as_uri()]
             assert browser.value("document.documentElement.scrollWidth") <= width
         chart = "document.querySelector('.chart svg').getBoundingClientRect().width"

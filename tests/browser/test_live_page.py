@@ -1,4 +1,4 @@
-"""A live page in a real browser: it follows the run, and shows the numbers that it was told."""
+"""A live page in a real browser follows the run and shows its numbers."""
 
 import time
 from pathlib import Path
@@ -22,11 +22,11 @@ LONG_S = 30.0
 def until(page: Chromium, expression: str) -> None:
     deadline = time.monotonic() + LONG_S
     while not page.value(expression):
-        assert time.monotonic() < deadline, (expression, page.complaints)
+        assert time.monotonic() < deadline, (expression, page.errors)
         time.sleep(0.05)
 
 
-def test_a_run_is_followed_and_its_last_instant_stays(
+def test_page_follows_a_run_and_keeps_its_last_instant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -36,7 +36,7 @@ def test_a_run_is_followed_and_its_last_instant_stays(
     shown: list[Any] = []
 
     def watch(tick: Any, truth: Any, controller: Any) -> None:
-        if tick.decision.state != "lower.descend":  # the last that is shown holds the object
+        if tick.decision.state != "lower.descend":  # the object is held at the last shown instant
             live.watch(tick, truth, controller)
             shown.append((tick, truth))
             time.sleep(0.002)
@@ -57,13 +57,13 @@ def test_a_run_is_followed_and_its_last_instant_stays(
             assert float(page.text(f"#estimated-{finger}")) == pytest.approx(
                 tick.measured_n[i], abs=0.006
             )
-        page.press("Home")  # by hand: the page no longer follows
+        page.press("Home")  # after a user's action the page no longer follows
         assert page.value("Number(document.getElementById('slider').value)") == 0
         page.value("document.getElementById('follow').click()")
         until(page, "Number(document.getElementById('slider').value) > 100")
         live.feed.close()
         until(page, "document.getElementById('state').textContent === 'over'")
-        assert page.complaints == []
+        assert page.errors == []
         host = live.feed.address.split("/")[2]
         assert {url.split("/")[2] for url in page.requests} == {host}
         assert page.value("document.documentElement.scrollWidth") <= 1280

@@ -1,4 +1,4 @@
-"""The page of a run in a real browser: quiet, and moved by mouse and keys alike."""
+"""The page of a run in a real browser: no errors, and control by mouse and keys."""
 
 import math
 from pathlib import Path
@@ -16,20 +16,20 @@ pytestmark = [
 
 
 def index(page: Chromium) -> int:
-    """Of the sample that is shown."""
+    """Index of the shown sample."""
     return int(page.value("Number(document.getElementById('slider').value)"))
 
 
 def move(page: Chromium, to: int) -> None:
-    """As a hand on the slider does."""
+    """Move the slider as a user does."""
     page.value(
         f"(() => {{ const s = document.getElementById('slider'); s.value = {to};"
         "s.dispatchEvent(new Event('input', {bubbles: true})); })()"
     )
 
 
-def told(page: Chromium, what: str) -> list[float]:
-    """Numbers; a dash is none."""
+def shown(page: Chromium, what: str) -> list[float]:
+    """The numbers shown for the fingers; a dash is NaN."""
     texts = [page.text(f"#{what}-{finger}") for finger in "ABC"]
     return [math.nan if text == "–" else float(text) for text in texts]
 
@@ -37,15 +37,15 @@ def told(page: Chromium, what: str) -> list[float]:
 def agrees(page: Chromium, run: RunRecord, at: int) -> None:
     assert run.truth is not None
     assert index(page) == at
-    assert told(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
-    heard = (("estimated", run.estimated_n, 0.0056), ("probability", run.probabilities, 0.00051))
-    for what, values, near in heard:
-        assert told(page, what) == pytest.approx(run.known(values)[at], abs=near, nan_ok=True)
+    assert shown(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
+    rows = (("estimated", run.estimated_n, 0.0056), ("probability", run.probabilities, 0.00051))
+    for what, values, near in rows:
+        assert shown(page, what) == pytest.approx(run.known(values)[at], abs=near, nan_ok=True)
     assert page.text("#clock") == f"{run.t_s[at]:.2f} s"
 
 
 @pytest.mark.parametrize("name", ["lifted", "tapped"])
-def test_a_page_asks_for_nothing_and_complains_of_nothing(
+def test_page_has_no_requests_and_no_errors(
     name: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     file = request.getfixturevalue(name) / "report.html"
@@ -53,7 +53,7 @@ def test_a_page_asks_for_nothing_and_complains_of_nothing(
         page.open(file)
         page.press("n")
         page.printed()
-        assert page.complaints == []
+        assert page.errors == []
         assert page.requests == [file.as_uri()]
         assert page.value("document.getElementById('error').hidden")
 
@@ -72,7 +72,7 @@ def test_forces_at_the_cursor_are_the_recordings(lifted: Path, browser: Chromium
         agrees(browser, run, at)
 
 
-def test_keys_go_by_samples_and_phases(lifted: Path, browser: Chromium) -> None:
+def test_keys_select_samples_and_phases(lifted: Path, browser: Chromium) -> None:
     run = read_run(lifted)
     browser.open(lifted / "report.html")
     last = len(run.t_s) - 1
@@ -92,11 +92,11 @@ def test_keys_go_by_samples_and_phases(lifted: Path, browser: Chromium) -> None:
     browser.press("n")
     assert browser.text("#phase") == run.phases[-1].phase
     browser.value("document.getElementById('slider').focus()")
-    browser.press("ArrowLeft")  # once, though the slider would take it as well
+    browser.press("ArrowLeft")  # counted once although the slider handles this key too
     assert index(browser) == last - 1
 
 
-def test_a_click_on_a_plot_or_a_time_goes_there(lifted: Path, browser: Chromium) -> None:
+def test_click_on_a_plot_or_a_time_selects_that_instant(lifted: Path, browser: Chromium) -> None:
     run = read_run(lifted)
     browser.open(lifted / "report.html")
     x, y = browser.value(

@@ -1,4 +1,4 @@
-"""What is slow, kills processes or plays a laboratory's day: `make test-all`, never `make test`.
+"""Slow tests, tests that kill processes, and a rehearsal of a first day (`make test-all` only).
 
 Every test here is marked `slow` (tests/conftest.py); the campaigns are marked `nightly` as well.
 """

@@ -35,11 +35,11 @@ LEAST = {
 
 def main() -> int:
     subprocess.run([MUTMUT, "run", *sys.argv[1:]], check=True)
-    told = subprocess.run(
+    results = subprocess.run(
         [MUTMUT, "results", "--all", "true"], check=True, capture_output=True, text=True
     )
     counts: dict[str, Counter[str]] = {}
-    for line in told.stdout.split("\n"):
+    for line in results.stdout.split("\n"):
         name, colon, status = line.strip().partition(": ")
         if colon and status != "not checked":
             counts.setdefault(name.rpartition(".")[0], Counter())[status] += 1

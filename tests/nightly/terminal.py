@@ -1,4 +1,4 @@
-"""A program in a terminal of its own, and somebody who reads what it shows and types."""
+"""Runs a program in a pseudo terminal, and types into it."""
 
 import os
 import pty
@@ -13,7 +13,7 @@ from typing import Self
 
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 PATIENCE_S = 60.0
-# whoever leads a session and opens a terminal has it: Ctrl-C and a closed window reach them
+# a session leader that opens a terminal controls it: Ctrl-C and hang-ups reach the program
 TAKE_TERMINAL = (
     "import os, sys; os.close(os.open(os.ttyname(0), os.O_RDWR)); "
     "os.execv(sys.argv[1], sys.argv[1:])"
@@ -21,7 +21,7 @@ TAKE_TERMINAL = (
 
 
 class Terminal:
-    """Typed into with ``type``; ``wait_for`` reads on until a pattern has been shown."""
+    """A program in a terminal; ``type`` sends text, ``wait_for`` reads until a pattern is shown."""
 
     def __init__(self, command: Sequence[str], environment: dict[str, str], folder: str) -> None:
         self._own, its = pty.openpty()
@@ -43,12 +43,12 @@ class Terminal:
         os.close(self._own)
 
     def type(self, text: str) -> None:
-        """As on a keyboard; "\\x03" is Ctrl-C."""
+        """Type text; "\\x03" is Ctrl-C."""
         os.write(self._own, text.encode())
 
     def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> re.Match[str]:
-        """What matches first in what is shown from where the last call ended. AssertionError, with
-        everything shown, when it does not come."""
+        """The first match in the output since the last call. Raises AssertionError, with all
+        output, if there is none in time."""
         end_s = time.monotonic() + patience_s
         while (found := re.search(pattern, self.shown[self._read_to :])) is None:
             ended = not self._read(end_s)
@@ -57,7 +57,7 @@ class Terminal:
         return found
 
     def _read(self, end_s: float) -> bool:
-        """Take what comes next; False at the end, or when it is late."""
+        """Read more output; False at its end, or on a time-out."""
         if not select.select([self._own], [], [], max(0.0, end_s - time.monotonic()))[0]:
             return False
         some = b""

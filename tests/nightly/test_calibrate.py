@@ -1,5 +1,6 @@
-"""`grasp calibrate` at an emulated lab, the object's true force being the scale: the hand's least
-force is stored as an upper bound, and no finger is left on the scale."""
+"""`grasp calibrate` on emulated devices, with the object's true force as the scale.
+
+The hand's lowest force is stored as an upper bound, and no finger is left on the scale."""
 
 import signal
 import subprocess
@@ -13,7 +14,7 @@ from tests.wire.lab import PATIENCE_S, Lab, emulate, started
 TRUE_N = 12.5  # of byte 0 of this hand
 STRANGE = ("--set", f"hand.least_force_n={TRUE_N}", "--set", "hand.force_exponent=1.3")
 CONFIRMED = ("--confirm-motion", "--scale")
-NO_FORCE_N = 1e-6  # what floating point leaves between surfaces that touch and do not press
+NO_FORCE_N = 1e-6  # rounding error between surfaces that touch without force
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 
 @pytest.fixture(autouse=True)
 def in_place(lab: Lab) -> None:
-    """The can stands where a scale would."""
+    """The can is placed where a scale would be."""
     lab.done("release")
     lab.cell.ask("place")
 
@@ -40,13 +41,13 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
     out = lab.file.with_name("hand.toml")
     read: list[float] = []
 
-    def person(question: str) -> str:
+    def answer(question: str) -> str:
         assert "what does the scale say" in question
         read.append(newtons(lab))
         return f"{read[-1] / 9.80665 * 1e3:.0f} g"
 
-    words = ("calibrate", "hand", "--up-to", "16", "--out", str(out), *CONFIRMED)
-    done = lab.grasp(*words, answer=person)
+    arguments = ("calibrate", "hand", "--up-to", "16", "--out", str(out), *CONFIRMED)
+    done = lab.grasp(*arguments, answer=answer)
     assert done.code == 0, done.err
     assert len(read) == 10
     config = load_config("can", "hardware", "energy", [lab.file], (f"gripper.calibration={out}",))
@@ -57,12 +58,12 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
 
 
 @pytest.mark.parametrize("ctrl_c", [True, False])
-def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
+def test_calibration_ended_at_a_prompt_leaves_no_finger_on_the_scale(
     lab: Lab, ctrl_c: bool
 ) -> None:
-    """By Ctrl-C, or by the end of its input."""
+    """Ended by Ctrl-C, or by the end of its input."""
     out = lab.file.with_name("ended.toml")
-    whole = (
+    arguments = (
         "calibrate",
         "hand",
         "--up-to",
@@ -74,7 +75,7 @@ def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
         str(lab.file),
     )
     pressed = 0.0
-    with started(*whole, stdin=subprocess.PIPE) as run:
+    with started(*arguments, stdin=subprocess.PIPE) as run:
         assert run.stderr is not None and run.stdin is not None
         for line in run.stderr:
             if "what" in line and (pressed := newtons(lab)) <= 1.0:
@@ -84,9 +85,9 @@ def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
                 break
         if ctrl_c:
             run.send_signal(signal.SIGINT)
-        _, said = run.communicate(timeout=PATIENCE_S)  # closes its input
+        _, err = run.communicate(timeout=PATIENCE_S)  # closes its input
     assert pressed > 1.0
-    assert run.returncode == 130, said
-    assert "has backed off the scale and stands, at" in said
+    assert run.returncode == 130, err
+    assert "has backed off the scale and stands, at" in err
     assert newtons(lab) < NO_FORCE_N
     assert not out.exists()

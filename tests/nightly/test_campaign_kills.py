@@ -1,6 +1,5 @@
-"""A campaign that is struck at a moment drawn by a seed, parent, worker or the whole group, by a
-signal that ends a process; or whose disk is full. Whatever happened, `--resume` makes the rows of a
-campaign that nothing happened to, and no process is left.
+"""Campaigns whose parent, worker or process group gets a fatal signal at a random time, or whose
+disk is full. `--resume` then completes the rows of an undisturbed campaign, and no process is left.
 
 CAMPAIGN_KILLS=100 runs that many; without it, one of each signal and victim.
 """
@@ -31,12 +30,12 @@ SEED = 1700
 SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGHUP, signal.SIGSEGV)
 VICTIMS = ("parent", "worker", "group")
 KILLS = int(os.environ.get("CAMPAIGN_KILLS", str(len(SIGNALS) * len(VICTIMS))))
-CODES = {0, 1, 2, 3, 4, 5}  # of an end of its own
+CODES = {0, 1, 2, 3, 4, 5}  # exit codes of the program
 ENDED = CODES | {code for n in SIGNALS for code in (-n, 128 + n)}
 PAGE = 4_096  # of an SQLite file
 
 
-def words(folder: Path, recordings: str = "all") -> tuple[str, ...]:
+def arguments(folder: Path, recordings: str = "all") -> tuple[str, ...]:
     path = folder / "small.toml"
     path.write_text(
         'name = "small"\nobjects = ["can", "ball"]\nrepetitions = 2\n'
@@ -47,7 +46,7 @@ def words(folder: Path, recordings: str = "all") -> tuple[str, ...]:
 
 
 class Whole(NamedTuple):
-    """A campaign that nothing happened to: its rows, how long it took, and its file's bytes."""
+    """An undisturbed campaign: its rows, duration, and size of its file."""
 
     rows: list[dict[str, object]]
     seconds: float
@@ -55,36 +54,37 @@ class Whole(NamedTuple):
     recordings: str
 
 
-def of_nothing(folder: Path, recordings: str) -> Whole:
+def undisturbed(folder: Path, recordings: str) -> Whole:
     folder.mkdir()
     start_s, out = time.monotonic(), folder / "a.sqlite"
-    code, _, err = finished(*words(folder, recordings))
+    code, _, err = finished(*arguments(folder, recordings))
     assert code == 0, err
     return Whole(rows(out), time.monotonic() - start_s, out.stat().st_size, recordings)
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    return of_nothing(tmp_path_factory.mktemp("whole") / "all", "all")
+    return undisturbed(tmp_path_factory.mktemp("whole") / "all", "all")
 
 
 def hit(process: subprocess.Popen[str], victim: str, number: int) -> bool:
-    """Whether any that the signal is meant for was there to take it."""
-    there = workers_of(process.pid)
-    pids = {"parent": [process.pid], "worker": there[-1:], "group": [process.pid, *there]}[victim]
-    taken = 0
+    """Send the signal; whether any process got it."""
+    workers = workers_of(process.pid)
+    group = [process.pid, *workers]
+    pids = {"parent": [process.pid], "worker": workers[-1:], "group": group}[victim]
+    sent = 0
     for pid in pids:
         with contextlib.suppress(ProcessLookupError):
             os.kill(pid, number)
-            taken += 1
-    return taken > 0
+            sent += 1
+    return sent > 0
 
 
-def begun_and_hit(folder: Path, wait_s: float, victim: str, number: int) -> subprocess.Popen[str]:
-    """A campaign that received the signal. One that ended before it starts again and gets the
-    signal sooner; a worker gets none before it runs."""
+def start_and_hit(folder: Path, wait_s: float, victim: str, number: int) -> subprocess.Popen[str]:
+    """Start a campaign and send it the signal. A campaign that ended before is started again and
+    gets the signal sooner; a worker gets it only once it runs."""
     while True:
-        process = started(*words(folder))
+        process = started(*arguments(folder))
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(wait_s)
         while process.poll() is None:
@@ -99,34 +99,32 @@ def begun_and_hit(folder: Path, wait_s: float, victim: str, number: int) -> subp
 
 
 def resumed(folder: Path, whole: Whole, note: str) -> None:
-    """All that is lacking is made; nothing that was made is made again or lost."""
+    """Resume, and check that only missing trials ran and nothing was lost."""
     out = folder / "a.sqlite"
     before = [row for row in rows(out) if row["status"] == "done"]
     known = {row["trial"]: row for row in whole.rows}
     assert before == [known[row["trial"]] for row in before], note
     more = ("--resume",) if out.exists() else ()
-    code, _, err = finished(*words(folder, whole.recordings), *more)
+    code, _, err = finished(*arguments(folder, whole.recordings), *more)
     assert code == 0, (note, err)
     assert rows(out) == whole.rows, note
     kept = sorted(str(path.relative_to(folder)) for path in folder.glob("a.recordings/*"))
-    told = sorted(str(row["recording"]) for row in rows(out) if row["recording"])
-    assert kept == told, note
+    listed = sorted(str(row["recording"]) for row in rows(out) if row["recording"])
+    assert kept == listed, note
     left = {path.name for path in folder.iterdir()}
     assert left <= {"small.toml", "a.sqlite", "a.sqlite.lock", "a.recordings"}, (note, left)
 
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("turn", range(KILLS))
-def test_a_campaign_that_is_killed_goes_on_as_if_nothing_had_been(
-    turn: int, recorded: Whole, tmp_path: Path
-) -> None:
+def test_killed_campaign_is_completed_by_resume(turn: int, recorded: Whole, tmp_path: Path) -> None:
     number, victim = SIGNALS[turn % len(SIGNALS)], VICTIMS[turn % len(VICTIMS)]
     wait_s = random.Random(SEED + turn).uniform(0.0, recorded.seconds)
     note = f"{number.name} to the {victim} after {wait_s:.2f} s"
-    process = begun_and_hit(tmp_path, wait_s, victim, number)
+    process = start_and_hit(tmp_path, wait_s, victim, number)
     _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode in ENDED, (note, process.returncode, err)
-    # joblib's tracker of what workers share misses what a worker that was killed had told it
+    # joblib's resource tracker reports the resources of killed workers
     bugs = [text for text in err.split("Traceback (most")[1:] if "resource_tracker" not in text]
     assert not bugs, (note, err)
     until(lambda: not workers_of(process.pid))
@@ -134,17 +132,17 @@ def test_a_campaign_that_is_killed_goes_on_as_if_nothing_had_been(
 
 
 @pytest.mark.timeout(600)
-def test_a_full_disk_loses_no_row_that_was_told_and_the_rest_is_made_later(
+def test_full_disk_loses_no_reported_row_and_the_rest_is_resumed(
     tmp_path: Path,
 ) -> None:
-    whole = of_nothing(tmp_path / "whole", "none")
+    whole = undisturbed(tmp_path / "whole", "none")
     folder = tmp_path / "full"
     folder.mkdir()
-    room = whole.size - 2 * PAGE  # rows that came in another order may take a page less
-    process = started(*words(folder, "none"))
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))  # its workers' too
+    limit = whole.size - 2 * PAGE  # rows in another order may need a page less
+    process = started(*arguments(folder, "none"))
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (limit, limit))  # also of its workers
     _, err = process.communicate(timeout=PATIENCE_S)
-    assert "Traceback" not in err, (room, err)
-    assert process.returncode in CODES - {0}, (room, process.returncode, err)
+    assert "Traceback" not in err, (limit, err)
+    assert process.returncode in CODES - {0}, (limit, process.returncode, err)
     until(lambda: not workers_of(process.pid))
-    resumed(folder, whole, f"{room} bytes of room")
+    resumed(folder, whole, f"file size limit {limit} bytes")

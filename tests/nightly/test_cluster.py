@@ -32,7 +32,7 @@ class Cluster(NamedTuple):
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A scheduler with two workers, each a process of its own."""
+    """A scheduler with two workers in separate processes."""
     book = tmp_path / "scheduler.json"
     file = ("--scheduler-file", str(book), "--no-dashboard")
     processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *file, at=tmp_path)]
@@ -50,9 +50,9 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
             process.wait(20)
 
 
-def dask(program: str, *words: str, at: Path) -> subprocess.Popen[bytes]:
+def dask(program: str, *arguments: str, at: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", f"distributed.cli.{program}", *words], cwd=at,
+        [sys.executable, "-m", f"distributed.cli.{program}", *arguments], cwd=at,
         env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
@@ -67,7 +67,7 @@ def test_rows_are_those_of_one_machine(cluster: Cluster, tmp_path: Path) -> None
     assert rows(there) == rows(here)
 
 
-def test_a_scheduler_that_goes_costs_no_row(cluster: Cluster, tmp_path: Path) -> None:
+def test_killed_scheduler_loses_no_row(cluster: Cluster, tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     file = str(campaign_file(tmp_path, 50))
     campaign = started(file, "--out", str(out), "--cluster", cluster.address)

@@ -1,5 +1,5 @@
-"""Our drivers keep to their protocols over real wires too, as a stranger's tests try his own: the
-kit against the emulated devices that the plugin gives."""
+"""The packaged drivers pass the conformance tests over real protocols, with the emulated devices
+of the pytest plugin."""
 
 import time
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ NOW = time.monotonic_ns
 PRESSED_COUNTS = 100
 
 
-def told(*words: str) -> RunConfig:
-    return load_config("can", "emulated", "energy", None, words)
+def settings(*assignments: str) -> RunConfig:
+    return load_config("can", "emulated", "energy", None, assignments)
 
 
 def bench_of(device: Any, **more: Any) -> Bench[Any]:
@@ -32,8 +32,8 @@ def bench_of(device: Any, **more: Any) -> Bench[Any]:
 class TestRobotiqOverModbus(conformance.GripperConformance):
     @pytest.fixture
     def bench(self, emulated_gripper: Any) -> Iterator[Bench[Gripper]]:
-        """The hand meets nothing, and what it is asked on is Modbus TCP."""
-        config = told(
+        """A hand without an object, over Modbus TCP."""
+        config = settings(
             f"modbus.host={emulated_gripper.host}", f"modbus.port={emulated_gripper.port}"
         )
         with wired_gripper(config, NOW) as gripper:
@@ -43,7 +43,7 @@ class TestRobotiqOverModbus(conformance.GripperConformance):
 class TestTakkTileOverUsb(conformance.FingertipConformance):
     @pytest.fixture
     def bench(self, emulated_board: Any) -> Iterator[Bench[TactileSensor]]:
-        config = told(f"usb.url={emulated_board.url}", "usb.serial=any")
+        config = settings(f"usb.url={emulated_board.url}", "usb.serial=any")
         reading = ReadingThread(board_finder(config, NOW), config.tactile, NOW)
 
         def press() -> None:
@@ -57,6 +57,6 @@ class TestTakkTileOverUsb(conformance.FingertipConformance):
 class TestUniversalRobotsOverRtde(conformance.ArmConformance):
     @pytest.fixture
     def bench(self, emulated_arm: Any) -> Iterator[Bench[Arm]]:
-        config = told(f"ur.host={emulated_arm.host}")
+        config = settings(f"ur.host={emulated_arm.host}")
         with UrLink(config.ur) as link:
             yield bench_of(ArmDriver(link, config.arm), cut=emulated_arm.close)

@@ -1,4 +1,4 @@
-"""The packaged default detector on taps and lifts that played no part in its training."""
+"""The packaged default detector on taps and lifts that are not in its training data."""
 
 import msgspec
 import pytest
@@ -11,15 +11,15 @@ from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # 20 recordings are made
-SEED = 77  # of no data set
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]  # it simulates 20 recordings
+SEED = 77  # used in no data set
 KINDS = {"grasped_impact": 12, "grasped_slip": 8}
-ONE_EVENT_PER_MIN = 0.3868  # of a hand's rest in these
+ONE_EVENT_PER_MIN = 0.3868  # rate of one event in the time without slip
 DEFAULT = load_config("can", "simulated")
 
 
 def recordings() -> list[Recording]:
-    """Taps on a firm grip and lifts of objects that are too heavy, on new objects."""
+    """Taps with a firm grip and lifts of too heavy objects, with new objects."""
     config = load_dataset_config(config_dir() / "datasets" / "grasped-slip.toml")
     rows = [row for row in config.causes if row.cause in KINDS]
     plans = (
@@ -29,7 +29,7 @@ def recordings() -> list[Recording]:
     return [make(job) for jobs in plans for job in jobs]
 
 
-def test_the_default_registers_what_moves_and_hardly_what_does_not() -> None:
+def test_default_detector_registers_slip_and_few_false_events() -> None:
     (found,) = sweep(stream_recordings(DEFAULT.make_detector, recordings()), [DEFAULT.rule])
     assert found.impacts is not None
     assert found.mean_delay_ms < 200.0  # 190: misses count 500

@@ -1,4 +1,4 @@
-"""Every fault on real wires at every phase of a lift ends in the safe state, and nothing hangs."""
+"""Every fault over real protocols in every phase of a lift ends in the safe state."""
 
 import pytest
 

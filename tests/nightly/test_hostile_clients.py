@@ -1,4 +1,4 @@
-"""What no client may do to the emulated arm: end it, outgrow it, or keep it from the others."""
+"""No client can end the emulated arm, exhaust its memory, or block other clients."""
 
 import socket
 import struct
@@ -9,7 +9,7 @@ import pytest
 
 from tests.wire.drivers.ur.emulator.test_process import Rtde, ask_dashboard, packet
 
-MUTE_S = 5.0  # far above what a machine under load needs, far below what was seen without limits
+MUTE_S = 5.0  # far above the time that a machine under load needs
 
 
 def recipe(rate_hz, names):
@@ -17,7 +17,7 @@ def recipe(rate_hz, names):
 
 
 def answers(emulator):
-    """A client of each port is served as ever."""
+    """Whether a client of each port is still served."""
     with Rtde(emulator.host) as rtde:
         rtde.sock.settimeout(MUTE_S)
         assert rtde.ask("O", recipe(125.0, "timestamp")) == ("O", b"\x01DOUBLE")
@@ -38,7 +38,7 @@ def test_recipe_that_cannot_be_served_is_refused(emulator):
             answer, refused = rtde.ask(kind, body)
             assert (answer, refused[:1]) == (kind, b"\x00"), body[:40]
             assert rtde.ask("S") == ("S", b"\x00")
-    with Rtde(emulator.host) as rtde:  # those of one client are bounded together
+    with Rtde(emulator.host) as rtde:  # recipes of one client are limited together
         names = b",".join(b"input_double_register_%d" % n for n in range(48))
         given = [rtde.ask("I", names)[1][0] for _ in range(200)]
         assert given[0] == 1 and given[-1] == 0
@@ -57,7 +57,7 @@ def is_connected(client, process):
 
 @pytest.mark.timeout(200)
 def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator):
-    """48 kB in every cycle, of which a mebibyte is kept."""
+    """The client causes 48 kB per cycle, of which one mebibyte is buffered."""
     before = most = resident_mb(emulator.process)
     with socket.socket() as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -68,5 +68,5 @@ def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator):
             assert time.monotonic() < deadline
             most = max(most, resident_mb(emulator.process))
             time.sleep(0.02)
-    assert most - before < 11.0  # what it keeps, and what answers are made of
+    assert most - before < 11.0  # buffer, and temporary memory for replies
     assert answers(emulator)

@@ -1,7 +1,7 @@
-"""A process that stands between the application and its cell and spoils what passes, by a plan.
+"""A proxy process between the application and its cell that disturbs the connections by a plan.
 
-On loopback alone. Reads an order, a line of JSON, from standard input and answers with a line when
-it listens; ends, with a line on what passed, when its input does.
+On loopback only. Reads an order, a line of JSON, from standard input and prints a line when it
+listens. At the end of its input it prints statistics and ends.
 """
 
 import asyncio
@@ -25,41 +25,41 @@ FC16 = 16  # of Modbus: write registers
 FORCES = (5, 8, 11)  # bytes of the command image: rFRA, rFRB, rFRC
 
 
-class Trouble(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Of one wire, both ways, from ``after_s`` on for ``lasts_s``."""
+class Disturbance(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A disturbance of one connection, in both directions, from ``after_s`` for ``lasts_s``."""
 
     wire: str
     after_s: float  # since the first connection
     lasts_s: float
     latency_s: float = 0.0  # of every piece
-    slice_bytes: int = 0  # largest piece; 0: as they come
-    reset_share: float = 0.0  # of pieces: the connection is reset in place of passing one
+    slice_bytes: int = 0  # largest piece; 0: unchanged
+    reset_share: float = 0.0  # of pieces: the connection is reset instead of passing one
     twice_share: float = 0.0  # of pieces: passed twice
 
 
 class Plan(msgspec.Struct, frozen=True):
-    """One run."""
+    """The disturbances of one run."""
 
     number: int
-    troubles: tuple[Trouble, ...]
+    disturbances: tuple[Disturbance, ...]
 
 
-def drawn(number: int) -> Plan:
-    """Always the same for a number."""
+def sample_plan(number: int) -> Plan:
+    """The random plan of a number; the number is the seed."""
     chance = random.Random(number)
     wires = chance.sample(tuple(WIRES), chance.choice((1, 1, 1, 2, 3)))
-    return Plan(number, tuple(_trouble(chance, wire) for wire in wires))
+    return Plan(number, tuple(_disturbance(chance, wire) for wire in wires))
 
 
-def _trouble(chance: random.Random, wire: str) -> Trouble:
+def _disturbance(chance: random.Random, wire: str) -> Disturbance:
     kinds = chance.sample(sorted(AMOUNTS), chance.choice((1, 1, 2)))
     amounts = {kind: chance.choice(AMOUNTS[kind]) for kind in kinds}
     after_s = chance.choice((0.0, 1.0, 3.0, 5.0, 7.0))
-    return Trouble(wire, after_s, chance.choice((0.1, 0.5, 2.0, 600.0)), **amounts)  # type: ignore[arg-type]
+    return Disturbance(wire, after_s, chance.choice((0.1, 0.5, 2.0, 600.0)), **amounts)  # type: ignore[arg-type]
 
 
 class Route(msgspec.Struct, frozen=True):
-    """Port 0: any."""
+    """One connection to forward. Port 0: any."""
 
     wire: str
     listen: tuple[str, int]
@@ -67,21 +67,21 @@ class Route(msgspec.Struct, frozen=True):
 
 
 class Order(msgspec.Struct, frozen=True):
-    """What to do."""
+    """Input of the proxy process."""
 
     plan: Plan
     routes: tuple[Route, ...]
 
 
 class Passed(msgspec.Struct):
-    """Writes of the application to the hand that came by, and the highest force byte in them."""
+    """Number of writes to the hand that passed, and the highest force byte in them."""
 
     writes: int = 0
     most_force: int = 0
 
 
 class Commands:
-    """Writes to the hand, as the application sends them: whole Modbus frames."""
+    """Decodes the writes to the hand from Modbus frames."""
 
     def __init__(self, passed: Passed) -> None:
         self._passed = passed
@@ -106,20 +106,20 @@ class Commands:
 
 
 class Proxy:
-    """All routes of one plan."""
+    """Forwards all routes with the disturbances of one plan."""
 
     def __init__(self, plan: Plan) -> None:
-        self._troubles = {trouble.wire: trouble for trouble in plan.troubles}
+        self._disturbances = {disturbance.wire: disturbance for disturbance in plan.disturbances}
         self._chance = random.Random(plan.number)
         self._start_s: float | None = None
         self.passed = Passed()
 
-    def _under_way(self, wire: str) -> Trouble | None:
-        trouble = self._troubles.get(wire)
-        if trouble is None or self._start_s is None:
+    def _under_way(self, wire: str) -> Disturbance | None:
+        disturbance = self._disturbances.get(wire)
+        if disturbance is None or self._start_s is None:
             return None
-        since_s = time.monotonic() - self._start_s - trouble.after_s
-        return trouble if 0.0 <= since_s < trouble.lasts_s else None
+        since_s = time.monotonic() - self._start_s - disturbance.after_s
+        return disturbance if 0.0 <= since_s < disturbance.lasts_s else None
 
     async def serve(self, route: Route) -> asyncio.Server:
         async def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -147,8 +147,12 @@ class Proxy:
             while data := await reader.read(PIECE):
                 if commands is not None:
                     commands.take(data)
-                trouble = self._under_way(wire)
-                size = trouble.slice_bytes if trouble and trouble.slice_bytes else len(data)
+                disturbance = self._under_way(wire)
+                size = (
+                    disturbance.slice_bytes
+                    if disturbance and disturbance.slice_bytes
+                    else len(data)
+                )
                 for at in range(0, len(data), size):
                     if not await self._piece(wire, data[at : at + size], writer):
                         writer.transport.abort()
@@ -156,19 +160,19 @@ class Proxy:
             writer.write_eof()
 
     async def _piece(self, wire: str, piece: bytes, writer: asyncio.StreamWriter) -> bool:
-        """Whether the connection lives."""
-        trouble = self._under_way(wire)
+        """Pass one piece; False if the connection is to be reset."""
+        disturbance = self._under_way(wire)
         times = 1
-        if trouble is not None:
-            if self._chance.random() < trouble.reset_share:
+        if disturbance is not None:
+            if self._chance.random() < disturbance.reset_share:
                 return False
-            if trouble.latency_s:
-                await asyncio.sleep(trouble.latency_s)
-            times += self._chance.random() < trouble.twice_share
+            if disturbance.latency_s:
+                await asyncio.sleep(disturbance.latency_s)
+            times += self._chance.random() < disturbance.twice_share
         writer.write(piece * times)
         await writer.drain()
-        if trouble is not None and trouble.slice_bytes:
-            await asyncio.sleep(0)  # else the kernel would join them again
+        if disturbance is not None and disturbance.slice_bytes:
+            await asyncio.sleep(0)  # otherwise the kernel would join the pieces
         return True
 
 
@@ -181,7 +185,7 @@ async def run(line: str) -> None:
     )
     await asyncio.to_thread(sys.stdin.read)
     print(msgspec.json.encode(proxy.passed).decode(), flush=True)
-    os._exit(0)  # whatever still waits to be passed
+    os._exit(0)  # even with unsent data
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Which faults there are, and a seeded sample of when they strike.
+"""All injected faults, and a seeded sample of fault times.
 
 Faults: every field of every device's state in every way that it can be wrong, every command, every
-link, another client of the hand, the loop and the detector. A case strikes one of them, or a pair,
-at a moment of a stretch of the plain lift, for good or for 0.3 s.
+link, another client of the hand, the loop and the detector. A case injects one of them, or a pair,
+at a time in a phase of a lift, permanently or for 0.3 s.
 """
 
 import random
@@ -24,7 +24,7 @@ ARM_FIELDS = (
 VECTORS, AXES = ("position_m", "velocity_mps"), "xyz"
 OF_AN_AXIS = frozenset({"not a number", "out of range", "close"})  # others concern all three
 TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
-TAXEL = "taxel"  # one of these, drawn
+TAXEL = "taxel"  # a random one of these
 PADS = ("finger A", "finger B", "finger C", TAXEL)
 # small or alternating errors
 SUBTLE = (
@@ -33,35 +33,35 @@ SUBTLE = (
     ("arm", "moving", "flickers"),
     *(("fingertips", what, "drifts") for what in PADS),
 )
-# what another client makes of a flag of the hand's command; the other value changes nothing
+# change of a command flag by another client; the other value would be no change
 TURNED = {"rACT": "cleared", "rMOD": "set", "rGTO": "cleared", "rATR": "set", "rICF": "cleared",
           "rICS": "set"}  # fmt: skip
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 3 s": 3.0}
 DETECTOR = ("raises", "not a number", "late", "detects nothing", "detects slip")
-NOT_STRUCK = frozenset({
+NOT_INJECTED = frozenset({
     State.START, State.HOME, State.SET_DOWN, State.KEPT, State.LOST, State.STOPPED,
     State.FAULT,
 })  # fmt: skip
-SHARES = (0.0, 1 / 3, 2 / 3)  # of a stretch: the moment of the fault
+SHARES = (0.0, 1 / 3, 2 / 3)  # time of the fault as a share of a phase
 RECOVERS_NS = 300_000_000  # duration of a fault that ends
 DELAYS_TICKS = (0, 1, 4, 15, 60)  # between the two of a pair
-SCENES = (  # object and seed; the last two come to a touch and a probe on the way down
+SCENES = (  # object and seed; the last two have a touch and a probe while lowering
     ("can", 0), ("box", 1), ("ball", 1), ("foam", 0), ("cardboard", 2), ("football", 0),
     ("box", 24), ("box", 6),
 )  # fmt: skip
-# a safe state commands the hand only where it does not hold, or is not closed to the limit, already
-HOLDS_ANEW = frozenset({
+# phases in which the safe state commands a hold; elsewhere the hand already holds or closes
+HOLDS_AGAIN = frozenset({
     State.SHAPE, State.TARE, State.BRACE, State.CLOSE, State.OPEN, State.RETREAT,
 })  # fmt: skip
 
 
 class Fault(msgspec.Struct, frozen=True):
-    """One thing that goes wrong."""
+    """One kind of fault."""
 
     device: str  # gripper, arm, fingertips, loop, detector
     part: str  # state, command, link, registers, whole
-    what: str  # field with a vector's axis, or command; empty of a whole
+    what: str  # field with a vector's axis, or command; empty for a whole device
     kind: str
 
     def __str__(self) -> str:
@@ -69,16 +69,16 @@ class Fault(msgspec.Struct, frozen=True):
 
 
 class Stretch(msgspec.Struct, frozen=True):
-    """A phase of the plain lift, from its begin to the next."""
+    """One phase of a lift without faults, from its start to the next phase."""
 
     phase: State
-    visit: int  # how often the lift has come to this phase, this time included
+    visit: int  # number of this visit of the phase, from 1
     ticks: int
     commands: tuple[tuple[str, int], ...]  # sent, and after which tick of the stretch
 
 
 class Case(msgspec.Struct, frozen=True):
-    """One run."""
+    """One run: when and which faults are injected."""
 
     number: int
     object: str
@@ -91,7 +91,7 @@ class Case(msgspec.Struct, frozen=True):
     then: Fault | None = None  # second of a pair
     then_ticks: int = 0  # after the first
     then_recovers: bool = False
-    safe: bool = False  # the first causes a safe state, whose own command the second takes
+    safe: bool = False  # the first causes a safe state; the second suppresses its command
 
     def __str__(self) -> str:
         end = "ends" if self.recovers else "stays"
@@ -104,7 +104,8 @@ class Case(msgspec.Struct, frozen=True):
 
 
 def _of_state(device: str, what: str) -> Iterator[Fault]:
-    """An integer is always a number, and a field of a bit or two has no value out of range."""
+    """Faults of a state's field. An integer is always a number, and a field of one or two bits has
+    no value out of range."""
     integers = device != "arm" or what == "t_ns"
     flag = what in ("moving", "protective_stop")
     narrow = flag or (device == "gripper" and HAND_FIELDS[what].bits <= 2)
@@ -120,7 +121,7 @@ def commands() -> list[Fault]:
 
 
 def faults() -> list[Fault]:
-    """All but those of commands."""
+    """All faults except those of commands."""
     fields = {
         "gripper": tuple(HAND_FIELDS),
         "arm": ARM_FIELDS,
@@ -145,23 +146,23 @@ def written_by_another() -> list[Fault]:
 def sample(
     scene: tuple[str, int], stretches: Sequence[Stretch], count: int, seed: int
 ) -> list[Case]:
-    """Cases of one scene: two in three faults alone, the others of commands where they are sent,
-    of a safe state's own commands, and pairs. Every fault comes once before any comes again."""
+    """Random cases of one scene: two in three single faults, the others lost commands, lost
+    commands of a safe state, and pairs. Every fault is used once before any is used again."""
     chance = random.Random(f"{scene} {seed}")
-    struck = [s for s in stretches if s.phase not in NOT_STRUCK]
+    injected = [s for s in stretches if s.phase not in NOT_INJECTED]
     single = faults()
     chance.shuffle(single)
     in_turn, found = cycle(single), []
     for number in range(count):
         turn = number % 9
         if turn == 2:
-            case = _commanded(struck, chance)
+            case = _commanded(injected, chance)
         elif turn == 5:
-            case = _in_safe_state(struck, chance)
+            case = _in_safe_state(injected, chance)
         else:
-            case = _alone(_drawn(next(in_turn), chance), chance.choice(struck), chance)
+            case = _alone(_specific(next(in_turn), chance), chance.choice(injected), chance)
         if turn == 8:
-            then = _drawn(chance.choice(faults() + commands()), chance)
+            then = _specific(chance.choice(faults() + commands()), chance)
             case = msgspec.structs.replace(
                 case, then=then, then_ticks=chance.choice(DELAYS_TICKS),
                 then_recovers=chance.random() < 0.5,
@@ -176,28 +177,28 @@ def _alone(fault: Fault, stretch: Stretch, chance: random.Random) -> Case:
 
 
 def _commanded(stretches: Sequence[Stretch], chance: random.Random) -> Case:
-    """A command is struck just before it is sent."""
+    """A case with a lost command."""
     what, tick, s = chance.choice([(w, t, s) for s in stretches for w, t in s.commands])
     fault = chance.choice([f for f in commands() if f.what == what])
     return Case(0, "", 0, fault, s.phase, s.visit, tick, chance.random() < 0.5)
 
 
 def _in_safe_state(stretches: Sequence[Stretch], chance: random.Random) -> Case:
-    """A safe state's own command is struck; the fault that causes it concerns neither arm nor
-    hand, or where fingertips are not needed, the arm's position."""
+    """A case with a lost command of a safe state, whose cause is a fault of the fingertips, or of
+    the arm's position in phases without fingertips."""
     s = chance.choice(stretches)
     closes = (s.phase, s.visit) == (State.LIFT, 1)
-    told = {"stop", *(["close"] if closes else ["hold"] if s.phase in HOLDS_ANEW else [])}
+    sent = {"stop", *(["close"] if closes else ["hold"] if s.phase in HOLDS_AGAIN else [])}
     cause = Fault("fingertips", "link", "link", "cut")
     if s.phase in {State.SHAPE, State.OPEN, State.RETREAT}:
         cause = Fault("arm", "state", "position_m x", "not a number")
-    then = chance.choice([f for f in commands() if f.what in told])
+    then = chance.choice([f for f in commands() if f.what in sent])
     return Case(0, "", 0, cause, s.phase, s.visit, int(SHARES[1] * s.ticks), False, then, 0,
                 chance.random() < 0.5, safe=True)  # fmt: skip
 
 
-def _drawn(fault: Fault, chance: random.Random) -> Fault:
-    """With one taxel in place of any, and one axis of a vector."""
+def _specific(fault: Fault, chance: random.Random) -> Fault:
+    """The fault with a random taxel, or a random axis of a vector, filled in."""
     what = fault.what
     if what == TAXEL:
         what = chance.choice(TAXELS)

@@ -1,6 +1,7 @@
-"""Cases in which a fault takes the only thing that could have held the object or stopped the arm.
+"""Accepted failures: cases in which the fault removes the only way to hold the object or stop the
+arm.
 
-A run may show what is named here, where it is named, if its last line or outcome tells the user.
+A run may have the problems listed here if its last line or outcome reports them to the user.
 """
 
 import re
@@ -12,40 +13,40 @@ from grasp.states import AIRBORNE_STATES, State
 from tests.nightly.faults.cases import Fault
 from tests.nightly.last_line import CANNOT_COMMAND
 
-# with the first grasp's force alone, before the hand is closed to the limit, the object may rise
+# the object may already rise before the hand is closed to the limit
 AIR = frozenset(phase.value for phase in AIRBORNE_STATES) | {"grasp.baseline"}
 ANY = frozenset(phase.value for phase in State)
 
 
 class Declared(msgspec.Struct, frozen=True):
-    """What may happen, and what the user is told."""
+    """An accepted failure, and the text that must report it."""
 
     why: str
     faults: str  # pattern of ``str(fault)``
-    phases: frozenset[str]  # that the safe state followed
-    may: frozenset[str]  # names of ``verdict.CHECKS``
-    told: str  # pattern of outcome and last line
-    lasting: bool = True  # only where the fault stays
+    phases: frozenset[str]  # before the safe state
+    may: frozenset[str]  # names of ``verdict.CHECKS`` that may fail
+    reported: str  # pattern of outcome and last line
+    lasting: bool = True  # only for a permanent fault
 
     def covers(
-        self, faults: Collection[tuple[Fault, bool]], phase: str, found: Collection[str], told: str
+        self, faults: Collection[tuple[Fault, bool]], phase: str, found: Collection[str], text: str
     ) -> bool:
-        """Whether this names all that was found; ``faults``: with whether they ended."""
-        meant = any(
+        """Whether this covers all problems found; ``faults``: each with whether it ended."""
+        matches = any(
             not (self.lasting and ends) and re.fullmatch(self.faults, str(fault))
             for fault, ends in faults
         )
-        named = meant and phase in self.phases and set(found) <= self.may
-        return named and re.search(self.told, told) is not None
+        allowed = matches and phase in self.phases and set(found) <= self.may
+        return allowed and re.search(self.reported, text) is not None
 
 
 DECLARED = (
     Declared(
-        "with the force of the first grasp an object slips that only a closing could hold",
+        "an object that slips with the force of the first grasp cannot be held without a closing",
         r"gripper link (cut|blinking)", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),
     Declared(
-        "the same, though the hand answers",
+        "the same with a hand that is still connected",
         r"gripper (close|hold) lost", AIR, frozenset({"dropped"}), CANNOT_COMMAND,
     ),
     Declared(
@@ -54,29 +55,29 @@ DECLARED = (
         r"holds by itself|refuses every motion|not activated",
     ),
     Declared(
-        "without detection the grasp stays too weak; the outcome says that the lift failed",
+        "without slip detection the grasp stays too weak; the outcome reports the failed lift",
         r"detector detects nothing", ANY, frozenset({"missed"}),
         r"^(dropped|undetected|cap_reached);",
     ),
     Declared(
-        "the hand closes to the limit, which holds; the outcome says that the alarm was false",
+        "the hand closes to the limit and holds; the outcome reports the false alarm",
         r"detector detects slip", ANY, frozenset({"missed"}),
         r"^(false_start|alarm_stayed|cap_reached);", lasting=False,
     ),
     Declared(
-        "nothing else stops an arm that takes no stop: the last line asks for the emergency stop",
+        "an arm that loses every stop cannot be stopped: the last line asks for the emergency stop",
         r"arm stop lost", AIR | {"release.open", "release.retreat"},
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
     ),
     Declared(
-        "the hand opens and obeys nobody until it has",
+        "the hand opens and ignores commands until it is open",
         r"gripper (rATR|rMOD) set by another client", ANY,
         frozenset({"dropped", "hand", "misleading"}), r"automatic release|mode change|in mode",
         lasting=False,
     ),
     Declared(
-        "no status shows force or speed; targets beside them are written over at the next refresh",
+        "the status has no force or speed settings; changed targets last until the next refresh",
         r"gripper (r(FR|SP)[ABC] set|all fingers closed) by another client", ANY,
         frozenset({"force", "misleading"}), r"^over_force;", lasting=False,
     ),
@@ -86,7 +87,7 @@ DECLARED = (
         r"^over_force;.*not activated", lasting=False,
     ),
     Declared(
-        "another client goes on: until the next refresh its commands act, and that adds up",
+        "repeated commands of another client act until each next refresh",
         r"gripper .* by another client", ANY,
         frozenset({"force", "unstopped", "hand", "dropped"}), r"another client",
     ),

@@ -1,6 +1,6 @@
-"""Fields of the hand's status words, to be changed one at a time, and what a command asks for.
+"""Fields of the hand's status words, to change one at a time, and the meaning of a command.
 
-Written from the manual's register map (2014, p. 39-57), apart from the driver's codec.
+From the manual's register map (2014, p. 39-57), independent of the driver's code.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ FIELDS = {
     "gPRC": Field(4, 0, 8), "gPOC": Field(5, 8, 8), "gCUC": Field(5, 0, 8),
     "gPRS": Field(6, 8, 8), "gPOS": Field(6, 0, 8), "gCUS": Field(7, 8, 8),
 }  # fmt: skip
-# of a command, the other way
+# fields of a command
 COMMAND_FIELDS = {
     "rACT": Field(0, 8, 1), "rMOD": Field(0, 9, 2), "rGTO": Field(0, 11, 1),
     "rATR": Field(0, 12, 1), "rICF": Field(0, 2, 1), "rICS": Field(0, 3, 1),
@@ -49,17 +49,17 @@ COMMAND_FIELDS = {
     "rPRC": Field(4, 0, 8), "rSPC": Field(5, 8, 8), "rFRC": Field(5, 0, 8),
     "rPRS": Field(6, 8, 8), "rSPS": Field(6, 0, 8), "rFRS": Field(7, 8, 8),
 }  # fmt: skip
-# all fingers at once (rICF 0): opened, or closed with all its force
+# all fingers at once (rICF 0): opened, or closed with full force
 IMAGES = {"opened": (0x0900, 0, 0, 0, 0, 0, 0, 0), "closed": (0x0900, 0xFF, 0xFFFF, 0, 0, 0, 0, 0)}
 _OFF = 5  # counts
-_LEAP = 90  # counts, or as many steps of 10 mA
-_BESIDE = 2  # counts: a finger that holds may rest so far from what it is told, or be read late
-_OPEN_STOP = 6  # counts: less can be told, and no finger goes or says so
+_JUMP = 90  # counts, or as many steps of 10 mA
+_BESIDE = 2  # counts between target and position of a finger that holds
+_OPEN_STOP = 6  # counts at the mechanical stop: lower targets have no effect
 _RESERVED_FAULT, _WORST_FAULT = 0x01, 0x0E
 
 
 def wrong(name: str, kind: str, value: int) -> int:
-    """What a field says that leaps, or is beyond its range."""
+    """The wrong value of a field for a kind of fault: a jump, an offset or out of range."""
     field = FIELDS[name]
     if name == "gFLT":
         return _WORST_FAULT if kind == "close" else _RESERVED_FAULT
@@ -67,25 +67,27 @@ def wrong(name: str, kind: str, value: int) -> int:
         return field.most
     if kind == "some off":
         return value + _OFF
-    return value + _LEAP if field.bits == 8 else value + 1  # the field keeps what fits
+    return value + _JUMP if field.bits == 8 else value + 1  # the field keeps what fits
 
 
 def verb(first: int, words: Words, here: Sequence[int]) -> str:
-    """What a write of command words from ``first`` on asks of the fingers, which are ``here``,
-    counts of three. The least speed and force are zeros, as of a hold: where it is to go tells."""
+    """The command in a write of words from ``first`` on: hold, open or close. ``here``: positions
+    of the fingers, counts. Speed and force of zero may be a hold or the lowest setting; the target
+    decides."""
     whole = [0] * first + list(words)
     code = b"".join(word.to_bytes(2, "big") for word in whole)
     axes = [code[at : at + 3] for at in (3, 6, 9)]  # position, speed, force
     if first == 0 and not code[0] & 0b1000:  # a write without the first word leaves it as it is
         return "hold"
     least = all(speed == 0 and force == 0 for _, speed, force in axes)
-    ways = [axis[0] - at for axis, at in zip(axes, here, strict=True)]
+    distances = [axis[0] - at for axis, at in zip(axes, here, strict=True)]
     if least and all(map(_stays, (axis[0] for axis in axes), here)):
         return "hold"
-    if max(ways) > _BESIDE:
+    if max(distances) > _BESIDE:
         return "close"
-    return "open" if min(ways) < -_BESIDE or max(ways) <= 0 else "close"  # one that holds may rest
+    # a finger that holds may rest beside its target
+    return "open" if min(distances) < -_BESIDE or max(distances) <= 0 else "close"
 
 
-def _stays(told: int, at: int) -> bool:
-    return abs(max(told, _OPEN_STOP) - max(at, _OPEN_STOP)) <= _BESIDE
+def _stays(target: int, at: int) -> bool:
+    return abs(max(target, _OPEN_STOP) - max(at, _OPEN_STOP)) <= _BESIDE

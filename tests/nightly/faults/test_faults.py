@@ -31,7 +31,7 @@ OPENED, FORCED = (
 def test_a_sample_of_faults_ends_well(scene: tuple[str, int]) -> None:
     ended = [run(case) for case in sample(scene, schedule(*scene), RUNS, SEED)]
     assert {str(e.case): found for e in ended if (found := fell(e))} == {}
-    assert [str(e.case) for e in ended if e.struck_in != e.case.phase] == []
+    assert [str(e.case) for e in ended if e.injected_in != e.case.phase] == []
     commanded = [e for e in ended if e.case.fault and e.case.fault.part == "command"]
     assert [str(e.case) for e in commanded if not e.taken] == []
     assert [str(e.case) for e in ended if e.case.safe and not e.taken_safe] == []
@@ -64,7 +64,7 @@ GONE = (
     "previous grip, at (60, 55, 55) counts, 2.0 N measured at finger A"
 )
 WRONG: list[tuple[dict[str, object], str]] = [
-    ({"let_go_m": 0.0031}, "dropped"), ({"slid_m": 0.0151}, "dropped"),
+    ({"lost_at_m": 0.0031}, "dropped"), ({"slid_m": 0.0151}, "dropped"),
     ({"height_m": 0.1, "later_pressed_n": 1.0, "slip_mps": 0.0011}, "dropped"),
     ({"peak_n": 11.01}, "force"), ({"later_arm_mps": 1e-4}, "moving"),
     ({"later_fingers_mps": 1e-4}, "moving"), ({"arm_mps": 1e-4}, "moving"),
@@ -73,7 +73,7 @@ WRONG: list[tuple[dict[str, object], str]] = [
     ({"hand_s": 3.07}, "unstopped"), ({"entered_n": 9.0, "least_n": 4.4}, "hand"),
     ({"finished": False}, "time-out"), ({"timed_out": True}, "time-out"),
     ({"outcome": "internal_error"}, "bug"), ({"outcome": "false_start"}, "missed"),
-    ({"outcome": "held", "let_go_m": 0.05}, "misleading"), ({"advice": ""}, "misleading"),
+    ({"outcome": "held", "lost_at_m": 0.05}, "misleading"), ({"advice": ""}, "misleading"),
     ({"advice": "start the run again", "pressed_n": 1.1}, "misleading"),
     ({"arm": "the arm was stationary at its last status"}, "misleading"),
     ({"arm": ""}, "misleading"),

@@ -1,5 +1,5 @@
-"""What stands between a driver and its device's model, and spoils what passes: bytes, registers,
-samples, as the driver sees them. Nothing here knows of controller, guard or loop.
+"""Fault injection between a driver and its device's model: changes bytes, registers and samples as
+the driver sees them, independent of controller, guard and loop.
 """
 
 from collections.abc import Sequence
@@ -24,48 +24,48 @@ from tests.nightly.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES, verb,
 
 Codes = NDArray[np.int16]
 _FOR_EVER = 1 << 62
-BLINK_NS = 80_000_000  # a blinking link is gone for so long, and there for so long
-FLICKER_NS = 40_000_000  # what flickers says one thing for so long, and then the other
-WATCHDOG_NS = 100_000_000  # of the arm's controller: unkicked for so long it stops the program
-HEARTBEAT_NS = 200_000_000  # a client not heard for so long is taken for dead, and the arm stopped
-PROGRAM_END_MPS2 = 1.2  # assumed: no harder than the moves themselves
+BLINK_NS = 80_000_000  # down time, and up time, of a blinking link
+FLICKER_NS = 40_000_000  # between two changes of a flickering value
+WATCHDOG_NS = 100_000_000  # time-out of the arm controller's watchdog, which stops the program
+HEARTBEAT_NS = 200_000_000  # time without a client's message after which the arm is stopped
+PROGRAM_END_MPS2 = 1.2  # assumed: equal to the acceleration of moves
 AGAIN_NS = 100_000_000  # from one write of another client to the next
 PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slice(12, 18),
              "temperatures": slice(0, 18)}  # fmt: skip
 PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
 RAIL, SHIFT = 1023, 150  # codes
-# codes a second, of one taxel or shared by those of a finger, as if pressed more and more
+# codes a second, of one taxel or shared by those of a finger, like a growing pressure
 DRIFT_PS = 60.0
 WIDTH = 6  # bits below a code in its word
 
 
-class Struck(msgspec.Struct):
-    """One fault from when it struck on."""
+class InjectedFault(msgspec.Struct):
+    """A fault since its injection."""
 
     fault: Fault
     since_ns: int
     recovers: bool
-    times: int = 0  # commands that it took so far
+    times: int = 0  # commands that it suppressed so far
     took_ns: int = -1  # the last of them
 
     def on(self, now_ns: int) -> bool:
-        """Of a state, a link, the detector: under way at this time."""
+        """Whether a fault of a state, link or detector is active at this time."""
         end_ns = self.since_ns + RECOVERS_NS if self.recovers else _FOR_EVER
         return self.since_ns <= now_ns < end_ns
 
     def flickers(self, now_ns: int) -> bool:
-        """Of what does: whether it says the wrong thing at this time."""
+        """Whether a flickering value is wrong at this time."""
         return (now_ns - self.since_ns) // FLICKER_NS % 2 == 0
 
     def gone(self, now_ns: int) -> bool:
-        """Of a link: nothing passes at this time."""
+        """Whether a link is down at this time."""
         if not self.on(now_ns):
             return False
         blink = (now_ns - self.since_ns) // BLINK_NS % 2 == 0
         return self.fault.kind == "cut" or blink
 
     def takes(self, what: str, now_ns: int) -> bool:
-        """Of commands: this one too. One that recovers takes the next alone."""
+        """Whether it suppresses this command; a fault that recovers suppresses only one."""
         if self.fault.what != what or now_ns < self.since_ns or (self.recovers and self.times):
             return False
         self.times += 1
@@ -74,25 +74,25 @@ class Struck(msgspec.Struct):
 
 
 class Wire:
-    """The faults of one device; ``struck`` is what has struck so far."""
+    """The faults of one device; ``injected`` is what has injected so far."""
 
     def __init__(self) -> None:
-        self.struck: list[Struck] = []
-        self.told: list[str] = []  # commands, in their order
+        self.injected: list[InjectedFault] = []
+        self.commands: list[str] = []  # commands, in their order
 
-    def links(self) -> list[Struck]:
-        return [s for s in self.struck if s.fault.part == "link"]
+    def links(self) -> list[InjectedFault]:
+        return [s for s in self.injected if s.fault.part == "link"]
 
     def gone(self, now_ns: int) -> bool:
         return any(s.gone(now_ns) for s in self.links())
 
-    def lies(self, now_ns: int) -> list[Struck]:
-        return [s for s in self.struck if s.fault.part == "state" and s.on(now_ns)]
+    def active_state_faults(self, now_ns: int) -> list[InjectedFault]:
+        return [s for s in self.injected if s.fault.part == "state" and s.on(now_ns)]
 
     def taken(self, what: str, now_ns: int) -> bool:
         """Whether a fault takes this command."""
-        self.told.append(what)
-        return any(s.fault.part == "command" and s.takes(what, now_ns) for s in self.struck)
+        self.commands.append(what)
+        return any(s.fault.part == "command" and s.takes(what, now_ns) for s in self.injected)
 
 
 class HandWire(Wire):
@@ -102,8 +102,8 @@ class HandWire(Wire):
         super().__init__()
         self._inner: Any = None
         self._kept: dict[int, int] = {}
-        self._here: tuple[int, ...] = (0, 0, 0)  # positions that were told last, counts
-        self._image: tuple[int, ...] = (0,) * 8  # that the hand was told
+        self._here: tuple[int, ...] = (0, 0, 0)  # last reported positions, counts
+        self._image: tuple[int, ...] = (0,) * 8  # last commanded registers
 
     def around(self, transport: RegisterTransport) -> RegisterTransport:
         self._inner = transport
@@ -119,15 +119,15 @@ class HandWire(Wire):
     def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
         self._reach(now_ns)
         words = tuple(self._inner.read(first, count, now_ns))
-        for lie in self.lies(now_ns):
-            words = self._said(lie, words, now_ns)
+        for active in self.active_state_faults(now_ns):
+            words = self._altered(active, words, now_ns)
         if first == 0 and len(words) == 8:
             self._here = tuple(FIELDS[name].of(words) for name in ("gPOA", "gPOB", "gPOC"))
         return words
 
     def tick(self, now_ns: int) -> None:
-        """Another client writes, once or again and again, past the link."""
-        for s in self.struck:
+        """Write as another client, once or repeatedly, bypassing the link."""
+        for s in self.injected:
             again = not s.times or (not s.recovers and now_ns >= s.took_ns + AGAIN_NS)
             if s.fault.part == "registers" and again:
                 s.times, s.took_ns = s.times + 1, now_ns
@@ -147,16 +147,18 @@ class HandWire(Wire):
                 "the gripper does not answer", "check its power, cable and address; then try again"
             )
 
-    def _said(self, lie: Struck, words: tuple[int, ...], now_ns: int) -> tuple[int, ...]:
-        field, kind = FIELDS[lie.fault.what], lie.fault.kind
+    def _altered(
+        self, active: InjectedFault, words: tuple[int, ...], now_ns: int
+    ) -> tuple[int, ...]:
+        field, kind = FIELDS[active.fault.what], active.fault.kind
         if kind == "frozen":
-            value = self._kept.setdefault(id(lie), field.of(words))
-        elif kind == "missing" or (kind == "flickers" and lie.flickers(now_ns)):
+            value = self._kept.setdefault(id(active), field.of(words))
+        elif kind == "missing" or (kind == "flickers" and active.flickers(now_ns)):
             value = 0
         elif kind == "flickers":
             value = field.of(words)
         else:
-            value = wrong(lie.fault.what, kind, field.of(words))
+            value = wrong(active.fault.what, kind, field.of(words))
         return field.set(words, value)
 
 
@@ -164,14 +166,14 @@ NOTHING: dict[str, Any] = {
     "t_ns": 0, "position_m": (0.0, 0.0, 0.0), "velocity_mps": (0.0, 0.0, 0.0), "moving": False,
     "protective_stop": False, "angle_rad": 0.0, "spin_radps": 0.0, "speed_fraction": 0.0,
 }  # fmt: skip
-LEAPS = {"t_ns": 1_000_000_000, "position_m": 0.05, "velocity_mps": 0.2, "angle_rad": 0.5,
+JUMPS = {"t_ns": 1_000_000_000, "position_m": 0.05, "velocity_mps": 0.2, "angle_rad": 0.5,
          "spin_radps": 0.5, "speed_fraction": -0.6}  # fmt: skip
 BEYOND = {"t_ns": -(1 << 40), "position_m": 99.0, "velocity_mps": 50.0, "angle_rad": 100.0,
           "spin_radps": 100.0, "speed_fraction": 100.0}  # fmt: skip
 
 
 def with_number(value: Any, axis: str, number: float, add: bool = False) -> Any:
-    """A scalar, or a vector with this part of it so."""
+    """The value with this number, or with it added; of a vector only one axis."""
     if not axis:
         return value + number if add else number
     i = AXES.index(axis)
@@ -179,13 +181,13 @@ def with_number(value: Any, axis: str, number: float, add: bool = False) -> Any:
 
 
 class ArmWire(Wire):
-    """The arm's controller as its driver reaches it, with the watchdogs of a real one."""
+    """The arm's controller as its driver sees it, with the watchdogs of a real one."""
 
     def __init__(self) -> None:
         super().__init__()
         self._model: Any = None
         self._kept: dict[int, Any] = {}
-        self._bitten: set[int] = set()
+        self._expired: set[int] = set()
         self.clock: Clock | None = None
 
     def around(self, model: ArmModel) -> "ArmWire":
@@ -195,15 +197,17 @@ class ArmWire(Wire):
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        return self._told("move", "move_l", (target_m, speed_mps, acceleration_mps2), now_ns)
+        return self._command("move", "move_l", (target_m, speed_mps, acceleration_mps2), now_ns)
 
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        return self._told("move", "speed_l", (velocity_mps, spin_radps, acceleration_mps2), now_ns)
+        return self._command(
+            "move", "speed_l", (velocity_mps, spin_radps, acceleration_mps2), now_ns
+        )
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
-        self._told("stop", "stop_l", (deceleration_mps2,), now_ns)
+        self._command("stop", "stop_l", (deceleration_mps2,), now_ns)
 
     def set_payload(self, mass_kg: float) -> None:
         self._model.set_payload(mass_kg)
@@ -211,20 +215,20 @@ class ArmWire(Wire):
     def read(self, now_ns: int) -> ArmSample:
         self._reach(now_ns)
         sample: ArmSample = self._model.read(now_ns)
-        for lie in self.lies(now_ns):
-            sample = self._said(lie, sample, now_ns)
+        for active in self.active_state_faults(now_ns):
+            sample = self._altered(active, sample, now_ns)
         return sample
 
     def watch(self, now_ns: int) -> None:
-        """A watchdog bites."""
+        """Let the watchdog of a cut link stop the program."""
         for cut in self.links():
             bites = cut.gone(now_ns) and cut.fault.kind == "cut"
-            if bites and now_ns - cut.since_ns >= WATCHDOG_NS and id(cut) not in self._bitten:
-                self._bitten.add(id(cut))
-                self.unheard(now_ns)
+            if bites and now_ns - cut.since_ns >= WATCHDOG_NS and id(cut) not in self._expired:
+                self._expired.add(id(cut))
+                self.stop_program(now_ns)
 
-    def unheard(self, now_ns: int) -> None:
-        """Nobody is heard: what moves is stopped."""
+    def stop_program(self, now_ns: int) -> None:
+        """Stop the program, as without a client."""
         self._model.stop_l(PROGRAM_END_MPS2, now_ns)
 
     def _reach(self, now_ns: int) -> None:
@@ -235,30 +239,30 @@ class ArmWire(Wire):
                 "check its power and network; then start the run again",
             )
 
-    def _told(self, what: str, name: str, words: tuple[Any, ...], now_ns: int) -> bool:
-        """A driver's time is that of its last sample, which is long ago where the loop stood
-        still: nothing can have moved since then because of what is told now."""
+    def _command(self, what: str, name: str, words: tuple[Any, ...], now_ns: int) -> bool:
+        """Pass a command. The driver's time is that of its last sample, which is old after a pause
+        of the loop, so the command starts at the current time."""
         if self.clock is not None:
             now_ns = max(now_ns, self.clock.now_ns)
         self._reach(now_ns)
         return self.taken(what, now_ns) or getattr(self._model, name)(*words, now_ns) is not False
 
-    def _said(self, lie: Struck, sample: ArmSample, now_ns: int) -> ArmSample:
-        (name, _, axis), kind = lie.fault.what.partition(" "), lie.fault.kind
+    def _altered(self, active: InjectedFault, sample: ArmSample, now_ns: int) -> ArmSample:
+        (name, _, axis), kind = active.fault.what.partition(" "), active.fault.kind
         true = getattr(sample, name)
         if kind == "frozen":
-            value = self._kept.setdefault(id(lie), true)
+            value = self._kept.setdefault(id(active), true)
         elif kind == "missing":
             value = NOTHING[name]
         elif kind == "flickers":
-            value = true is not lie.flickers(now_ns)
+            value = true is not active.flickers(now_ns)
         elif kind == "not a number":
             value = with_number(true, axis, float("nan"))
         elif kind == "out of range":
             value = with_number(true, axis, BEYOND[name])
         else:
             said = isinstance(true, bool)
-            value = not true if said else with_number(true, axis, LEAPS[name], add=True)
+            value = not true if said else with_number(true, axis, JUMPS[name], add=True)
         return msgspec.structs.replace(sample, **{name: value})
 
 
@@ -268,8 +272,8 @@ def coded(frame: bytes) -> Codes:
 
 
 class PadWire(Wire):
-    """Transfers of the tactile board. Its link is struck at the board itself, which alone can be
-    unplugged or keep a read waiting."""
+    """Transfers of the tactile board. Link faults are injected at the board, which can be unplugged
+    or delay a read."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -303,16 +307,16 @@ class PadWire(Wire):
         if transfer is None:
             return None
         words = None
-        for lie in self.lies(now_ns):
+        for active in self.active_state_faults(now_ns):
             words = coded(transfer.data) if words is None else words
-            if 2 * words.size == len(transfer.data):  # no other has cut it short
-                words = self._said(lie, words, now_ns)
+            if 2 * words.size == len(transfer.data):  # no other fault has shortened it
+                words = self._altered(active, words, now_ns)
         if words is None:
             return transfer
         return Transfer(words.astype(">u2").tobytes(), transfer.done_ns)
 
     def tick(self, now_ns: int) -> None:
-        """The link's own faults, at the board."""
+        """Inject faults of the link at the board."""
         for s in self.links():
             if s.fault.kind == "cut" and s.gone(now_ns) and self._board.plugged:
                 self._board.unplug()
@@ -322,20 +326,20 @@ class PadWire(Wire):
                 into_ns = (now_ns - s.since_ns) % BLINK_NS
                 self._board.silence(now_ns + BLINK_NS - into_ns)
 
-    def _said(self, lie: Struck, words: Codes, now_ns: int) -> Codes:
-        """Columns are pressure and temperature, of which one is wrong."""
-        kind, cells = lie.fault.kind, PAD_CODES[lie.fault.what]
-        column = int(lie.fault.what == "temperatures")
+    def _altered(self, active: InjectedFault, words: Codes, now_ns: int) -> Codes:
+        """The words with faulty values of pressure (column 0) or temperature (column 1)."""
+        kind, cells = active.fault.kind, PAD_CODES[active.fault.what]
+        column = int(active.fault.what == "temperatures")
         out = words.copy()
         if kind == "missing":
             return np.delete(out, range(len(out))[cells], axis=0)
         true = out[cells, column]
         if kind == "frozen":
-            true = self._kept.setdefault(id(lie), true.copy())
+            true = self._kept.setdefault(id(active), true.copy())
         else:
             codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
             if kind == "drifts":
-                codes = codes - round(DRIFT_PS / len(codes) * (now_ns - lie.since_ns) * 1e-9)
+                codes = codes - round(DRIFT_PS / len(codes) * (now_ns - active.since_ns) * 1e-9)
             else:
                 codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT
             true = (np.clip(codes, 0, RAIL).astype(np.uint16) << WIDTH).view(np.int16)
@@ -344,7 +348,7 @@ class PadWire(Wire):
 
 
 class FailingDetector(Wire):
-    """A detector that fails as it is told to."""
+    """A detector with injected faults."""
 
     def __init__(self, inner: SlipDetector, clock: Clock) -> None:
         super().__init__()
@@ -357,14 +361,14 @@ class FailingDetector(Wire):
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         answer = self._inner.update(counts)
-        for s in self.struck:
+        for s in self.injected:
             if s.on(self._clock.now_ns):
                 answer = self._failed(s.fault.kind, answer)
         return answer
 
     def _failed(self, kind: str, answer: NDArray[np.float64]) -> NDArray[np.float64]:
         if kind == "raises":
-            raise MemoryError("no room for a window")
+            raise MemoryError("no memory for a window")
         if kind == "late":
             self._clock.sleep_until_ns(self._clock.now_ns + 120_000_000)
         wrong_answers = {

@@ -1,7 +1,7 @@
-"""What a hostile client says on each port, made from a seed: half grammar, half rubble.
+"""Random input of a hostile client for each port, from a seed: valid grammar, partly damaged.
 
-A grammar makes the bytes that one connection sends. Nothing here asks for what its owner may ask
-for and others would suffer from by right: a freeze, dropped links, the load of another world.
+A grammar makes the bytes that one connection sends. Legitimate requests that disturb other clients
+are left out: a freeze, dropped links, loading another world.
 """
 
 import random
@@ -143,8 +143,8 @@ def dashboard(r: random.Random) -> bytes:
     return "\n".join(r.choice(words) for _ in range(r.choice((3, 900)))).encode() + b"\n"
 
 
-def rubble(r: random.Random, data: bytes) -> bytes:
-    """Some bytes changed, cut out or doubled, or the end missing."""
+def damaged(r: random.Random, data: bytes) -> bytes:
+    """The data with some bytes changed, removed or repeated, or without its end."""
     changed = bytearray(data)
     for _ in range(r.choice((1, 3, 30))):
         at = r.randrange(len(changed) + 1)
@@ -164,8 +164,8 @@ GRAMMARS = {
 
 
 def pieces(name: str, r: random.Random) -> list[bytes]:
-    """What a connection sends, a third of it damaged, in a few pieces of any size."""
+    """The data of one connection, one in three damaged, in a few pieces of any size."""
     data = GRAMMARS[name](r)[:MOST_BYTES]
-    data = rubble(r, data) if r.random() < 0.3 else data
+    data = damaged(r, data) if r.random() < 0.3 else data
     cuts = sorted(r.randrange(len(data) + 1) for _ in range(r.choice((0, 0, 1, 8))))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]

@@ -1,7 +1,8 @@
 """Hostile clients on every port of the emulated devices, and a well-behaved client beside them.
 
-`make test-fuzz MINUTES=60 SEED=1` attacks for an hour. The cell must live, answer everybody, not
-grow, and end after SIGTERM. A failure prints the last cases, each a grammar and a seed.
+`make test-fuzz MINUTES=60 SEED=1` attacks for an hour. The cell must run on, answer every client,
+keep its memory bounded, and end after SIGTERM. A failure prints the last cases, each a grammar and
+a seed.
 """
 
 import json
@@ -29,7 +30,7 @@ from tests.nightly.fuzz.grammars import GRAMMARS, pieces
 
 MINUTES = float(os.environ.get("MINUTES", "0.7"))
 SEED = int(os.environ.get("SEED", "7"))
-FIRST = (("rtde", 6),)  # cases that found something once
+FIRST = (("rtde", 6),)  # regression cases
 ATTACKERS = 6
 PAUSE_S, EACH_S = 0.02, 0.1  # between connections of an attacker, and polite questions
 CONNECTION_S = 0.5  # for one connection to send everything
@@ -42,7 +43,7 @@ Ports = dict[str, list[tuple[str, int]]]
 
 
 class Attack:
-    """Threads that play cases until they are stopped."""
+    """Threads that run random cases until they are stopped."""
 
     def __init__(self, ports: Ports) -> None:
         self.last: deque[Case] = deque(maxlen=100)
@@ -76,7 +77,7 @@ class Attack:
 
 
 def play(ports: Ports, case: Case) -> None:
-    """One connection: sends its pieces, reads or not, waits or not, closes or resets."""
+    """Run one connection: send its pieces, maybe read, maybe wait, close or reset."""
     name, seed = case
     r = random.Random(seed)
     data = pieces(name, r)
@@ -107,8 +108,8 @@ def ports_of(at: dict[str, Any]) -> Ports:
 
 
 def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]:
-    """Of a well-behaved client, one connection to each port, kept open; each ends with its answer,
-    or raises."""
+    """Requests of a well-behaved client, with one open connection per port; each returns after its
+    reply, or raises."""
     lines = ("dashboard", "modbus", "hop", "rtde")
     socks = {
         name: stack.enter_context(socket.create_connection(ports[name][0], ANSWER_S))
@@ -118,11 +119,11 @@ def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]
 
     def ask(name: str, data: bytes, begins: bytes) -> None:
         socks[name].sendall(data)
-        answer = files[name].read(11) if name == "modbus" else files[name].readline()
-        assert answer.startswith(begins), f"{name}: answered {answer[:80]!r}"
+        reply = files[name].read(11) if name == "modbus" else files[name].readline()
+        assert reply.startswith(begins), f"{name}: answered {reply[:80]!r}"
 
     def version() -> None:
-        """Its answer comes within a stream."""
+        """Its reply comes within a stream of data."""
         socks["rtde"].sendall(packet(PacketType.CONTROLLER_VERSION))
         kind = 0
         while kind != PacketType.CONTROLLER_VERSION:
@@ -162,7 +163,7 @@ def ends_well(pid: int) -> bool:
 
 
 @pytest.mark.timeout(300 + 120 * MINUTES)
-def test_hostile_clients_of_all_ports_leave_a_cell_that_serves_the_others() -> None:
+def test_cell_serves_other_clients_during_attacks_on_all_ports() -> None:
     config = load_for_devices("can", "emulated", [], [])
     with cell_process(config, 0) as cell, ExitStack() as stack:
         pid, ports = cell.endpoints["pid"], ports_of(cell.endpoints)

@@ -1,6 +1,6 @@
-"""The soak test (`make test-soak MINUTES=60`): lifts at 100 Hz on the emulated cell, one after the
-other in one process, each recorded. By a seed, every fourth is struck by a fault of the cell in
-some phase. Each ends as it must, and from ten minutes on nothing grows.
+"""The soak test (`make test-soak MINUTES=60`): recorded lifts on the emulated cell, one after the
+other in one process. One in four has a random fault of the cell in a random phase. Each must end
+correctly, and memory and descriptors must not grow after ten minutes.
 """
 
 import os
@@ -21,17 +21,17 @@ from scenarios.lift.lift import lift
 from scenarios.rigs import emulated
 from scenarios.rigs.emulated import CellProcess, cell_process
 from scenarios.trial.series import TrialContext
-from tests.nightly.lift_verdict import Ended, problems
-from tests.nightly.onlooker import Onlooker
+from tests.nightly.cell_observer import CellObserver
+from tests.nightly.lift_verdict import ObservedLift, problems
 
 MINUTES = float(os.environ.get("MINUTES", "3"))
 SEED = 20261122
 BETWEEN = 4  # lifts, on average, between two faults
 COUNTED_TICKS = 300  # into a lift
 SETTLED_S = 600.0  # caches are filled by then
-# a float that each tick leaves behind makes 11.5 MB an hour
+# one leaked float per control step is 11.5 MB an hour
 MOST_GROWTH_MB_H, MOST_SPREAD_MB = 4.0, 12.0
-LEAST_LIFTS_A_MINUTE, LEAST_STRUCK = 2.0, 0.1
+LEAST_LIFTS_A_MINUTE, LEAST_FAULTS = 2.0, 0.1
 OBJECTS = ("can", "ball", "foam")
 PHASES = (State.SHAPE, State.BRACE, State.LIFT, State.HOLD, State.DESCEND, State.OPEN)
 FAULTS: tuple[tuple[str, dict[str, Any]], ...] = (  # device and request to the cell
@@ -49,7 +49,7 @@ TAKE_THE_HAND = frozenset({"gripper_freeze", "gripper_disconnect", "gripper_faul
 
 
 class Count(msgspec.Struct, frozen=True):
-    """What this process holds ``t_s`` after the beginning, once a lift, at the same place."""
+    """Resources of this process ``t_s`` after its start, once per lift at the same phase."""
 
     t_s: float
     resident_mb: float
@@ -60,7 +60,7 @@ class Count(msgspec.Struct, frozen=True):
 
 
 class Watcher:
-    """Strikes and counts while a lift goes on, and has an onlooker for each lift."""
+    """Injects faults, counts resources during a lift, and starts an observer for each lift."""
 
     def __init__(self) -> None:
         self.counts: list[Count] = []
@@ -72,9 +72,9 @@ class Watcher:
         return [self._random.randrange(1 << 16) for _ in range(2 * BETWEEN)]
 
     def begin(self) -> None:
-        """Another lift; draws its fault, if any."""
-        self._periods, self.struck, self._device = 0, "", ""
-        self._onlooker: Onlooker | None = None
+        """Begin another lift and choose its fault, if any."""
+        self._periods, self.fault, self._device = 0, "", ""
+        self._observer: CellObserver | None = None
         due = self._random.choice(FAULTS), self._random.choice(PHASES)
         self._due = due if self._random.random() * BETWEEN < 1.0 else None
 
@@ -86,22 +86,22 @@ class Watcher:
 
     def watch(self, tick: Any, truth: Any, controller: Any) -> None:
         assert self._cell is not None
-        if self._onlooker is None:
+        if self._observer is None:
             at = self._cell.endpoints["control"]
-            self._onlooker = Onlooker(at["host"], at["port"])
+            self._observer = CellObserver(at["host"], at["port"])
         self._periods += 1
         if self._periods == COUNTED_TICKS:
             self.counts.append(count(time.monotonic() - self._start_s))
         if self._due is not None and tick.decision.state is self._due[1]:
             (self._device, request), self._due = self._due[0], None
-            self.struck = request["name"]
+            self.fault = request["name"]
             self._cell.control.ask("fault", **request)
 
-    def ended(self, finished: Any) -> Ended:
-        """Of a lift whose rig is still open."""
-        assert self._onlooker is not None, finished
-        struck = frozenset({self._device} - {""})
-        return Ended(struck, self.struck in TAKE_THE_HAND, self._onlooker.end()).of(finished)
+    def ended(self, finished: Any) -> ObservedLift:
+        """Outcome of a lift whose rig is still open."""
+        assert self._observer is not None, finished
+        faulty = frozenset({self._device} - {""})
+        return ObservedLift(faulty, self.fault in TAKE_THE_HAND, self._observer.end()).of(finished)
 
 
 def count(t_s: float) -> Count:
@@ -128,33 +128,33 @@ def _resident_mb(pid: int | str) -> float:
 
 
 @pytest.mark.timeout(900 + 90 * MINUTES)
-def test_lifts_go_on_and_nothing_grows_or_goes_wrong(
+def test_long_series_of_lifts_has_no_problems_and_no_growth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    end_s, watcher, lifts, struck = time.monotonic() + 60.0 * MINUTES, Watcher(), 0, 0
+    end_s, watcher, lifts, faults = time.monotonic() + 60.0 * MINUTES, Watcher(), 0, 0
     monkeypatch.setattr(emulated, "cell_process", watcher.cell_process)
     found = []
     while time.monotonic() < end_s:  # a fault ends a series, and another rig is opened
         name, runs = OBJECTS[lifts % len(OBJECTS)], tmp_path / str(lifts)
-        told = load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
+        config = load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
         runs.mkdir()
         watcher.begin()
         context = TrialContext(runs, watch=watcher.watch)
-        with closing(lift.run_series(told, watcher.seeds(), context)) as going:
-            for finished in going:
+        with closing(lift.run_series(config, watcher.seeds(), context)) as series:
+            for finished in series:
                 ended = watcher.ended(finished)
-                print(name, watcher.struck, ended, flush=True)
-                lifts, struck = lifts + 1, struck + bool(watcher.struck)
-                found += [(watcher.struck, ended, wrong) for wrong in problems(ended, told)]
+                print(name, watcher.fault, ended, flush=True)
+                lifts, faults = lifts + 1, faults + bool(watcher.fault)
+                found += [(watcher.fault, ended, wrong) for wrong in problems(ended, config)]
                 watcher.begin()
     assert found == []
     assert growing(watcher.counts) == []
     assert lifts >= LEAST_LIFTS_A_MINUTE * MINUTES
-    assert struck >= int(LEAST_STRUCK * lifts)
+    assert faults >= int(LEAST_FAULTS * lifts)
 
 
 def growing(counts: Sequence[Count]) -> list[str]:
-    """What is not flat after ten minutes."""
+    """Resources that grow after ten minutes."""
     late = [c for c in counts if c.t_s > SETTLED_S]
     found = []
     for name in ("resident_mb", "children_mb", "descriptors", "threads", "children"):

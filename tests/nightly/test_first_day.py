@@ -1,5 +1,5 @@
-"""A laboratory's first day, played at terminals from an empty folder against `grasp emulate`: it
-asks and ends as docs/first-day.md says."""
+"""A rehearsal of the first day in a lab against `grasp emulate`: prompts and exit codes are those
+of docs/first-day.md."""
 
 import json
 import re
@@ -19,17 +19,17 @@ HOST, PORT = "127.0.0.2", "5020"
 EMULATE = ("emulate", "--host", HOST, "--gripper-port", PORT, "--object", "foam")
 LAB = ("--config", "lab.toml")
 MOVES = (*LAB, "--confirm-motion")
-# a question, the prompt of a word, or what is done somewhere else than at the keyboard
+# a question, the prompt for a word, or a request for an action at the devices
 ASKED = re.compile(r"(>>> (?:[^\n]*(?:Enter|\?|type)[^\n]*)\n|Type (\w+): |press one pad [^\n]*\n)")
 ENDED = re.compile(r"\[exit code (\d+)\]")
 LONG_S = 600.0
 AGAIN = 6
-LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)  # laid on the pad of finger A
+LOADS_N = (0.5, 1.0, 1.5, 2.0, 2.5)  # weights on the pad of finger A
 OWN_LIMIT = {"guard": {"force_limit_n": 11.0}, "controller": {"grip_force_n": 11.0}}
 
 
 class Day:
-    """The folder, the cell and its terminal, and what has been shown so far."""
+    """The folder, the cell and its terminal, and all output so far."""
 
     def __init__(self, folder: Path, cell: Terminal) -> None:
         self.folder, self.cell = folder, cell
@@ -37,23 +37,25 @@ class Day:
         self.endpoints: dict[str, Any] = json.loads(cell.wait_for(r"\{.*\}").group(0))
         cell.wait_for("what a person does, a line each")
 
-    def run(self, *words: str, answer: Callable[[str], str | None] = lambda question: "",
+    def run(self, *arguments: str, answer: Callable[[str], str | None] = lambda question: "",
             code: int = 0) -> str:  # fmt: skip
-        """A command in its own terminal, each of its questions answered (None: nothing is typed);
-        what it showed. One that moves nothing is asked again while the machine is so busy that
-        frames of the fingertips are lost."""
+        """Run a command in its own terminal, answer its questions (None: type nothing), and return
+        its output. A command without motion is repeated while the machine is so busy that frames of
+        the fingertips are lost."""
         for left in reversed(range(AGAIN)):
-            ended, shown = self._once(words, answer)
-            reads = words[0] == "doctor" or "--dry-run" in words
+            ended, shown = self._once(arguments, answer)
+            reads = arguments[0] == "doctor" or "--dry-run" in arguments
             if ended == code or not (left and reads and "use another USB port" in shown):
                 break
         assert ended == code, shown
         failed = f"[exit code {code}]" if code else ""
-        self.shown += [f"$ {shlex.join(('grasp', *words))}", ENDED.sub("", shown), failed]
+        self.shown += [f"$ {shlex.join(('grasp', *arguments))}", ENDED.sub("", shown), failed]
         return shown
 
-    def _once(self, words: tuple[str, ...], answer: Callable[[str], str | None]) -> tuple[int, str]:
-        script = [*GRASP, *words]
+    def _once(
+        self, arguments: tuple[str, ...], answer: Callable[[str], str | None]
+    ) -> tuple[int, str]:
+        script = [*GRASP, *arguments]
         with Terminal(["/bin/bash", "-c", f"{shlex.join(script)}; echo \"[exit code $?]\""],
                       ENVIRONMENT, str(self.folder)) as program:  # fmt: skip
             both = re.compile(f"{ASKED.pattern}|{ENDED.pattern}")
@@ -63,7 +65,7 @@ class Day:
             return int(found.group(3)), program.shown
 
     def word(self, word: str) -> str:
-        """Into the cell's terminal: what a person does there, or reads off a scale."""
+        """Type an action of the operator, or a reading of the scale, into the cell's terminal."""
         self.cell.type(f"{word}\n")
         return self.cell.wait_for(r"cell: ([^\n]*)\n").group(1)
 
@@ -73,12 +75,12 @@ class Day:
         return float(found.group(1))
 
     def write(self, **more: dict[str, Any]) -> None:
-        """lab.toml: addresses, what a rehearsal needs, and more."""
+        """Write lab.toml: addresses, settings of a rehearsal, and more."""
         blocks = re.findall(
             r"```toml\n(.*?)```", (DOCS / "hardware.md").read_text("utf-8"), re.DOTALL
         )
         _, rehearsal = (tomllib.loads(block) for block in blocks if "[modbus]" in block)
-        del rehearsal["gripper"], rehearsal["calibration"]  # this day measures its own
+        del rehearsal["gripper"], rehearsal["calibration"]  # measured in this test
         found: dict[str, dict[str, Any]] = {
             "modbus": {"host": HOST, "port": int(PORT)}, "ur": {"host": HOST},
             "usb": {"url": self.endpoints["tactile"]["url"]},
@@ -96,17 +98,17 @@ class Day:
 
 
 def play(folder: Path) -> str:
-    """What the day shows. AssertionError where it does not go as it should."""
+    """Run the whole day and return its output."""
     with Terminal([*GRASP, *EMULATE], ENVIRONMENT, str(folder)) as cell:
         day = Day(folder, cell)
-        _looks(day)
-        _moves(day)
-        _calibrates(day)
-        _lifts(day)
+        _check(day)
+        _move(day)
+        _calibrate(day)
+        _lift(day)
         return "\n".join(day.shown) + "\n"
 
 
-def _looks(day: Day) -> None:
+def _check(day: Day) -> None:
     day.write()
     day.run("doctor", "--rig", "hardware", *LAB, code=3)
     day.run("status", "gripper", *LAB)
@@ -122,7 +124,7 @@ def _looks(day: Day) -> None:
     day.run("tactile", "watch", "--rest", "--out", "rest.toml", *LAB)
 
 
-def _moves(day: Day) -> None:
+def _move(day: Day) -> None:
     day.write(gripper={"calibration": "manual"})
     day.run("gripper", "activate", *MOVES, answer=lambda question: "empty")
     day.word("take")
@@ -130,7 +132,7 @@ def _moves(day: Day) -> None:
     day.run("gripper", "close", *LAB, "--dry-run", code=2)
 
 
-def _calibrates(day: Day) -> None:
+def _calibrate(day: Day) -> None:
     day.word("place")
 
     def weighed(question: str) -> str:
@@ -158,34 +160,34 @@ def _calibrates(day: Day) -> None:
             answer=lambda question: [day.word("place"), ""][1])  # fmt: skip
 
 
-def _lifts(day: Day) -> None:
+def _lift(day: Day) -> None:
     kept = [word for name in ("rest", "force", "rule") for word in ("--config", f"{name}.toml")]
     day.run("doctor", "--rig", "hardware", "--object", "foam", *LAB, *kept)
-    does = iter(("take", "place", "place"))
+    actions = iter(("take", "place", "place"))
 
     def answered(question: str) -> str:
         if "How far" in question:
             day.cell.type("look\n")
             return day.cell.wait_for(r"([\d.]+) mm from its mark").group(1)
-        day.word(next(does))
+        day.word(next(actions))
         return ""
 
     day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *kept)
     day.run("run", "lift", "--first", "--rig", "hardware", *MOVES, *kept, answer=answered)
-    day.word("home")  # as by the pendant: the arm stands where the lift ended
+    day.word("home")  # as with the pendant: the arm is still where the lift ended
     day.run("runs")
     day.run("release", "--dry-run", "--rig", "hardware", *LAB)
 
 
 def skeleton(page: str) -> list[str]:
-    """What two plays of one day have in common: commands, exit codes, questions and figures' words,
-    without the figures; a question that is asked again counts once."""
-    told = [
+    """Commands, exit codes and questions of a page, with numbers masked and repeated questions
+    removed, to compare two runs."""
+    lines = [
         re.sub(r"[\d.]+", "#", line)
         for line in page.splitlines()
         if line.startswith(("$ grasp", "[exit code", ">>> "))
     ]
-    return [line for line, before in zip(told, ["", *told], strict=False) if line != before]
+    return [line for line, before in zip(lines, ["", *lines], strict=False) if line != before]
 
 
 @pytest.mark.timeout(900)
