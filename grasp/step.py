@@ -66,7 +66,7 @@ class GraspStep:
         if decision.reset_detector:
             self._reset_detector()
         if decision.anchor:
-            self._guard.anchor(inputs.gripper.at_least_counts, self._measured_n)
+            self._guard.anchor(inputs.gripper.min_closure_counts, self._measured_n)
         admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
         self._monitors.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)

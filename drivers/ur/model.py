@@ -189,7 +189,7 @@ class ArmModel:
         self.payload_kg = 0.0
         self.protective_stop = False
         self.contrary = False  # a fault: moves away from where it is told to go
-        self._lie: Callable[[ArmSample], ArmSample] = lambda sample: sample
+        self._corrupt: Callable[[ArmSample], ArmSample] = lambda sample: sample
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -265,9 +265,9 @@ class ArmModel:
         self.protective_stop = True
         self.stop_l(_PROTECTIVE_MPS2, now_ns)
 
-    def misreport(self, lie: Callable[[ArmSample], ArmSample]) -> None:
-        """A fault: from now on a sample is what ``lie`` makes of it."""
-        self._lie = lie
+    def misreport(self, corruption: Callable[[ArmSample], ArmSample]) -> None:
+        """A fault: from now on a sample is what ``corruption`` makes of it."""
+        self._corrupt = corruption
 
     def release(self) -> None:
         """End the protective stop, as the teach pendant does; the arm stays where it stands."""
@@ -325,7 +325,7 @@ class ArmModel:
             not segment.at_rest or spin_radps != 0.0,
             self.protective_stop, turn.angle(t_ns), spin_radps, self._pace.slider,
         )  # fmt: skip
-        return self._lie(sample)
+        return self._corrupt(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
         """The first cycle from then on."""

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
-from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
+from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
 from drivers.ur.link.preflight import judge_speed, look
 from grasp import signals
 from grasp.cli import exits
@@ -116,8 +116,8 @@ def warn_of_mode(config: Any, opened: bool = False) -> None:
     with suppress(GraspError):
         _, now = read_gripper(config)
         mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
-        if strange := other_than_basic(mode):
-            say(f"the hand is {strange} ({TO_BASIC})")
+        if strange := mode_warning(mode):
+            say(f"the hand is {strange} ({SET_BASIC_MODE})")
 
 
 # The person at the terminal

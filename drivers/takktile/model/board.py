@@ -19,7 +19,7 @@ Cell = tuple[int, int]  # (row, column)
 Codes = NDArray[np.int16]
 Latched = Callable[[], tuple[Codes, Codes]]
 Sample = Callable[[int], Latched]
-Lie = Callable[[Codes], Codes]
+Corruption = Callable[[Codes], Codes]
 
 SCAN, CONFIGURE_TIMER = 0x5C, 0xC7  # bRequest of the vendor requests
 CONVERTER_MAX: Final = 1023  # ten bits, sent as the upper ten of a word, high byte first
@@ -91,7 +91,7 @@ class BoardModel:
         self._settings = settings
         self._sample = sample
         self._dead: set[Cell] = set()
-        self._lie: Lie = _truth
+        self._corrupt: Corruption = _unchanged
         self._next = _Next()
         self._ready_ns = 0
         self._pending = b""  # of a frame, what the host has not drained yet
@@ -169,10 +169,9 @@ class BoardModel:
         """Every cell of a column dies: the frame shrinks at once, without any notice."""
         self._dead |= {cell for cell in self._settings.cells if cell[1] == column}
 
-    def misreport(self, lie: Lie) -> None:
-        """From the next conversion on the pressure codes of all cells are what ``lie`` makes of
-        them."""
-        self._lie = lie
+    def misreport(self, corruption: Corruption) -> None:
+        """Fault injection: apply ``corruption`` to pressure codes from the next conversion on."""
+        self._corrupt = corruption
 
     def time_out(self, reads: int) -> None:
         """The next bulk reads bring nothing."""
@@ -240,7 +239,7 @@ class BoardModel:
         """Of the conversion at hand."""
         if self._held is None:
             pressure, temperature = self._latched()
-            self._held = self._lie(pressure), temperature
+            self._held = self._corrupt(pressure), temperature
         return self._held
 
     def _frame(self) -> bytes:
@@ -257,5 +256,5 @@ class BoardModel:
         return frame
 
 
-def _truth(codes: Codes) -> Codes:
+def _unchanged(codes: Codes) -> Codes:
     return codes

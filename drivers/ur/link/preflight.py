@@ -398,7 +398,7 @@ def _decoded(body: bytes) -> ArmLook:
     return ArmLook(t_s, one, two, three, *v[18:])
 
 
-def doubts(now: ArmLook, before: ArmLook) -> list[str]:
+def implausible_values(now: ArmLook, before: ArmLook) -> list[str]:
     """What no arm says; empty where nothing is strange. Of an arm without power only its clock."""
     found = []
     if now.t_s <= before.t_s:
@@ -418,7 +418,7 @@ def doubts(now: ArmLook, before: ArmLook) -> list[str]:
     return found
 
 
-def lines(now: ArmLook) -> list[str]:
+def status_lines(now: ArmLook) -> list[str]:
     """A person's words, a line each."""
     degrees = ", ".join(
         f"{name} {math.degrees(q):.1f}" for name, q in zip(JOINTS, now.joints_rad, strict=True)

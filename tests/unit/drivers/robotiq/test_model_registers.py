@@ -1,4 +1,4 @@
-"""The modelled hand: activation, registers and their refresh."""
+"""Model of the hand: activation, registers and their refresh."""
 
 import msgspec
 

@@ -161,7 +161,7 @@ def taking(patch: pytest.MonkeyPatch, seconds: float) -> Act:
 
 
 def swallow_writes(rig: Rig) -> None:
-    cell(rig).gripper.swallows = True
+    cell(rig).gripper.ignores_writes = True
 
 
 def freeze_gripper_status(rig: Rig) -> None:
