@@ -7,7 +7,7 @@ from typing import Any
 from drivers.errors import UsageError
 from drivers.robotiq import protocol
 from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MODE, mode_warning
-from drivers.ur.link import preflight as arm_look
+from drivers.ur.link import preflight as arm_preflight
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
 from scenarios.lab import arm, hand, preflight
@@ -55,7 +55,9 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     state = (
         []
         if config.devices.arm
-        else arm_look.status_lines(arm_look.look(host, config.ur.step_timeout_s)[1])
+        else arm_preflight.status_lines(
+            arm_preflight.read_status(host, config.ur.step_timeout_s)[1]
+        )
     )
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS

@@ -104,11 +104,11 @@ def _dashboard(host: str) -> str:
         greeting = dashboard.line()
         if "Dashboard Server" not in greeting:
             raise ValueError(f"no dashboard server: it sends {greeting!r}")
-        return ", ".join([greeting, *map(dashboard.ask, ("get robot model", "robotmode"))])
+        return ", ".join([greeting, *map(dashboard.request, ("get robot model", "robotmode"))])
 
 
 def _rtde(host: str) -> str:
-    before, now = preflight.look(host, TIMEOUT_S)
+    before, now = preflight.read_status(host, TIMEOUT_S)
     if strange := preflight.implausible_values(now, before):
         raise ValueError(", ".join(strange))
     mode, safety, *_ = preflight.status_lines(now)

@@ -88,7 +88,7 @@ KNOWN = {
         lambda arm, order: arm.controller.set_remote_control(order.on)),
     "speed_slider": Known("arm", "fraction",
         "the arm's speed slider is turned: moves go on at that share of their pace",
-        lambda arm, order: arm.controller.set_speed(order.fraction)),
+        lambda arm, order: arm.controller.set_speed_slider(order.fraction)),
     "arm_disconnect": Known("arm", "", "the connections that are open to the arm are closed",
         lambda arm, order: arm.drop_links()),
     "arm_freeze": Known("arm", "seconds",

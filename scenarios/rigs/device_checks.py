@@ -21,7 +21,7 @@ from drivers.robotiq.protocol import (
     mode_warning,
 )
 from drivers.takktile.driver import TakkTileDriver
-from drivers.ur.link import preflight as arm_look
+from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
@@ -181,13 +181,13 @@ def arm_checks(config: Any) -> list[Check]:
 
 
 def _arm_pose(host: str, timeout_s: float) -> Finding:
-    before, now = arm_look.look(host, timeout_s)
-    if strange := arm_look.implausible_values(now, before):
+    before, now = arm_preflight.read_status(host, timeout_s)
+    if strange := arm_preflight.implausible_values(now, before):
         return "fail", "; ".join(strange), STRANGE
     if not now.running:
         return "warn", "not known while the robot has no power"
-    if not now.stands:
-        return "fail", arm_look.MOVES, arm_look.END_IT
+    if not now.stationary:
+        return "fail", arm_preflight.ARM_MOVES, arm_preflight.END_PROGRAM
     x, y, z = (at * 1e3 for at in now.pose[:3])
     return "ok", f"stands, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
 

@@ -1,4 +1,4 @@
-"""`python -m drivers.ur.emulator --host 127.0.0.2`: one emulated controller, for any client.
+"""Command line of one emulated controller: `python -m drivers.ur.emulator --host 127.0.0.2`.
 
 Prints one line of JSON when it is ready and ends on SIGTERM, SIGINT or when its parent dies.
 """

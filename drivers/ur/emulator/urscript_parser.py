@@ -1,7 +1,7 @@
-"""URScript as text (Universal Robots, "The URScript Programming Language") to a tree that runs.
+"""Parser of URScript (Universal Robots, "The URScript Programming Language") to a syntax tree.
 
-The part of the language that ur_rtde's control script uses: functions, threads, ``if``, ``while``,
-assignments, lists, poses, calls with named arguments. Line ends separate nothing but comments,
+It supports the part of the language that ur_rtde's control script uses: functions, threads, ``if``,
+``while``, assignments, lists, poses, calls with named arguments. A line end only ends comments,
 ``return`` values and calls, as on the controller. Text is never run as Python.
 """
 
@@ -22,8 +22,8 @@ _INT_END = 2**31
 
 
 class Token(NamedTuple):
-    """``kind`` is "number", "text", "name", the word itself for keywords and signs, or "end of
-    program"."""
+    """Token; ``kind`` is "number", "text", "name", the word itself for keywords and signs, or "end
+    of program"."""
 
     kind: str
     text: str
@@ -45,9 +45,8 @@ _TOKEN = re.compile(
     r"|(?P<other>.)",
     re.ASCII | re.DOTALL,
 )
-_BLOCKS = re.compile(  # what opens or ends one; other words, strings and comments are skipped
-    r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII
-)
+# words that open or end a block; other words, strings and comments are skipped
+_BLOCKS = re.compile(r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII)
 _SECONDARY = re.compile(r"(?:\s|#[^\n]*\n)*+sec\b", re.ASCII)
 _BINDING = {"or": 1, "and": 3, "+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
 _BINDING |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
@@ -55,18 +54,17 @@ _NOT_BINDING, _MINUS_BINDING = 4, 8
 
 
 def parse(text: str, builtins: Mapping[str, Builtin]) -> Function:
-    """The main function of a program. Raises ScriptError for text that is no program, or that names
-    what does not exist."""
+    """Main function of a program. Raises ScriptError for invalid text or undefined names."""
     return _Parser(_tokens(text), builtins).program()
 
 
 def is_secondary(text: str) -> bool:
-    """A program that is to run beside the main one."""
+    """Whether a program is to run beside the main one."""
     return _SECONDARY.match(text) is not None
 
 
 def depth_change(line: str) -> int:
-    """Blocks that one line of a program opens, less those that it closes."""
+    """Blocks that one line opens, minus those that it closes."""
     words = [word for word in _BLOCKS.findall(line) if word]
     return len(words) - 2 * words.count("end")
 
@@ -90,7 +88,7 @@ def _tokens(text: str) -> list[Token]:
 
 
 class _Parser:
-    """Recursive descent; nesting is bounded, so that no text can exhaust Python's stack."""
+    """Recursive-descent parser with bounded nesting, so that no text exhausts Python's stack."""
 
     def __init__(self, tokens: list[Token], builtins: Mapping[str, Builtin]) -> None:
         self._tokens = tokens
@@ -98,7 +96,8 @@ class _Parser:
         self._at = 0
         self._depth = 0
         self._functions: dict[str, Function] = {}
-        self._calls: list[tuple[Function, int | None]] = []  # with arguments; None: of a thread
+        # calls with their number of arguments; None: start of a thread
+        self._calls: list[tuple[Function, int | None]] = []
         self._assigned: set[str] = set()
         self._read: set[str] = set()
 
@@ -253,7 +252,7 @@ class _Parser:
         self._deeper()
         left = self._operand()
         while (mine := _BINDING.get(self._next.kind, 0)) > binding:
-            self._deeper()  # what is chained is nested in the tree, too
+            self._deeper()  # chained operators are nested in the tree, too
             sign = self._next.kind
             self._at += 1
             right = self._expression(mine)
@@ -312,7 +311,8 @@ class _Parser:
         return tree.Run(function)
 
     def _named(self, name: str) -> Node:
-        """A variable, a call, or a pose: ``p[0]`` is an element of p, with six items it is one."""
+        """A variable, a call, or a pose: ``p[0]`` is an element of p, ``p`` with six items is a
+        pose."""
         if self._next.kind == "(" and self._same_line():
             self._at += 1
             return self._call(name)

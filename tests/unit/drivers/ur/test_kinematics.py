@@ -1,4 +1,4 @@
-"""Kinematics of the UR10 against closed forms, and against itself by other ways."""
+"""Kinematics of the UR10 against closed forms, finite differences and round trips."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_jacobian_against_finite_differences(q):
     [(0.9, 0.9, 0.9, 1, 2, 3), (0.5, 0.1, 1.6, 0, 0, 0), (0.1, 0.1, 0.5, math.pi, 0, 0),
      (math.nan, 0, 0, 0, 0, 0), (1e300, 0, 0, 0, 0, 0)],
 )  # fmt: skip
-def test_what_no_wrist_reaches_is_not_looked_for(pose):
+def test_unreachable_poses_have_no_inverse(pose):
     assert kinematics.inverse(kinematics.frame(pose), kinematics.ELBOW_UP) is None
 
 

@@ -17,7 +17,7 @@ def test_cb3(emulator, scenario):
 
 @pytest.mark.parametrize("scenario", ["move_l", "not_remote"])
 def test_e_series_at_500_hz(emulate, scenario):
-    """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
+    """A CB3 (125 Hz) has no remote control mode that ur_rtde could check."""
     emulate("--profile", "e-series").client(scenario)
 
 
