@@ -179,7 +179,7 @@ class Gripper(Protocol):
 
 
 class TactileFrame(msgspec.Struct, frozen=True):
-    """One sample of all fingertips on the 100 Hz grid.
+    """Sample of all fingertips on the 100 Hz grid.
 
     All arrays are (3, taxels) int16. counts: raw minus rest, pressing is negative. raw, rest:
     10-bit codes. temperature: raw temperature codes. A missed sample repeats the last frame with

@@ -161,7 +161,7 @@ class Exchange:
         return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
 
     def poll(self, now_ns: int) -> StatusRegisters | None:
-        """At most one write, then a read; None when the reply was not a status.
+        """Write at most once, then read; returns None when the reply was not a status.
 
         If the status shows another client's write, the request is written again after the read.
         Nothing is written while the link is lost, because the device's registers are unknown.

@@ -132,7 +132,7 @@ class HandTracker:
     # Exchange
 
     def poll(self, now_ns: int) -> None:
-        """One exchange: at most one write, one read, one change of state.
+        """Do one exchange: at most one write, one read, one change of state.
 
         Raises ``LinkLost`` when the device does not answer. Raises ``DeviceFault`` once for each
         fault that stops motion, for an activation that does not end and for registers that another
@@ -338,11 +338,13 @@ def hold_targets(
     return tuple(targets)
 
 
-def closing_targets(closing: Sequence[bool], limits: Sequence[int], held: Sequence[int]) -> Counts3:
+def closing_targets(
+    closing: Sequence[bool], limits: Sequence[int], positions: Sequence[int]
+) -> Counts3:
     """Closing targets: no finger opens, and a finger that does not close keeps its position."""
     a, b, c = (
         max(limit, position) if closes else position
-        for closes, limit, position in zip(closing, limits, held, strict=True)
+        for closes, limit, position in zip(closing, limits, positions, strict=True)
     )
     return a, b, c
 

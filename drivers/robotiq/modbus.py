@@ -57,7 +57,7 @@ class ModbusTransport:
         link: Literal["tcp", "rtu"] = "tcp",
         reconnect_s: float = RECONNECT_S,
     ) -> None:
-        """Nothing is connected before the first request."""
+        """Connect at the first request, not here."""
         self._client: ModbusTcpClient | ModbusSerialClient
         how: dict[str, Any] = {"timeout": settings.timeout_s, "retries": 0}
         if link == "tcp":

@@ -60,7 +60,7 @@ class BoardLink(Protocol):
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes: ...
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
-        """One transfer; None when it timed out without a byte."""
+        """Data of one transfer; None when it timed out without a byte."""
         ...
 
 
@@ -136,7 +136,7 @@ class Board:
         self.stop(now_ns)
 
     def read(self, now_ns: int) -> Reading | Missed:
-        """One complete frame, or the reason why there is none."""
+        """Read one complete frame; returns the reason if there is none."""
         if self._layout is None:
             raise Refused("the tactile board is not open", "call open() before poll()")
         transfer = self._link.bulk_read(protocol.READ_BYTES, now_ns)

@@ -79,7 +79,7 @@ class FrameAssembly:
         self._rest_start_ns = after_ns
 
     def tick(self, reading: Reading | Missed, now_ns: int) -> None:
-        """One tick of the grid; ``Refused`` when it completes implausible rest counts."""
+        """Advance the grid by a tick; ``Refused`` when that completes implausible rest counts."""
         self._seq += 1
         if isinstance(reading, Missed):
             self._miss(reading, now_ns)

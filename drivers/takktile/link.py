@@ -100,7 +100,7 @@ class UsbLink:
         return bytes(reply)
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
-        """One transfer; None when it timed out without a byte.
+        """Data of one transfer; None when it timed out without a byte.
 
         After a time-out with some bytes pyusb returns those without notice: compare the length.
         """

@@ -20,7 +20,7 @@ def _row(row: int) -> FingerCells:
 
 
 class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How the fingertips are wired to the board, and what the driver accepts from it."""
+    """Wiring of the fingertips to the board, and limits of valid data."""
 
     cells: Annotated[
         tuple[FingerCells, FingerCells, FingerCells],

@@ -212,8 +212,8 @@ class ArmDriver:
 
     def _moving(self, sample: ArmSample) -> bool:
         """True from the command of a move on, although the controller starts it a cycle later."""
-        target_m, stands = self._target_m, not sample.moving
-        if target_m and stands and (sample.protective_stop or self._arrived(sample, target_m)):
+        target_m, stationary = self._target_m, not sample.moving
+        if target_m and stationary and (sample.protective_stop or self._arrived(sample, target_m)):
             self._target_m = None
         return sample.moving or self._target_m is not None
 

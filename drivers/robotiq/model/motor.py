@@ -81,18 +81,18 @@ def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
 
 @numba.njit(cache=True)
 def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> None:
-    """One substep of one moving finger; ``u`` and ``distance`` count along its direction."""
+    """Substep of one moving finger; ``u`` and ``distance`` count along its direction."""
     direction = whole[DIRECTION, i]
     u = direction * real[VELOCITY, i]
     distance = max(0.0, direction * (real[TARGET, i] - real[TRAVEL, i]))
     clamp = real[CLAMP, i]
     if whole[AGE, i] < p[OVERRIDE_STEPS]:
         clamp = max(clamp, p[OVERRIDE_N])
-    wanted = _reference(real, i, distance, clamp)
+    reference = _reference(real, i, distance, clamp)
     # The servo is stiffer than the step: implicit in its own term.
     rate = _STEP_S / p[MASS]
-    after = (u + rate * (_GAIN_NSPM * wanted - opposing)) / (1.0 + rate * _GAIN_NSPM)
-    drive = _GAIN_NSPM * (wanted - after)
+    after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
+    drive = _GAIN_NSPM * (reference - after)
     if p[CLAMPED] > 0.0 and abs(drive) > clamp:
         drive = clamp if drive > 0.0 else -clamp
         after = u + rate * (drive - opposing)

@@ -198,7 +198,7 @@ class BoardServer:
             return self._when_ready(r, connection)  # waits for the time-out
 
     def _bulk_read(self, r: BusRequest, connection: socket.socket) -> bytes:
-        """One transfer: the host takes whole packets until a short one or the size asked for."""
+        """Data of one transfer: whole packets until a short one or the requested size."""
         with self._lock:
             self._require_present(r.handle)
             self._claim(r.handle)  # usbfs claims implicitly

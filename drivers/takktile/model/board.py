@@ -147,7 +147,7 @@ class BoardModel:
         return scan_reply(self._alive())[:length]
 
     def bulk_read(self, size: int, now_ns: int) -> bytes | None:
-        """One bulk IN transfer of at most ``size`` bytes; None when it times out."""
+        """Data of a bulk IN transfer of at most ``size`` bytes; None when it times out."""
         self._require_present()
         if self._faults.timeouts:
             self._faults.timeouts -= 1

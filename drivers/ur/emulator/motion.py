@@ -212,7 +212,7 @@ class RobotMotion:
         _check("speed", math.hypot(*velocity, *angular_velocity), (0.0, _SPEEDS[1]))
         spin = self._spin(angular_velocity)
         if spin is None:
-            raise ScriptError("a turn about another axis than the tool's own is not emulated")
+            raise ScriptError("only rotation about the tool's z axis is emulated")
         if self._speed == (velocity, spin, acceleration_mps2):
             return
         self._command(lambda arm: arm.speed_l(velocity, spin, acceleration_mps2, self._now_ns))

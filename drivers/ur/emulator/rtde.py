@@ -247,15 +247,15 @@ class RtdeConnection:
     def feed(self, data: bytes) -> bytes:
         """Replies to the requests in these bytes."""
         self._unparsed += data
-        answers = []
+        replies = []
         while len(self._unparsed) >= HEADER.size:
             size, kind = HEADER.unpack_from(self._unparsed)
             self.broken = size < HEADER.size
             if self.broken or len(self._unparsed) < size:
                 break
-            answers.append(self._reply(kind, bytes(self._unparsed[HEADER.size : size])))
+            replies.append(self._reply(kind, bytes(self._unparsed[HEADER.size : size])))
             del self._unparsed[:size]
-        return b"".join(answers)
+        return b"".join(replies)
 
     def sample(self, cycle: int, sample: Sample) -> bytes:
         """Data packet of this cycle, or nothing."""

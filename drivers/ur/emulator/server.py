@@ -197,7 +197,7 @@ class Server:
 
 
 class UrEmulator:
-    """One emulated controller; ``run`` is its loop, in the caller's thread.
+    """Emulated controller; ``run`` is its loop, in the caller's thread.
 
     A process that simulates several devices passes the arm of its world, the lock that guards it
     and ``advance``, which is called with the time of each cycle before the arm is read. Raises

@@ -120,8 +120,8 @@ class Program:
         main = self._threads[0]
         try:
             for thread in list(self._threads):
-                held = self.critical is not None and self.critical is not thread
-                if not held and thread in self._threads and not thread.step():
+                blocked = self.critical is not None and self.critical is not thread
+                if not blocked and thread in self._threads and not thread.step():
                     self._end(thread)
         except RecursionError:
             raise ScriptError("nested too deep") from None

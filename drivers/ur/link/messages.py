@@ -104,7 +104,7 @@ class Reply(Message, frozen=True):
 
 
 class State(Message, frozen=True):
-    """One sample of the controller."""
+    """Sample of the controller."""
 
     timestamp_s: float
     pose: Pose

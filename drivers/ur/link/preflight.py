@@ -154,15 +154,14 @@ _STATE_CHECKS = (
 
 
 def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
-    """Run all checks; never raises on an unfit controller, no step takes longer than its time-
-    out."""
-    asked = _Checks(host, step_timeout_s)
-    open_ports = [port for port in _PORTS if asked.port(port)]
+    """Run all checks; never raises on an unfit controller, each step has a time-out."""
+    checks = _Checks(host, step_timeout_s)
+    open_ports = [port for port in _PORTS if checks.port(port)]
     if RTDE_PORT in open_ports:
-        asked.rtde()
+        checks.rtde()
     if DASHBOARD_PORT in open_ports:
-        asked.dashboard()
-    return PreflightFindings(host, tuple(asked.checks), asked.version)
+        checks.dashboard()
+    return PreflightFindings(host, tuple(checks.checks), checks.version)
 
 
 def raise_for_failures(findings: PreflightFindings) -> None:
@@ -173,8 +172,8 @@ def raise_for_failures(findings: PreflightFindings) -> None:
     """
     if not (failures := findings.failures):
         return
-    answered = all(check.name in _STATE_CHECKS for check in failures)
-    raise (DeviceFault if answered else LinkLost)(
+    reachable = all(check.name in _STATE_CHECKS for check in failures)
+    raise (DeviceFault if reachable else LinkLost)(
         f"arm at {findings.host}: " + "; ".join(check.detail for check in failures),
         "; ".join(dict.fromkeys(check.remedy for check in failures)),
     )
@@ -228,9 +227,11 @@ class _Checks:
             if "IN_USE" not in types or time.monotonic() + _RETRY_S > deadline:
                 break
             time.sleep(_RETRY_S)
-        answers = dict(zip(_REGISTERS, types, strict=False))
-        taken = [name for name in _REGISTERS if answers.get(name) == "IN_USE"]
-        missing = [name for name in _REGISTERS if answers.get(name, "NOT_FOUND") == "NOT_FOUND"]
+        by_name = dict.fromkeys(_REGISTERS, "NOT_FOUND") | dict(
+            zip(_REGISTERS, types, strict=False)
+        )
+        taken = [name for name, kind in by_name.items() if kind == "IN_USE"]
+        missing = [name for name, kind in by_name.items() if kind == "NOT_FOUND"]
         ok_text = f"{len(_REGISTERS)} RTDE input registers free"
         if taken:
             problem = f"RTDE input registers are in use by another client: {_shortened_list(taken)}"
@@ -281,10 +282,10 @@ class _Checks:
             problem = f"dashboard server does not reply: {_reason(error)}"
             self._add("dashboard", "", problem, CHECK_CONNECTION)
 
-    def _state(self, name: str, answer: str, wanted: str) -> None:
+    def _state(self, name: str, reply: str, expected: str) -> None:
         """Check the value of a reply such as "Safetystatus: NORMAL"."""
-        state = answer.rpartition(":")[2].strip().upper()
-        problem = "" if state == wanted else f"{name} is {state}, not {wanted}"
+        state = reply.rpartition(":")[2].strip().upper()
+        problem = "" if state == expected else f"{name} is {state}, not {expected}"
         remedies = ((key, remedy) for key, remedy in _REMEDIES.items() if key in f"{name} {state}")
         self._add(
             name, f"{name} {state}", problem, next(remedies, ("", "see the teach pendant"))[1]

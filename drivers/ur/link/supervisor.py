@@ -22,7 +22,7 @@ _LOG_LINES = 200
 
 
 class WorkerProcess:
-    """One worker process from start to end; it is never restarted but replaced."""
+    """Worker process from start to end; it is never restarted but replaced."""
 
     def __init__(self, setup: messages.Setup, command: tuple[str, ...] = ()) -> None:
         self.state: State | None = None  # latest sample

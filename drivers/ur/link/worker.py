@@ -87,16 +87,16 @@ class Robot:
 
     def _read(self, timestamp_s: float) -> State:
         receive = self._receive
-        x, y, z, *turning = receive.getActualTCPSpeed()
-        wanted = receive.getTargetTCPSpeed()
-        speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
-        turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
+        x, y, z, *angular = receive.getActualTCPSpeed()
+        target_speed = receive.getTargetTCPSpeed()
+        speed = max(math.hypot(x, y, z), math.hypot(*target_speed[:3]))
+        angular_speed = max(math.hypot(*angular), math.hypot(*target_speed[3:]))
         return State(
             timestamp_s=timestamp_s,
             pose=tuple(receive.getActualTCPPose()),
             velocity_mps=(x, y, z),
-            angular_velocity_radps=(turning[0], turning[1], turning[2]),
-            moving=speed > _STATIONARY_BELOW_MPS or turn > _STATIONARY_BELOW_RADPS,
+            angular_velocity_radps=(angular[0], angular[1], angular[2]),
+            moving=speed > _STATIONARY_BELOW_MPS or angular_speed > _STATIONARY_BELOW_RADPS,
             robot_mode=receive.getRobotMode(),
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
@@ -198,13 +198,13 @@ class Commander:
             if isinstance(request, Move | DriveArm | messages.Stop | messages.SetPayload):
                 self._channel.send(messages.Reply(request.number, self.execute(request)))
 
-    def update_silence(self, heard: bool) -> None:
+    def update_silence(self, received: bool) -> None:
         """Update the silence of the client after a look into the socket.
 
         Silence counts only when the socket was empty: after a time in which this process did not
         run, messages wait there.
         """
-        if heard:
+        if received:
             self._last_message_at = self._clock()
         self._silent_s = self._clock() - self._last_message_at
 
@@ -314,8 +314,8 @@ class Commander:
 
         The watchdog is kicked no more, so it ends the program, which the next client detects.
         """
-        on_its_way = self._moving or self._driving
-        if self._client_lost or self._client_alive or not on_its_way:
+        in_motion = self._moving or self._driving
+        if self._client_lost or self._client_alive or not in_motion:
             return
         self._client_lost, self._pending_motion = True, None
         if not self._stopping:

@@ -109,7 +109,7 @@ class Rig:
             self.driver.poll(self.now_ns)
 
     def reply_late(self, ms: int) -> None:
-        """One exchange whose reply arrives so much later, with the state of that time."""
+        """Do an exchange whose reply arrives so much later, with the state of that time."""
         requested_ns, read = self.now_ns, self.transport.read
 
         def late(first_register: int, count: int, now_ns: int) -> Sequence[int]:
@@ -159,10 +159,10 @@ def made() -> Iterator[Made]:
     opened: list[ThreadedGripper] = []
 
     def make(
-        *acts: Callable[[Cell], None], period_s: float = NEVER_S, **more: Any
+        *actions: Callable[[Cell], None], period_s: float = NEVER_S, **more: Any
     ) -> tuple[Cell, ThreadedGripper]:
         cell: Any = Cell()
-        cell.acts = [lambda act=act: act(cell) for act in acts]
+        cell.actions = [lambda act=act: act(cell) for act in actions]
         gripper = ThreadedGripper(cell, period_s, clock=cell.clock, **more)
         opened.append(gripper)
         gripper.start(within_s=FOR_EVER_S)

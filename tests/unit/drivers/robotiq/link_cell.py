@@ -26,7 +26,7 @@ class Cell:
         self.state: Any = None
         self.polled_ns: list[int] = []
         self.verbs: list[tuple[object, ...]] = []
-        self.acts: list[Callable[[], None]] = []  # one a poll
+        self.actions: list[Callable[[], None]] = []  # one a poll
         self.refuses = False
         self.writes_from_ns = 1 << 62
         self._polled = threading.Semaphore(0)
@@ -37,8 +37,8 @@ class Cell:
     def poll(self, now_ns: int) -> None:
         self.polled_ns.append(now_ns)
         self._polled.release()
-        if self.acts:
-            self.acts.pop(0)()
+        if self.actions:
+            self.actions.pop(0)()
         if now_ns >= self.writes_from_ns:
             self.acknowledges()
 

@@ -76,8 +76,8 @@ def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
     assert made.driver.statistics.link_losses == 1
     here = made.state.positions
     made.step()
-    held = made.written[-1]
-    assert tuple(finger.position for finger in held.fingers) == here
+    holding = made.written[-1]
+    assert tuple(finger.position for finger in holding.fingers) == here
     made.settle()
     assert made.state.positions[0] < 230
 

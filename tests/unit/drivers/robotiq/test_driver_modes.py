@@ -106,7 +106,7 @@ def test_activation_does_not_change_the_mode_of_a_hand_that_is_not_open(rig) -> 
 
 
 def test_activation_does_not_change_the_mode_while_b_and_c_hold_an_object(rig) -> None:
-    """In scissor mode B and C can hold an object with open fingers."""
+    """B and C can hold an object with open fingers in scissor mode."""
     made = in_mode(rig(), SCISSOR)
     contact = 2 << 6  # gDTS: contact while closing
     made.model.misreport(lambda words: (words[0] & ~0xC0 | contact, *words[1:]))

@@ -143,11 +143,11 @@ def test_a_hand_that_faulted_during_activation_can_be_activated_again(rig) -> No
 
 def test_activation_ends_at_its_deadline_and_nothing_more_is_written(rig) -> None:
     made = rig(hand=HandSettings(activation_s=30.0), active=False)
-    begun_ns = made.now_ns
+    start_ns = made.now_ns
     made.driver.activate()
     with pytest.raises(DeviceFault) as raised:
         made.step(2100)
-    assert made.now_ns - begun_ns == 20_010 * MS  # the first exchange past it
+    assert made.now_ns - start_ns == 20_010 * MS  # the first exchange past it
     assert raised.value.message.endswith("nothing interferes with the fingers")
     made.step(20)
     assert made.frames == ["00" * 16, "01" + "00" * 15]
@@ -187,8 +187,8 @@ def test_after_a_lost_link_the_fingers_hold_with_the_least_speed_and_force(rig) 
         made.step()
     made.transport.down = False
     made.step(2)
-    assert {(held.speed, held.force) for held in made.written[-1].fingers} == {(0, 0)}
-    assert all(isinstance(held, Request) for held in made.written[-1].fingers)
+    assert {(axis.speed, axis.force) for axis in made.written[-1].fingers} == {(0, 0)}
+    assert all(isinstance(axis, Request) for axis in made.written[-1].fingers)
 
 
 def test_force_of_a_grip_is_not_known_after_the_link_was_lost(rig, springs) -> None:

@@ -82,7 +82,7 @@ def test_the_fallback_command_is_sent_once_after_a_second_without_a_poll(
     cell.passes(SECOND_NS)
     exchanges(cell, gripper)
     assert cell.verbs == [CLOSING]
-    said = "grasp: no control step for 1 s; the gripper acts by itself: close A, at most 10 N"
+    said = "grasp: no control step for 1 s; the gripper actions by itself: close A, at most 10 N"
     assert caplog.record_tuples == [("drivers.robotiq.link", logging.WARNING, said)]
 
 
@@ -102,12 +102,12 @@ def test_fallback_command_is_sent_again_after_a_lost_link_has_returned(
 ) -> None:
     cell, gripper = made(period_s=0.001)
     gripper.set_fallback(closes, "close")
-    cell.acts = [lambda: unplugged("gone")] * 3
-    until(lambda: not cell.acts)
+    cell.actions = [lambda: unplugged("gone")] * 3
+    until(lambda: not cell.actions)
     cell.passes(SECOND_NS)
     until(lambda: len(cell.verbs) == 1)
     exchanges(cell, gripper)
-    cell.acts = [lambda: unplugged("gone again")]
+    cell.actions = [lambda: unplugged("gone again")]
     until(lambda: len(cell.verbs) == 2)
     assert cell.verbs == [CLOSING] * 2
 
@@ -125,13 +125,13 @@ def test_periods_that_passed_are_skipped_and_the_grid_is_kept(made: Made) -> Non
 
 def test_verbs_are_passed_to_the_core_unchanged(made: Made) -> None:
     cell, gripper = made()
-    answers: list[object] = [
+    results: list[object] = [
         gripper.activate(dropping=True), gripper.activate(), gripper.open(0.1),
         gripper.move_to((1, 2, 3), 0.05, 7.0),
         gripper.close_fast(9.0, (True, False, True), (4, 5, 6), 0.03), gripper.hold(),
     ]  # fmt: skip
     verbs = ("activate", "activate", "open", "move_to", "close_fast", "hold")
-    assert answers == [f"applied {verb}" for verb in verbs]
+    assert results == [f"applied {verb}" for verb in verbs]
     assert cell.verbs == [
         ("activate", True), ("activate", False), ("open", 0.1), ("move_to", (1, 2, 3), 0.05, 7.0),
         ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03), ("hold",),

@@ -66,5 +66,5 @@ def test_stop_uses_the_commanded_deceleration_at_any_slider_position(t_ms, fract
     effect_ns = -(-(t_ms + 300) // 8) * 8 * MS
     at_m, speed = model.position(effect_ns)[2], model.velocity(effect_ns)[2]
     model.stop_l(1.0, (t_ms + 300) * MS)
-    gone_m = model.position(10**12)[2] - at_m
-    assert gone_m == pytest.approx(speed**2 / 2.0, abs=1e-8)
+    braking_m = model.position(10**12)[2] - at_m
+    assert braking_m == pytest.approx(speed**2 / 2.0, abs=1e-8)

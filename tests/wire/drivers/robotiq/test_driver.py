@@ -132,7 +132,7 @@ def test_a_connection_closed_by_pymodbus_is_not_renewed_silently(joined) -> None
 
 
 def test_a_silent_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
-    """With its defaults pymodbus waits 3 s and asks four times: 12 s for one read."""
+    """Without settings pymodbus waits 3 s and tries four times: 12 s for one read."""
     served = serve()
     client = connect(served)
     client.poll_until(lambda: client.state is not None)

@@ -18,7 +18,7 @@ WAIT_S = 60.0
 
 
 class Site:
-    """One emulator and ur_rtde's interfaces to it."""
+    """An emulator and ur_rtde's interfaces to it."""
 
     def __init__(self, host, fault_port):
         self.host = host

@@ -116,11 +116,11 @@ def test_registers_in_use_name_the_fieldbus(controller, host):
 def test_claims_of_a_client_that_has_just_disconnected_are_awaited(controller, host):
     fake = controller()
     fake.in_use = {"input_int_register_0"}
-    ask, seen = fake.type_of, []
+    ask, requested = fake.type_of, []
 
     def freed_at_the_third_look(name):
-        seen.append(name)
-        if seen.count("input_int_register_0") == 3:
+        requested.append(name)
+        if requested.count("input_int_register_0") == 3:
             fake.in_use.clear()
         return ask(name)
 
