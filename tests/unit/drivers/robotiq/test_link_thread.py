@@ -82,7 +82,7 @@ def test_the_fallback_command_is_sent_once_after_a_second_without_a_poll(
     cell.passes(SECOND_NS)
     exchanges(cell, gripper)
     assert cell.verbs == [CLOSING]
-    said = "grasp: no control step for 1 s; the gripper actions by itself: close A, at most 10 N"
+    said = "grasp: no control step for 1 s; the gripper acts by itself: close A, at most 10 N"
     assert caplog.record_tuples == [("drivers.robotiq.link", logging.WARNING, said)]
 
 
