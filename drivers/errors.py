@@ -16,16 +16,16 @@ def one_line(text: object, most: int = MAX_SHOWN_CHARS) -> str:
     return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
-def text_of(error: BaseException) -> str:
+def exception_text(error: BaseException) -> str:
     """Text of an exception, encodable in UTF-8, even where its ``__str__`` raises."""
     with suppress(BaseException):  # a plug-in's __str__ may even exit
         return str(error).encode(errors="backslashreplace").decode()
     return "its text raises too"
 
 
-def in_words(error: BaseException) -> str:
+def describe_exception(error: BaseException) -> str:
     """Type and text of an exception, in one line."""
-    return one_line(f"{type(error).__name__}: {text_of(error)}")
+    return one_line(f"{type(error).__name__}: {exception_text(error)}")
 
 
 @contextmanager
@@ -130,7 +130,7 @@ class ConfigError(GraspError):
         self.allowed = allowed
 
 
-class UnreadError(OSError):
+class OutputClosedError(OSError):
     """The reader of standard output has closed it.
 
     A class of its own, to distinguish it from a device's broken pipe. Not a BrokenPipeError, at

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.interface import SlipDetector
-from drivers.errors import GraspError, in_words, one_line
+from drivers.errors import GraspError, describe_exception, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -163,5 +163,5 @@ class GraspStep:
 
 
 def _failed(bug: BaseException) -> Fault:
-    said = one_line(bug.message) if isinstance(bug, GraspError) else in_words(bug)
+    said = one_line(bug.message) if isinstance(bug, GraspError) else describe_exception(bug)
     return failed("detector_failed", how=said)
