@@ -20,7 +20,7 @@ OPEN_COUNTS = 20  # up to here a finger holds nothing; an opened hand rests at a
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
-LEAST_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; assumed
+MIN_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; assumed
 
 Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]

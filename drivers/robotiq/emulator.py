@@ -32,7 +32,7 @@ from drivers.robotiq.model.hand import WORDS
 
 RTU_SLAVE: Final = 9  # the only slave number that gets a reply, manual p. 59
 _HEADER_BYTES: Final = 7  # of a TCP frame: transaction, protocol, length and unit
-_MOST_BYTES: Final = 4096
+_MAX_BYTES: Final = 4096
 _SILENCE_S: Final = 0.05  # ends an incomplete serial frame; far above 3.5 characters
 _JOIN_S: Final = 5.0
 
@@ -278,7 +278,7 @@ class GripperEmulator(_Emulator):
 
         received = b""
         with client, suppress(OSError, _Disconnect, ModbusIOException):
-            while data := client.recv(_MOST_BYTES):
+            while data := client.recv(_MAX_BYTES):
                 received = self._serve_all(received + data, send)
         del self._clients[client]
 
@@ -316,7 +316,7 @@ class RtuEmulator(_Emulator):
             if not select.select([self._master], [], [], _SILENCE_S)[0]:
                 received = b""
                 continue
-            received += os.read(self._master, _MOST_BYTES)
+            received += os.read(self._master, _MAX_BYTES)
             with suppress(ModbusIOException, _Disconnect):
                 request, frame, received = self._first_request(received)
                 if request is not None and request.dev_id == RTU_SLAVE:

@@ -36,7 +36,7 @@ from drivers.robotiq.protocol import (
 
 _ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
-_OTHER_MODE = "the gripper reports mode {}, and was in mode {} when this program connected"
+_OTHER_MODE = "the gripper reports mode {}, but was in mode {} at connection or activation"
 _CHANGED = "another client changed the gripper's registers, or they are misreported: {}"
 _END_IT = "end every other program that commands the gripper"
 _WHO_ELSE = "end every other program that commands it; switch it off and on, activate it"
@@ -77,7 +77,7 @@ class HandTracker:
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log, clock)
         self._status: StatusRegisters | None = None
-        self.mode = 0  # rMOD at connection: commanding another mode would open the hand
+        self.mode = 0  # rMOD at connection or activation: another one would open the hand
         self._other_mode = False  # the status reports another mode
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
         self._state: GripperState | None = None

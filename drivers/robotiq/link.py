@@ -156,7 +156,7 @@ class ThreadedGripper:
 
         A link that stays lost is one error. After an unexpected exception the thread continues, so
         that the hand can still be made safe. Three in a row end it, and every call then raises the
-        first of them.
+        oldest one that was not raised before.
         """
         self._mark_polled()
         if self._bugs:

@@ -22,7 +22,7 @@ from drivers.errors import LinkLost
 _BAUD: Final = 115200  # 8N1, manual p. 59
 UNIT: Final = 2  # over TCP, manual p. 75; the gripper replies to any
 RECONNECT_S: Final = 0.2  # least time between attempts to connect
-_MOST_BYTES: Final = 4096
+_MAX_BYTES: Final = 4096
 _WRITE, _READ_INPUT, _READ_HOLDING = 16, 4, 3  # function codes
 
 # Exceptions of pymodbus calls: its own, the socket's and its decoder's.
@@ -118,7 +118,7 @@ class ModbusTransport:
             return
         line.setblocking(False)  # as pymodbus sets it while it waits for a reply
         with suppress(BlockingIOError):
-            while line.recv(_MOST_BYTES):
+            while line.recv(_MAX_BYTES):
                 pass
             raise ConnectionResetError("closed by the gripper")
 

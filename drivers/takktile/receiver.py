@@ -21,7 +21,7 @@ from drivers.takktile.protocol import Layout
 RING_FRAMES = 64  # 0.3 s
 _RESTART_AT, _CLEAR_AT, _REOPEN_AT = 3, 6, 9  # bad reads in a row
 _FIRST_PAUSE_NS = 50_000_000
-_LONGEST_PAUSE_NS = 1_000_000_000
+_MAX_PAUSE_NS = 1_000_000_000
 
 
 class UsbBoard(BoardLink, Protocol):
@@ -132,7 +132,7 @@ class Receiver:
             self.report(error)
             self._disconnect()
             pause_ns = self._pause_ns
-            self._pause_ns = min(2 * pause_ns, _LONGEST_PAUSE_NS)
+            self._pause_ns = min(2 * pause_ns, _MAX_PAUSE_NS)
             return pause_ns
 
     def skip_frame(self, done_ns: int) -> None:

@@ -8,10 +8,10 @@ from msgspec import Meta
 from drivers.interfaces import KIT_TAXELS
 from drivers.takktile.protocol import COLUMNS, ROWS, Cell
 
-MOST_TAXELS = ROWS * COLUMNS // 3  # of a finger: three share a board
+MAX_TAXELS = ROWS * COLUMNS // 3  # of a finger: three share a board
 REST_SAMPLES = 50  # the rest code is their median
 REST_REFERENCE_TOLERANCE_COUNTS = 20.0  # assumed: 10 K of warming (1.6 counts/K), air pressure
-FingerCells = Annotated[tuple[Cell, ...], Meta(min_length=1, max_length=MOST_TAXELS)]
+FingerCells = Annotated[tuple[Cell, ...], Meta(min_length=1, max_length=MAX_TAXELS)]
 FingerRest = tuple[int, ...]
 
 

@@ -14,7 +14,7 @@ from msgspec import Meta
 WORDS: Final = 8
 FULL: Final = 255
 MA_PER_COUNT: Final = 10  # of gCU; manual p. 67: 0x0F is 150 mA
-MOST_FORCE_N: Final = 60.0  # true static force of byte 255; manual p. 47
+MAX_FORCE_N: Final = 60.0  # true static force of byte 255; manual p. 47
 
 Words = tuple[int, ...]
 
@@ -63,7 +63,7 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     def force_n(self, byte: int) -> float:
         """True static force at which the motor of a finger stalls, N."""
-        span = MOST_FORCE_N - self.least_force_n
+        span = MAX_FORCE_N - self.least_force_n
         return float(self.least_force_n + span * (byte / FULL) ** self.force_exponent)
 
 

@@ -58,7 +58,7 @@ _ENDPOINTS = ((ENDPOINT_IN, PACKET_BYTES), (ENDPOINT_OUT, 32))
 _CONNECT_S = 5.0
 _GRACE_S = 1.0  # wait beyond a transfer's time-out; after that the server counts as gone
 _LENGTH_BYTES = 4
-_MOST_BYTES = 1 << 16
+_MAX_BYTES = 1 << 16
 _LIBUSB_CODE = {
     errno.EIO: -1, errno.EACCES: -3, errno.ENODEV: -4, errno.ENOENT: -5, errno.EBUSY: -6,
     errno.ETIMEDOUT: -7, errno.EOVERFLOW: -8, errno.EPIPE: -9,
@@ -110,7 +110,7 @@ def send(connection: socket.socket, message: object) -> None:
 def receive(connection: socket.socket, kind: type[Message]) -> Message:
     """Next message; ``OSError`` when the connection ends or the message is malformed."""
     length = int.from_bytes(_receive_exactly(connection, _LENGTH_BYTES))
-    if length > _MOST_BYTES:
+    if length > _MAX_BYTES:
         raise OSError("not a message of the emulator")
     return decode(_receive_exactly(connection, length), kind)
 

@@ -24,13 +24,13 @@ from drivers.ur.emulator.controller import (
 PORT = 30004
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
-MOST_BYTES = 65535 - HEADER.size  # of a body
+MAX_BYTES = 65535 - HEADER.size  # of a body
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 _MAX_RECIPES = 255
 _MAX_NAMES = 1000  # of one recipe
 _MAX_INPUTS = 5000  # of all input recipes of one client
-_SLOWEST_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
+_MIN_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
 _FREQUENCY = struct.Struct(">d")
 
 
@@ -174,8 +174,8 @@ class Sample(dict[str, bytes]):
 
 
 def packet(kind: PacketType, body: bytes = b"") -> bytes:
-    """A packet; raises ValueError for a body longer than ``MOST_BYTES``."""
-    if len(body) > MOST_BYTES:
+    """A packet; raises ValueError for a body longer than ``MAX_BYTES``."""
+    if len(body) > MAX_BYTES:
         raise ValueError(f"a packet of {len(body)} bytes")
     return HEADER.pack(HEADER.size + len(body), kind) + body
 
@@ -292,7 +292,7 @@ class RtdeConnection:
         frequency_hz = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
         names = _names(body[_FREQUENCY.size :])
         types = [self._server.output_type(name) for name in names[:_MAX_NAMES]]
-        valid = _SLOWEST_HZ <= frequency_hz <= rate and 0 < len(names) <= _MAX_NAMES
+        valid = _MIN_HZ <= frequency_hz <= rate and 0 < len(names) <= _MAX_NAMES
         valid = valid and NOT_FOUND not in types
         self._output = names if valid else []
         self._every = round(rate / frequency_hz) if valid else 1

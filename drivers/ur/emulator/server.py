@@ -30,7 +30,7 @@ SCRIPT_PORT = 30003  # real time: accepts programs
 PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
 SWITCH_S = 5e-4  # switch interval of Python threads, so that replies are not delayed
 MAX_CLIENTS = 32  # per port
-_LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped
+_MAX_LAG_NS = 100_000_000  # cycles missed by more than this are skipped
 _CHUNK = 1024  # bytes read at a time: at most a millisecond's work
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is disconnected beyond this
@@ -253,7 +253,7 @@ class UrEmulator:
                 continue
             self._server.serve(self._now_ns + self._period_ns)
             late_ns = time.monotonic_ns() - self._now_ns - self._period_ns
-            if late_ns > _LONGEST_LAG_NS:
+            if late_ns > _MAX_LAG_NS:
                 self.controller.cycles += late_ns // self._period_ns
             self._cycle()
 

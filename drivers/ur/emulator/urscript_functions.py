@@ -11,10 +11,10 @@ from drivers.ur import kinematics
 from drivers.ur.emulator.urscript import Builtin, PoseValue, ScriptError, Steps, Thread, Value
 
 BUILTINS: dict[str, Builtin] = {}
-_MOST = 1e6  # limit of any quantity, in its unit, so that results stay finite
+_MAX_QUANTITY = 1e6  # limit of any quantity, in its unit, so that results stay finite
 _MAX_SLEEP_S = 3600.0
-_MOST_SHOWN = 500  # characters of a string
-_MOST_KG = 12.5  # payload of a UR10e; a UR10 carries 10
+_MAX_SHOWN_CHARS = 500  # characters of a string
+_MAX_PAYLOAD_KG = 12.5  # payload of a UR10e; a UR10 carries 10
 
 
 def _builtin(function: Builtin) -> Builtin:
@@ -30,7 +30,7 @@ def _finite(value: Value) -> float:
     return float(value)
 
 
-def _quantity(value: Value, least: float = -_MOST, most: float = _MOST) -> float:
+def _quantity(value: Value, least: float = -_MAX_QUANTITY, most: float = _MAX_QUANTITY) -> float:
     """A number within limits; otherwise the program ends."""
     number = _finite(value)
     if not least <= number <= most:
@@ -121,7 +121,7 @@ def protective_stop(thread: Thread) -> None:
 
 @_builtin
 def textmsg(thread: Thread, s1: Value, s2: Value = "") -> None:
-    thread.robot.log(f"{s1!s:.{_MOST_SHOWN}}{s2!s:.{_MOST_SHOWN}}")
+    thread.robot.log(f"{s1!s:.{_MAX_SHOWN_CHARS}}{s2!s:.{_MAX_SHOWN_CHARS}}")
 
 
 # registers
@@ -200,7 +200,7 @@ def get_tcp_offset(thread: Thread) -> PoseValue:
 @_builtin
 def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
     centre = (0.0, 0.0, 0.0) if cog is None else _numbers(cog, 3)
-    thread.robot.set_payload(_quantity(m, 0.0, _MOST_KG), centre)
+    thread.robot.set_payload(_quantity(m, 0.0, _MAX_PAYLOAD_KG), centre)
 
 
 @_builtin

@@ -13,7 +13,7 @@ ROBOT_RUNNING = 7  # robot_mode; RTDE guide
 # safety_status_bits; RTDE guide: 2 protective stop, 10 stopped due to safety (with any of them)
 _STOP_BITS = 1 << 2 | 1 << 10
 _EMERGENCY_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
-LONGEST_MESSAGE = 65536
+MAX_MESSAGE_BYTES = 65536
 
 
 class Outcome(StrEnum):

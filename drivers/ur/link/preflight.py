@@ -16,7 +16,7 @@ from typing import IO, Final, Literal, Self
 import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.interfaces import LEAST_SPEED_FRACTION
+from drivers.interfaces import MIN_SPEED_FRACTION
 from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING, Pose
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
@@ -33,7 +33,7 @@ _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
 _FULL_SPEED = 0.995  # shown as 100 %
 _PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
 _HANG_UP_S = 0.2
-_LONGEST_LINE = 1024
+_MAX_LINE_BYTES = 1024
 
 
 # connections
@@ -55,7 +55,7 @@ class Rtde:
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
             self._socket.settimeout(_HANG_UP_S)
-            while time.monotonic() < deadline and self._socket.recv(_LONGEST_LINE):
+            while time.monotonic() < deadline and self._socket.recv(_MAX_LINE_BYTES):
                 pass
         self._file.close()
         self._socket.close()
@@ -101,7 +101,7 @@ class Dashboard:
         self._socket.close()
 
     def line(self) -> str:
-        line = self._file.readline(_LONGEST_LINE)
+        line = self._file.readline(_MAX_LINE_BYTES)
         if not line.endswith(b"\n"):
             raise ValueError("no end of line" if line else "the peer hung up")
         return line.decode("utf-8", "replace").strip()
@@ -321,10 +321,10 @@ def check_speed_slider(fraction: float) -> PreflightCheck:
     text = f"speed slider at {100 * fraction:.3g} %"
     if fraction >= _FULL_SPEED:
         return PreflightCheck("speed slider", "ok", text)
-    if fraction >= LEAST_SPEED_FRACTION:
+    if fraction >= MIN_SPEED_FRACTION:
         slower = f"{text}: the arm moves at this share of every commanded speed"
         return PreflightCheck("speed slider", "warn", slower, FULL_SPEED_REMEDY)
-    least = f"{text}, and below {100 * LEAST_SPEED_FRACTION:g} % slip may go undetected"
+    least = f"{text}, and below {100 * MIN_SPEED_FRACTION:g} % slip may go undetected"
     return PreflightCheck(
         "speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings"
     )

@@ -136,7 +136,7 @@ class WorkerProcess:
         alive = True
         while alive:
             try:
-                data = self._socket.recv(messages.LONGEST_MESSAGE)
+                data = self._socket.recv(messages.MAX_MESSAGE_BYTES)
                 alive = self._handle(decoder.decode(data) if data else None)
             except (
                 ConnectionResetError

@@ -61,7 +61,7 @@ class Channel:
         """Next message, or None after the time-out; raises EOFError when the client is gone."""
         if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
             return None
-        data = self._socket.recv(messages.LONGEST_MESSAGE)
+        data = self._socket.recv(messages.MAX_MESSAGE_BYTES)
         if not data:
             raise EOFError
         request: messages.Request = self._decoder.decode(data)

@@ -14,7 +14,7 @@ from drivers.ur.emulator.urscript_functions import BUILTINS
 
 NUMBERS = (0, 1, -1, 6, 0.1, 5e-324, 1e-9, 1e200, 1e308, 2**31 - 1, 2**31, -(2**31))
 OUTPUTS, INPUTS, CALLS = sorted(ur_rtde.OUTPUTS), sorted(ur_rtde.INPUTS), sorted(BUILTINS)
-MOST_BYTES = 200_000  # of one connection
+MAX_BYTES = 200_000  # of one connection
 
 
 def number(r: random.Random) -> str:
@@ -69,7 +69,7 @@ def urscript(r: random.Random) -> bytes:
     kind = r.random()
     if kind < 0.1:  # long
         line = statement(r)
-        return f"def f():\na=1\n{(line + chr(10)) * (MOST_BYTES // (len(line) + 1))}end\n".encode()
+        return f"def f():\na=1\n{(line + chr(10)) * (MAX_BYTES // (len(line) + 1))}end\n".encode()
     if kind < 0.2:  # depth
         opening = r.choice(("(", "[", "-", "not ", "if 1:", "f("))
         return f"def f():\n{opening * r.randrange(20_000)}\nend\n".encode()
@@ -165,7 +165,7 @@ GRAMMARS = {
 
 def pieces(name: str, r: random.Random) -> list[bytes]:
     """Bytes of a connection in a few pieces of any size; damaged in a third of the cases."""
-    data = GRAMMARS[name](r)[:MOST_BYTES]
+    data = GRAMMARS[name](r)[:MAX_BYTES]
     data = damaged(r, data) if r.random() < 0.3 else data
     cuts = sorted(r.randrange(len(data) + 1) for _ in range(r.choice((0, 0, 1, 8))))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]

@@ -109,7 +109,7 @@ def test_no_motion_is_commanded_after_another_client_changed_the_mode(rig) -> No
     made.settle()
     written = len(made.written)
     made.model.write(0, command(0, mode=1).to_registers(), made.now_ns)
-    with pytest.raises(DeviceFault, match="reports mode 1, and was in mode 0"):
+    with pytest.raises(DeviceFault, match="reports mode 1, but was in mode 0"):
         made.step(500)
     assert len(made.written) == written
 

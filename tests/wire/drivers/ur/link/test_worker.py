@@ -107,7 +107,7 @@ def serve(commander, client, *requests):
     client.socket.setblocking(False)
     while True:
         try:
-            data = client.socket.recv(messages.LONGEST_MESSAGE)
+            data = client.socket.recv(messages.MAX_MESSAGE_BYTES)
         except BlockingIOError:
             break
         reports.append(msgspec.msgpack.decode(data, type=messages.FromWorker))
@@ -329,7 +329,7 @@ def published(rtde, client, monkeypatch, sleeps, dated=lambda now: 1.0):
     client.socket.setblocking(False)
     with suppress(BlockingIOError):
         while True:
-            data = client.socket.recv(messages.LONGEST_MESSAGE)
+            data = client.socket.recv(messages.MAX_MESSAGE_BYTES)
             sent.append(type(msgspec.msgpack.decode(data, type=messages.FromWorker)).__name__)
     return sent, ended.type is SystemExit
 
