@@ -9,7 +9,7 @@ from tests.unit.drivers.robotiq.hand import QUICK, Hand, command
 # Activation
 
 
-def test_activation_takes_its_time_and_ends_ready_and_open() -> None:
+def test_activation_ends_ready_and_open_after_its_duration() -> None:
     hand = Hand(HandSettings(), active=False)
     hand.write(CommandRegisters(activate=True))
     assert hand.frame_after(20)[:4] == "1100"

@@ -102,7 +102,7 @@ def test_any_text_is_parsed_or_refused(text):
 # running
 
 
-def test_expressions():
+def test_expressions_have_their_values():
     for expression, value in [
         ("1 + 2 * 3", 7),
         ("-2 + 5 % 3", 0),

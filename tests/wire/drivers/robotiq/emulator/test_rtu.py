@@ -107,7 +107,7 @@ def replies(driver: RobotiqDriver) -> bool:
     return True
 
 
-def test_no_such_port() -> None:
+def test_a_missing_serial_port_is_a_lost_link() -> None:
     transport = ModbusTransport(ModbusSettings(serial_port="/dev/no-such-port"), "rtu")
     with pytest.raises(LinkLost, match="/dev/no-such-port") as lost:
         transport.read(2000, 8, 0)

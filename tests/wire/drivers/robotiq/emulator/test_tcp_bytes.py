@@ -150,7 +150,7 @@ def test_a_frozen_gripper_executes_requests_late_and_in_order(emulator, wire, no
     assert wire.receive(11).startswith("45 33")
 
 
-def test_a_fault_of_the_hand(emulator, wire, now) -> None:
+def test_an_injected_device_fault_shows_in_the_status(emulator, wire, now) -> None:
     emulator.faults.add(WireFault(kind=FaultKind.DEVICE_FAULT, code=0x0D))
     wire.ask(POLL, 11)
     now[0] = 2_500_000_000

@@ -34,7 +34,7 @@ def test_two_threads_on_one_arm_end_the_program(bench):
     assert bench.controller.runtime_state is RuntimeState.STOPPED
 
 
-def test_bad_arguments_end_the_program_and_nothing_moves(bench):
+def test_invalid_arguments_end_the_program_without_motion(bench):
     for call in [
         "movel([1e999, 0, 0, 0, 0, 0])",
         "speedl([0, 0, 0, 0, 0.2, 0])",

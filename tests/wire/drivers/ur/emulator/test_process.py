@@ -125,7 +125,7 @@ def test_versions_and_data_as_bytes(emulator):
         assert [b - a for a, b in itertools.pairwise(stamps)] == pytest.approx([0.016] * 4)
 
 
-def test_refused_recipes(emulator):
+def test_invalid_recipes_are_refused(emulator):
     with Rtde(emulator.host) as one, Rtde(emulator.host) as other:
         assert one.request("V", b"\x00\x01") == ("V", b"\x00")
         assert one.request("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
@@ -144,7 +144,7 @@ def test_refused_recipes(emulator):
             assert time.monotonic() < deadline, "claims outlive their connection"
 
 
-def test_dashboard(emulator):
+def test_dashboard_commands(emulator):
     host = emulator.host
     assert ask_dashboard(host, "PolyscopeVersion").startswith("URSoftware 3.15.8.106339")
     assert ask_dashboard(host, "get serial number").isdigit()
@@ -169,7 +169,7 @@ def send_program(host, text):
         ("def f():\n  $\nend\n", "unexpected character"),
     ],
 )
-def test_bad_programs_end_and_leave_the_controller_alive(emulator, text, message):
+def test_invalid_programs_end_and_the_controller_keeps_running(emulator, text, message):
     send_program(emulator.host, text)
     deadline = time.monotonic() + WAIT_S
     while not (state := emulator.fault(do="state"))["script_errors"]:

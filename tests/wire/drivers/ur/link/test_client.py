@@ -102,7 +102,7 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
 
 
-def test_stop_on_the_way_is_confirmed(emulate, connect):
+def test_a_stop_during_a_move_is_confirmed(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
@@ -301,14 +301,14 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
 
 
-def test_link_before_connecting():
+def test_an_unconnected_link_cannot_be_read():
     link = UrLink(UrSettings(host="127.0.0.2"))
     with pytest.raises(LinkLost, match="connect"):
         link.read(0)
     link.close()
 
 
-def test_settings_are_bounded():
+def test_settings_out_of_range_are_refused():
     for bad in [{"watchdog_hz": 0.0}, {"step_timeout_s": 0.0}, {"hots": "x"}]:
         with case(bad), pytest.raises(msgspec.ValidationError):
             msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)

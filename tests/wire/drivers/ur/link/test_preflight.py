@@ -53,7 +53,7 @@ def test_malformed_replies_on_the_rtde_port(controller, host):
         raise_for_failures(preflight(host))
 
 
-def test_version_gate():
+def test_versions_pass_warn_or_fail():
     for version, status in [
         ((3, 2, 0, 0), "fail"),
         ((3, 14, 0, 0), "warn"),
@@ -84,7 +84,7 @@ def test_protocol_1_only_is_refused(controller, host):
         raise_for_failures(preflight(host))
 
 
-def test_remote_control_off(controller, host):
+def test_local_control_is_refused(controller, host):
     controller().replies["is in remote control"] = "false"
     with pytest.raises(DeviceFault, match="remote control") as caught:
         raise_for_failures(preflight(host))
@@ -99,7 +99,7 @@ def test_remote_control_off(controller, host):
         ("safetystatus", "Safetystatus: ROBOT_EMERGENCY_STOP"),
     ],
 )
-def test_unfit_states(controller, host, command, reply):
+def test_unfit_robot_and_safety_states_are_refused(controller, host, command, reply):
     controller().replies[command] = reply
     with pytest.raises(DeviceFault, match=reply.split()[1]) as caught:
         raise_for_failures(preflight(host))
