@@ -13,7 +13,7 @@ from typing import Generic, Self, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from drivers.errors import text_of
+from drivers.errors import exception_text
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
@@ -70,7 +70,7 @@ class Bug(msgspec.Struct, frozen=True):
         with suppress(BaseException):  # by the exception's own text, or for lack of memory
             text = "".join(traceback.format_exception(error))
             raised = text.encode(errors="backslashreplace").decode()
-        return cls(type(error).__name__, text_of(error), raised)
+        return cls(type(error).__name__, exception_text(error), raised)
 
     @property
     def fault(self) -> Fault:

@@ -161,7 +161,7 @@ def slowed(patch: pytest.MonkeyPatch, seconds: float) -> Act:
 
 
 def swallow_writes(rig: Rig) -> None:
-    cell(rig).gripper.swallows = True
+    cell(rig).gripper.ignores_writes = True
 
 
 def freeze_gripper_status(rig: Rig) -> None:
@@ -211,7 +211,7 @@ def freeze_arm_values(rig: Rig) -> None:
 
 def reverse_arm(rig: Rig) -> None:
     """The arm executes every later motion in the opposite direction."""
-    cell(rig).arm.contrary = True
+    cell(rig).arm.reversed_moves = True
 
 
 def push_arm(rig: Rig) -> None:

@@ -94,7 +94,7 @@ def test_lost_closing_is_commanded_again() -> None:
 
             def recover(tick: Tick) -> None:
                 late = tick.t_ns - (staged.done_at_ns or 0) > ms * 1_000_000
-                fault.cell(rig).gripper.swallows = not late
+                fault.cell(rig).gripper.ignores_writes = not late
 
             staged.on_tick = recover
 
