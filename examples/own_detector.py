@@ -1,6 +1,6 @@
 """A detector of one's own, in a file of its own: how much does a fingertip tremble?
 
-grasp run lift --object can --detector own_detector.py:Tremble --set own.counts=9
+grasp run lift --object can --detector own_detector.py:Tremble --set plugin.counts=9
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ class Tremble:
     threshold = 0.5  # above which a sample reads as slip
     memory = 0  # samples that play a part in an answer; 0: it fades, and never ends
 
-    def __init__(self, fingers, counts=12.0):  # given what it asks for: fingers, taxels, own.*
+    def __init__(self, fingers, counts=12.0):  # given what it asks for: fingers, taxels, plugin.*
         self.fingers, self.counts = fingers, counts
 
     def reset(self):

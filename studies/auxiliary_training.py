@@ -17,7 +17,7 @@ SPEED_SCALE = 0.5  # of the logarithm: errors beyond it count by their size, not
 SLIDES_TO_TURNS = 6.0  # a turn weighs so much more: it is so much rarer
 
 
-class Wanted(msgspec.Struct, frozen=True, eq=False):
+class OutputTargets(msgspec.Struct, frozen=True, eq=False):
     """Samples of one data set."""
 
     inputs: NDArray[np.float32]  # (n, width)
@@ -27,7 +27,12 @@ class Wanted(msgspec.Struct, frozen=True, eq=False):
 
 
 def train_outputs(
-    sets: Sequence[Wanted], seed: int, steps: int, network: str, data_digest: str, commit: str
+    sets: Sequence[OutputTargets],
+    seed: int,
+    steps: int,
+    network: str,
+    data_digest: str,
+    commit: str,
 ) -> OutputsFile:
     """Outputs of the network with that digest, without scores; each set weighs the same."""
     torch.set_num_threads(1)

@@ -15,7 +15,7 @@ import numpy as np
 from detector.recordings import LabelName
 from detector.scores.evaluation import (
     hand_rate,
-    judge_stream,
+    score_stream,
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import UsageError
@@ -68,7 +68,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     recordings = read_split([Path(f) for f in task.data], "test")
     made = contender(task.detector, recordings, "test", task.label)
-    judged = [judge_stream(s, made.config.rule).events for s in made.streams]
+    judged = [score_stream(s, made.config.rule).events for s in made.streams]
     delays = np.concatenate([j.delays_ms for j in judged])
     rate = hand_rate(made.streams, judged)
     if not len(delays) or rate is None:

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from detector.interface import DETECTORS
-from detector.scores.sweep import frontier
+from detector.scores.sweep import pareto_front
 from grasp.cli.detector import check_named
 from grasp.cli.parser import Parser
 from scenarios.benchmark.scoring import contender, read_split
@@ -61,7 +61,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     made = contender(task.detector, read_split([Path(f) for f in task.data], "test"), "test")
     sheet = made.evaluation()
-    points = [(p.false_per_min, p.delay_ms, p.p90_delay_ms) for p in frontier(made.points())]
+    points = [(p.false_per_min, p.delay_ms, p.p90_delay_ms) for p in pareto_front(made.points())]
     cost = sheet.compute_us
     spent = (cost.p50, cost.p90) if cost else (float("nan"), float("nan"))
     return Row(made.label, sheet.accuracy, spent, points)

@@ -32,7 +32,7 @@ from studies.runner import Study, markdown
 ROUNDS = ((9, 40, 12), (8, 24, 36))  # rounds, sets, clips a set: first widely, then closely
 KEPT_SHARE = 0.25
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
-FIT_SEED, JUDGE_SEED = 1000, 2  # judged on clips that the fit has not used
+FIT_SEED, VALIDATION_SEED = 1000, 2  # judged on clips that the fit has not used
 ZEROING, SETTLED = 20, 50  # samples: rest is taken; at rest before the first one that counts
 LOADED = 3  # taxels that vary most; the one that varies least is idle
 ENERGY_SAMPLES = 10
@@ -231,7 +231,7 @@ def _correlation(changes: Floats) -> float:
     return float(matrix[np.triu_indices(LOADED, 1)].mean())
 
 
-def clip_figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
+def recording_statistics(setup: Setup, clips: int, seed: int) -> list[Figures]:
     """Statistics of simulated clips, one by one; few at a time share an arm and its vibration."""
     out: list[Figures] = []
     for first in range(0, clips, BATCH):
@@ -276,7 +276,9 @@ def fit(real: Figures, seed: int) -> Setup:
         sets = np.clip(centre + spread * rng.standard_normal((tries, len(low))), low, high)
         sets[0] = centre
         setups = [setup_at(values) for values in sets]
-        errors = [misfit(real, mean(clip_figures(each, clips, FIT_SEED + r))) for each in setups]
+        errors = [
+            misfit(real, mean(recording_statistics(each, clips, FIT_SEED + r))) for each in setups
+        ]
         kept = sets[np.argsort(errors)[: max(2, round(KEPT_SHARE * tries))]]
         centre = 0.2 * centre + 0.8 * kept.mean(axis=0)
         spread = np.maximum(0.3 * spread + 0.7 * kept.std(axis=0), (high - low) / 200)
@@ -312,7 +314,7 @@ def _trial(task: Task) -> Row:
                       "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
     real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
     setup = Setup() if task.check else fit(real, task.seed)
-    clips = clip_figures(setup, task.clips, JUDGE_SEED)
+    clips = recording_statistics(setup, task.clips, VALIDATION_SEED)
     average = mean(clips)
     statistics: list[list[str | float]] = []
     for name, aim in ((name, aim) for _, aim, names in AIMS for name in names):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from detector.decision import log_odds
 from detector.recordings import Recording, read_dataset
-from detector.scores.evaluation import cause_of, spoken
+from detector.scores.evaluation import cause_of, hand_probability
 from detector.scores.impacts import impacts_of
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
@@ -153,8 +153,8 @@ def samples(time_s: float) -> int:
 def taps(recordings: Sequence[Recording]) -> list[Moment]:
     """Every tap, from the first sample after it."""
     return [
-        (i, b.struck, b.until - b.struck, int(np.digitize(1e3 * b.moved_m, MOVED_MM)))
-        for i, r in enumerate(recordings) for b in impacts_of(r)
+        (i, one.start, one.end - one.start, int(np.digitize(1e3 * one.moved_m, MOVED_MM)))
+        for i, r in enumerate(recordings) for one in impacts_of(r)
     ]  # fmt: skip
 
 
@@ -197,7 +197,7 @@ def cases(
     for name in detectors:
         config = load_config("can", "simulated", name)
         streams = stream_together(config.make_detector, recordings)
-        outputs[name] = around([log_odds(spoken(s, config.rule)) for s in streams], 0)
+        outputs[name] = around([log_odds(hand_probability(s, config.rule)) for s in streams], 0)
     groups, _, lasts, classes = np.array(moments).T
     counts = around([r.counts for r in recordings], -BEFORE)
     return Cases(counts, lasts, classes, groups, outputs)

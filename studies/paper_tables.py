@@ -20,8 +20,8 @@ from detector.scores.evaluation import (
     HIGH,
     LOW,
     WARM_UP_SAMPLES,
-    judge_stream,
-    spoken,
+    hand_probability,
+    score_stream,
 )
 from detector.scores.metrics import Confusion, confusion
 from detector.scores.quantiles import quantile, quantiles
@@ -177,7 +177,9 @@ def swept_threshold(made: Contender) -> str:
     section = made.config.detector_section
     settings = getattr(made.config, section)
     (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
-    p = np.concatenate([spoken(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams])
+    p = np.concatenate(
+        [hand_probability(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams]
+    )
     labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
     tried, group = np.unique(p, return_inverse=True)
     slip, static = (np.cumsum(np.bincount(group, of)) for of in (labels, ~labels))
@@ -190,9 +192,9 @@ def swept_threshold(made: Contender) -> str:
 def counted(made: Contender) -> list[Counts]:
     found, rule = [], made.config.rule
     for s in made.streams:
-        p, labels = spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
+        p, labels = hand_probability(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
         c = confusion(p > made.detector.threshold, labels)
-        judged = judge_stream(s, rule).events
+        judged = score_stream(s, rule).events
         cells = (c.static_static, c.static_slip, c.slip_static, c.slip_slip)
         found.append(Counts(key_of(s.recording), cells, judged.delays_ms.tolist()))
     return found

@@ -22,10 +22,10 @@ from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
     cause_of,
+    hand_probability,
     hand_rate,
-    judge_stream,
     score_impacts,
-    spoken,
+    score_stream,
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import BadFile
@@ -157,8 +157,10 @@ def score(name: str, recordings: Sequence[Recording]) -> Score:
     config = load_config("can", "simulated", name)
     rule, threshold = config.rule, config.make_detector(1).threshold
     streams = stream_together(config.make_detector, recordings)
-    judged = [judge_stream(s, rule, apart=True) for s in streams]
-    right = [((spoken(s, rule) > threshold) == s.labels)[WARM_UP_SAMPLES:] for s in streams]
+    judged = [score_stream(s, rule, exclude_impacts=True) for s in streams]
+    right = [
+        ((hand_probability(s, rule) > threshold) == s.labels)[WARM_UP_SAMPLES:] for s in streams
+    ]
     delays = np.concatenate([j.events.delays_ms for j in judged])
     pressed = quantiles(
         d for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == SLIDE

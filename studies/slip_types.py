@@ -3,7 +3,7 @@
 The scores use samples labelled slip in which a fingertip moves, for each finger separately. The
 split `train` of each set fits the baselines; the split `test` scores all. Intervals are 95 %, by
 bootstrap over recordings. `--train` (extra `train`) trains new outputs on the split `train` of all
-sets and writes DIR/NAME.heads.json. Without it the study scores the outputs beside the weights.
+sets and writes DIR/NAME.auxiliary.json. Without it the study scores the outputs beside the weights.
 """
 
 import argparse
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import (
     ENERGY_SAMPLES,
-    LEAST_ENERGY,
+    MIN_ENERGY,
     SECTORS,
     SUFFIX,
     AuxiliaryOutputs,
     Float32s,
     OutputsFile,
+    input_width,
     inputs_of,
     read_outputs,
-    width_of,
 )
 from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
@@ -115,7 +115,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     weights, folders = Path(task.network), [Path(f) for f in task.data]
     loaded = read_network(weights)
-    width_of(loaded)  # raises for a network without state, before reading data
+    input_width(loaded)  # raises for a network without state, before reading data
     learnt = [read_set(folder, "train") for folder in folders]
     known = [samples_of(loaded, recordings) for recordings in learnt]
     outputs = read_outputs(weights, task.digest, loaded)
@@ -140,10 +140,10 @@ def trial(task: Task) -> Row:
 
 def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> OutputsFile:
     from detector.training.sequences import digest
-    from studies.auxiliary_training import Wanted, train_outputs
+    from studies.auxiliary_training import OutputTargets, train_outputs
 
     truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
-    wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
+    wanted = [OutputTargets(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
     used, commit = digest(recordings), versions()["commit"]
     return train_outputs(wanted, SEED, task.steps, task.digest, used, commit)
 
@@ -235,7 +235,7 @@ def baselines(learnt: Samples, asked: Samples) -> dict[str, Guess]:
     speed, turns = log_speed(learnt.motion), turning_of(learnt.motion)
     slides = learnt.motion[~turns]
     sign = 1.0 if (auc(learnt.energy, turns) or 0.0) >= 0.5 else -1.0
-    energy, new = (np.log(samples.energy + LEAST_ENERGY) for samples in (learnt, asked))
+    energy, new = (np.log(samples.energy + MIN_ENERGY) for samples in (learnt, asked))
     ways = slides[:, :2] / np.linalg.norm(slides[:, :2], axis=1, keepdims=True)
     old, asked_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, asked))
     by_centre = np.linalg.lstsq(old[~turns], ways, rcond=None)[0]

@@ -17,9 +17,9 @@ from studies.contact.scene import (
     PADS,
     Closing,
     Scene,
+    grip_travel,
     lift,
     simulate,
-    squeeze,
     tap,
     vibration,
 )
@@ -76,7 +76,7 @@ def test_ball_held_past_its_widest_point_is_expelled_and_a_long_box_is_not() -> 
     def moved(**what: Any) -> float:
         body = changed(BODY, mass_kg=0.05, friction_static=0.3, friction_kinetic=0.3, **what)
         closing = Closing(start_s=0.1, speed_mps=0.02, force_stop_n=10.0)
-        travel = squeeze(body, 1.0, 1.0)
+        travel = grip_travel(body, 1.0, 1.0)
         scene = held(body=body, travel_m=travel, closing=closing, duration_s=1.0)
         return -float(simulate(scene, Level.SLIDER, 5e-4)[1])
 

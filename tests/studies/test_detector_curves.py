@@ -7,7 +7,7 @@ import pytest
 from detector.recordings import write
 from studies import detector_curves as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def test_a_detector_leaves_its_points_its_line_and_its_curve(

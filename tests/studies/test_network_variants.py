@@ -8,7 +8,7 @@ from detector.network_file import read_network
 from detector.recordings import write
 from studies import network_variants as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def test_every_window_has_the_same_budget_of_samples() -> None:

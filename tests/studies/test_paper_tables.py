@@ -11,7 +11,7 @@ from detector.recordings import write
 from drivers.errors import UsageError
 from studies import paper_tables as study
 from studies.runner import main
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.toy_recordings import toy, toys
 
 
 def cells(folder: Path) -> Path:

@@ -8,10 +8,10 @@ from detector.scores.evaluation import stream_recordings
 from studies import robustness
 from studies.robustness import GRID, NOISE_COUNTS, PAD, Row, Task, chosen, perturbed
 from studies.runner import draw
-from tests.unit.detector.impact_toys import struck
-from tests.unit.detector.toys import toys
+from tests.unit.detector.impact_recordings import impact_recording
+from tests.unit.detector.toy_recordings import toys
 
-HAND = struck((3.0, 0.003), (6.0, 0.0))
+HAND = impact_recording((3.0, 0.003), (6.0, 0.0))
 
 
 def changes(kind: str, amount: float):
@@ -52,7 +52,7 @@ def test_recordings_side_by_side_give_what_they_give_alone() -> None:
     def energy(fingers: int, taxels: int = 6) -> EnergyDetector:
         return EnergyDetector(EnergySettings(threshold_counts=2.0), fingers, taxels)
 
-    mixed = [*toys("test", 2, 0), struck((3.0, 0.003), n=500), *toys("test", 1, 7)]
+    mixed = [*toys("test", 2, 0), impact_recording((3.0, 0.003), n=500), *toys("test", 1, 7)]
     together = robustness.stream_together(energy, mixed)
     for one, other in zip(stream_recordings(energy, mixed), together, strict=True):
         assert (one.probabilities == other.probabilities).all()

@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.auxiliary_outputs import OutputsFile, read_outputs, width_of
+from detector.auxiliary_outputs import OutputsFile, input_width, read_outputs
 from detector.network_file import read_network, weights_digest, weights_path
 from detector.recordings import Recording, write
 from studies import slip_types as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def samples(n: int = 600, seed: int = 0) -> study.Samples:
@@ -69,7 +69,7 @@ def test_samples_are_those_of_slip_in_motion_and_the_centre_follows_the_load() -
     made = moving("test", 2, 0)
     found = study.samples_of(loaded, made)
     slips = sum(int(r.slip[302:].sum()) for r in made)
-    assert found.inputs.shape == (slips, width_of(loaded))
+    assert found.inputs.shape == (slips, input_width(loaded))
     assert set(study.sector_of(found.motion)) == {2}
     counts = np.zeros((200, 1, 6), np.int16)
     counts[:100, 0, 0] = counts[100:, 0, 2] = -200  # two columns to the right
@@ -97,5 +97,5 @@ def test_outputs_that_were_trained_are_read_with_their_network(tmp_path: Path) -
     weights = tmp_path / "gru.onnx"
     weights.write_bytes(weights_path("gru").read_bytes())
     assert read_outputs(weights, weights_digest(weights), read_network(weights)) is not None
-    made = msgspec.json.decode((tmp_path / "gru.heads.json").read_bytes(), type=OutputsFile)
+    made = msgspec.json.decode((tmp_path / "gru.auxiliary.json").read_bytes(), type=OutputsFile)
     assert f"{tmp_path.name}: {study.OWN}, {study.FIGURES[0]}" in made.scores

@@ -19,7 +19,7 @@ from grasp.cli import exits  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
 from scenarios.acquire.config import layout_file  # noqa: E402
 from scenarios.lift.scoring import LiftOutcome, LiftResult  # noqa: E402
-from tests.unit.detector.toys import toys  # noqa: E402
+from tests.unit.detector.toy_recordings import toys  # noqa: E402
 
 pytestmark = pytest.mark.train
 

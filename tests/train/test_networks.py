@@ -16,7 +16,7 @@ from detector.network_file import NetworkCard, read_network  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
 from detector.training.networks import build  # noqa: E402
 from detector.training.settings import ARCHITECTURES  # noqa: E402
-from tests.unit.detector.networks import walk  # noqa: E402
+from tests.unit.detector.network_files import walk  # noqa: E402
 
 pytestmark = pytest.mark.train
 

@@ -16,12 +16,12 @@ from detector.scores.evaluation import evaluate_streams, stream, stream_recordin
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training  # noqa: E402
 from detector.training.networks import odds_of  # noqa: E402
-from detector.training.sequences import Windows, digest, fingers_of  # noqa: E402
+from detector.training.sequences import Windows, digest, finger_sequences  # noqa: E402
 from detector.training.settings import TrainSettings  # noqa: E402
 from detector.training.validation import Score, calibration, likelihood  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
-from tests.unit.detector.toys import toys  # noqa: E402
+from tests.unit.detector.toy_recordings import toys  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -122,7 +122,7 @@ def test_out_of_time_ends_with_a_usable_network(tmp_path: Path) -> None:
 
 
 def test_an_undersampled_epoch_has_as_many_windows_of_each_kind() -> None:
-    windows = Windows(fingers_of(TRAIN, "slip"), 100)
+    windows = Windows(finger_sequences(TRAIN, "slip"), 100)
     chosen = windows.epoch(np.random.default_rng(0), "undersample")
     assert windows.labels[chosen].mean() == 0.5
     assert len(np.unique(chosen)) == len(chosen)

@@ -53,7 +53,7 @@ def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
     frames, arms, presses, truths = (list(recording.of(t)) for t in (TACTILE, ARM, PRESS, TRUTH))
     assert len(frames) == len(arms) == len(presses) == len(truths) == len(seen)
     assert presses[0][1].phase == PressPhase.APPROACH
-    assert [m.asked for _, m in presses] == [sample.asked for sample in seen]
+    assert [m.command for _, m in presses] == [sample.command for sample in seen]
     labelled = read(finished.recordings[0])
     last = np.array([m.counts[:6] for _, m in frames[-finished.samples :]])
     assert (labelled.counts[:, 0] == last).all()

@@ -1,8 +1,8 @@
-"""How far something has moved since it last rested: strokes, creep, and what swings back."""
+"""Distance from the last position at rest: strokes, creep, and elastic motion."""
 
 import numpy as np
 
-from scenarios.acquire.labels import REST_S, moved
+from scenarios.acquire.labels import REST_S, distance_moved
 
 STILL = round(REST_S / 0.01) + 1  # samples after which what stands is at rest
 
@@ -11,7 +11,7 @@ def along(*x_mm: np.ndarray) -> np.ndarray:
     """Moved, mm, of something touched that goes through these places one way, 10 ms each."""
     x = np.concatenate(x_mm)
     places = np.stack([x, np.zeros(len(x)), np.zeros(len(x))], axis=1) * 1e-3
-    return moved(np.arange(len(x)) * 0.01, places, np.ones(len(x), bool)) * 1e3
+    return distance_moved(np.arange(len(x)) * 0.01, places, np.ones(len(x), bool)) * 1e3
 
 
 def test_a_stroke_counts_from_where_it_began_until_it_has_rested() -> None:
@@ -35,6 +35,6 @@ def test_what_nobody_touches_has_not_moved() -> None:
     places = np.zeros((n, 3))
     places[:, 0] = np.linspace(0.0, 0.05, n)
     touched = np.arange(n) < 20
-    found = moved(np.arange(n) * 0.01, places, touched)
+    found = distance_moved(np.arange(n) * 0.01, places, touched)
     assert found[19] > 0.01
     assert found[20:].max() == 0.0

@@ -10,10 +10,10 @@ from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import INDEX
 from scenarios.benchmark.data_sets import require_whole
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.toy_recordings import toy, toys
 
 THERE = 9
-GO_ON = "`grasp dataset build` goes on with it"
+CONTINUE = "`grasp dataset build` continues it"
 
 
 def filled(folder: Path) -> Path:
@@ -37,9 +37,9 @@ def built(folder: Path, of: int) -> Path:
 def test_nothing_learns_from_a_data_set_that_is_not_all_there(tmp_path: Path) -> None:
     whole, half = built(tmp_path / "whole", THERE), built(tmp_path / "half", 84)
     require_whole([whole])
-    with pytest.raises(BadFile, match="half: 9 of 84 recordings are there") as refused:
+    with pytest.raises(BadFile, match="half: 9 of 84 recordings exist") as refused:
         require_whole([whole, half])
-    assert GO_ON in refused.value.remedy
+    assert CONTINUE in refused.value.remedy
     (half / INDEX).unlink()
     require_whole([whole, half])
 

@@ -18,7 +18,7 @@ from scenarios.benchmark.evaluation_file import (
     trace,
 )
 from scenarios.benchmark.scoring import contender
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 RULE = RuleSettings(kind="consecutive", consecutive=1, threshold=0.5, fusion="any", release=1)
 
@@ -70,5 +70,5 @@ def test_a_file_is_read_as_it_was_written_and_another_is_refused(tmp_path: Path)
     path.write_bytes(msgspec.json.encode(file))
     assert read_evaluation(path) == file
     path.write_text('{"format": "something"}')
-    with pytest.raises(BadFile, match="is no evaluation"):
+    with pytest.raises(BadFile, match="is not an evaluation"):
         read_evaluation(path)

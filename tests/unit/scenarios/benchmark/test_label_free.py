@@ -11,7 +11,7 @@ import pytest
 
 from detector.recordings import write
 from grasp.cli.main import main
-from tests.unit.detector.toys import toy
+from tests.unit.detector.toy_recordings import toy
 
 
 def held(path: Path, restless: float) -> Path:

@@ -8,8 +8,8 @@ import pytest
 
 from detector.recordings import Recording, write
 from scenarios.benchmark.scoring import contender, evidence, read_split
-from tests.unit.detector.impact_toys import struck
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.impact_recordings import impact_recording
+from tests.unit.detector.toy_recordings import toy, toys
 from tests.unit.scenarios.conftest import EAGER
 
 
@@ -39,7 +39,7 @@ def test_a_recording_too_short_to_be_scored_is_left_out_and_told(folder: Path) -
 
 
 def test_a_rule_evidence_the_slips_that_it_was_judged_by_and_on_no_tap() -> None:
-    taps = [struck((3.0, 0.003), n=500)]
+    taps = [impact_recording((3.0, 0.003), n=500)]
     slips = toys("test", 2, 0)
     rule = contender("energy", slips, "test", assignments=[EAGER]).config.rule
     alone, both = (

@@ -6,7 +6,7 @@ import pytest
 
 from detector.recordings import read_dataset, write
 from grasp.cli.main import main
-from tests.unit.detector.toys import toy
+from tests.unit.detector.toy_recordings import toy
 
 ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" for k in range(9))
 
@@ -39,7 +39,7 @@ def test_one_recording_by_two_names_is_refused(
     """Its copies would be in two splits, and what is tested on would have been learnt from."""
     (tmp_path / "link").symlink_to(tmp_path / "one")
     told = {
-        tmp_path / "one" / "samples.npz": "is given twice, itself or in its folder",
+        tmp_path / "one" / "samples.npz": "is given twice, by itself or in its folder",
         tmp_path / "link": "is the same recording as",
     }
     for again, how in told.items():

@@ -9,7 +9,7 @@ import pytest
 from detector.recordings import Recording, write
 from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import make
-from scenarios.acquire.datasets.causes import as_felt
+from scenarios.acquire.datasets.causes import detectable_slip
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
 
 SETS = config_dir() / "datasets"
@@ -59,7 +59,7 @@ def test_the_mallets_own_impacts_slide_the_object_and_the_labels_say_how_far(
 ) -> None:
     (r,) = of(slips, "grasped_impact")
     assert r.metadata is not None and r.moved_m is not None
-    hard = [a for a in r.metadata.acts if a.kind == "mallet" and 0.003 < a.moved_m < 0.03]
+    hard = [a for a in r.metadata.disturbances if a.kind == "mallet" and 0.003 < a.moved_m < 0.03]
     assert hard
     for act in hard:
         after = (r.t_s > act.t_s) & (r.t_s < act.t_s + 0.15)
@@ -81,5 +81,5 @@ def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all
     step_m[20:22] = (0.002, -0.0018)  # the pads give, and swing back
     step_m[25:39] = 0.001  # a slide
     places_m = np.stack([np.cumsum(step_m), np.zeros(40)], axis=1)
-    label = as_felt(step_m != 0.0, places_m)
+    label = detectable_slip(step_m != 0.0, places_m)
     assert np.flatnonzero(np.diff(label, prepend=False)).tolist() == [5, 13, 25, 39]

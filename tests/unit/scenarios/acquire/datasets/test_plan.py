@@ -15,7 +15,7 @@ from scenarios.acquire.datasets.plan import (
     Job,
     load_dataset_config,
     plan,
-    pressing,
+    press_config,
     reduced,
 )
 from scenarios.rigs.simulated import any_cell
@@ -68,9 +68,9 @@ def test_textures_of_training_are_none_of_those_of_the_test(
     for job in (job for name in SETS for job in some_of_each_split(jobs_of(name, 0.3))):
         drawn.clear()
         if job.metadata.cause in GRASPED:
-            any_cell(lift_config(job.metadata, job.acts, turns=False), job.metadata.seed)
+            any_cell(lift_config(job.metadata, job.disturbances, turns=False), job.metadata.seed)
         else:
-            any_cell(pressing(job.surface, ""), job.metadata.seed)
+            any_cell(press_config(job.surface, ""), job.metadata.seed)
         found.setdefault(job.metadata.split, set()).update(drawn)
         assert len(set(drawn)) == len(drawn)
     assert min(map(len, found.values())) > 8
@@ -101,4 +101,4 @@ def test_no_draw_takes_an_object_back_to_those_of_the_experiments(
     more = f"randomise = {{ {of_the_can} }}" if where == "causes" else f"[randomise]\n{of_the_can}"
     with pytest.raises(ConfigError) as caught:
         load_dataset_config(written(tmp_path, GRASP.format("[1, 2]") + more))
-    assert "config/bodies" in f"{caught.value} {caught.value.allowed}"
+    assert "config/object_shapes" in f"{caught.value} {caught.value.allowed}"

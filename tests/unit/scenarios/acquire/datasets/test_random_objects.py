@@ -6,17 +6,17 @@ import pytest
 
 from grasp.settings import config_dir, names
 from scenarios.acquire.config import with_values
-from scenarios.acquire.datasets.causes import GRASPED, bare_config
-from scenarios.acquire.datasets.drawn_objects import (
+from scenarios.acquire.datasets.causes import GRASPED, base_lift_config
+from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, press_config
+from scenarios.acquire.datasets.random_objects import (
     MARGIN,
-    body_ranges,
     distance,
-    draw_object,
-    kept_away,
-    of_object,
-    of_surface,
+    excluded_objects,
+    object_properties,
+    random_object,
+    shape_ranges,
+    surface_properties,
 )
-from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pressing
 from scenarios.world.objects import GraspObject
 
 SETS = ("paper", "disturbances", "grasped-slip", "mallet", "turning")
@@ -32,22 +32,22 @@ def jobs() -> list[Job]:
 
 
 def nearest(properties: dict[str, tuple[float, float]]) -> float:
-    return min(distance(properties, of_object(body)) for body in kept_away())
+    return min(distance(properties, object_properties(body)) for body in excluded_objects())
 
 
 @pytest.mark.parametrize("load", [None, (0.1, 0.6), (1.05, 2.2)])
-@pytest.mark.parametrize("name", names("bodies"))
+@pytest.mark.parametrize("name", names("object_shapes"))
 def test_objects_are_drawn_at_the_margin_from_all_twelve(
     name: str, load: tuple[float, float] | None
 ) -> None:
-    config, rng = bare_config(""), np.random.default_rng(5)
+    config, rng = base_lift_config(""), np.random.default_rng(5)
     found = [
-        draw_object(body_ranges(name), load, config.contact, config.hand.m_per_count, 20.0, rng)
+        random_object(shape_ranges(name), load, config.contact, config.hand.m_per_count, 20.0, rng)
         for _ in range(DRAWS)
     ]
-    assert min(nearest(of_object(body)) for body in found) >= MARGIN
+    assert min(nearest(object_properties(body)) for body in found) >= MARGIN
     widths = [body.half_width_m for body in found]
-    low, high = body_ranges(name).half_width_m
+    low, high = shape_ranges(name).half_width_m
     assert low <= min(widths) < max(widths) <= high
     assert np.ptp(widths) > 0.8 * (high - low)
 
@@ -55,8 +55,8 @@ def test_objects_are_drawn_at_the_margin_from_all_twelve(
 def test_recordings_of_every_set_keep_the_margin(jobs: list[Job]) -> None:
     for job in jobs[::10]:
         if job.metadata.cause in GRASPED:
-            properties = of_object(msgspec.convert(job.metadata.object, GraspObject))
+            properties = object_properties(msgspec.convert(job.metadata.object, GraspObject))
         else:
-            config = with_values(pressing(job.surface, ""), job.metadata.parameters)
-            properties = of_surface(config.surface)
+            config = with_values(press_config(job.surface, ""), job.metadata.parameters)
+            properties = surface_properties(config.surface)
         assert nearest(properties) >= MARGIN, job.path
