@@ -23,12 +23,12 @@ PAPER_FALSE_PER_MIN = 100.0  # estimate: 7.6 % of static samples, three fingers,
 HUMAN_MS, HUMAN_DEVIATION_MS = 74.0, 9.0  # Johansson and Westling 1987
 SHOWN_MS = 300.0  # the chart shows later delays and misses above this, one line per detector
 LINE_MS = 9.0
-LEAST_PER_MIN = 0.1  # stands for zero on the logarithmic axis
+LEAST_PER_MIN = 0.1  # shown instead of zero on the logarithmic axis
 BUDGET_PER_MIN = 1.0
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One detector."""
+    """A detector to be evaluated."""
 
     detector: str
     digest: str  # of its weights, settings and rule
@@ -36,7 +36,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One detector. ``points``: false events a minute of a hand, and the least median and 90 %
+    """Result of a detector. ``points``: false events a minute of a hand, least median and 90 %
     delay, ms; infinite if missed."""
 
     detector: str

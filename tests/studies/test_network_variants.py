@@ -19,7 +19,7 @@ def test_every_window_has_the_same_budget_of_samples() -> None:
 
 
 @pytest.mark.train
-def test_variants_are_trained_scored_and_drawn(
+def test_variants_are_trained_scored_and_plotted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("torch")

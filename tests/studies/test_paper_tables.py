@@ -24,7 +24,7 @@ def cells(folder: Path) -> Path:
     return folder
 
 
-def test_both_tables_come_out_with_swept_thresholds(
+def test_small_study_gives_both_tables_with_swept_thresholds(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "data"

@@ -33,7 +33,7 @@ def test_a_small_study_gives_a_table_and_a_chart(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in GRID if kind != PAD])
-def test_the_amount_of_no_change_changes_no_sample(kind: str) -> None:
+def test_neutral_amount_changes_no_sample(kind: str) -> None:
     changed = perturbed(HAND, kind, GRID[kind][1])
     assert (changed.counts == HAND.counts[: len(changed.t_s)]).all()
 
@@ -48,7 +48,7 @@ def test_each_perturbation_has_the_size_that_it_names() -> None:
         assert set(np.argwhere(changes(kind, 1.0).any(axis=0))[:, 0]) == {0}
 
 
-def test_recordings_side_by_side_give_what_they_give_alone() -> None:
+def test_recordings_streamed_together_have_the_output_of_separate_ones() -> None:
     def energy(fingers: int, taxels: int = 6) -> EnergyDetector:
         return EnergyDetector(EnergySettings(threshold_counts=2.0), fingers, taxels)
 

@@ -16,7 +16,7 @@ from tests.unit.detector.toy_recordings import toys
 
 
 def samples(n: int = 600, seed: int = 0) -> study.Samples:
-    """Energy grows with speed; the centre of pressure lies against the motion."""
+    """Energy grows with speed; the centre of pressure moves against the motion."""
     rng = np.random.default_rng(seed)
     angle, speed = rng.uniform(0, 2 * np.pi, n), np.exp(rng.normal(-3.5, 0.6, n))
     turns = rng.random(n) < 0.2
@@ -51,16 +51,16 @@ def test_the_truth_scores_best_and_a_neighbouring_direction_counts_apart() -> No
 def test_motion_of_the_fingers_mirrors_that_of_the_thumb_at_the_line_upwards() -> None:
     (one,) = moving("test", 1, 0)
     about = msgspec.structs.replace(one.metadata, parameters={study.UPWARDS: 90.0})
-    held = msgspec.structs.replace(
+    grasped = msgspec.structs.replace(
         one, counts=np.repeat(one.counts, 3, axis=1), metadata=about,
         velocity_mps=np.full((900, 2), 0.02, np.float32), spin_radps=np.full(900, 0.4, np.float32),
     )  # fmt: skip
-    motion = study.motion_of(held)
+    motion = study.motion_of(grasped)
     assert motion is not None
     turn = 0.4 * study.TURN_LEVER_M
     expected = [(0.02, 0.02, turn), (-0.02, 0.02, -turn), (-0.02, 0.02, -turn)]
     assert motion[-1] == pytest.approx(np.array(expected), abs=1e-6)
-    assert study.motion_of(msgspec.structs.replace(held, velocity_mps=None)) is None
+    assert study.motion_of(msgspec.structs.replace(grasped, velocity_mps=None)) is None
     assert study.sector_of(np.array([math.cos(-0.8), math.sin(-0.8)])) == 7
 
 
@@ -90,7 +90,7 @@ def test_packaged_outputs_are_scored(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.train
-def test_outputs_that_were_trained_are_read_with_their_network(tmp_path: Path) -> None:
+def test_trained_outputs_are_read_with_their_network(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     words = ["gru", "--data", str(filled(tmp_path)), "--train", "--steps", "5"]
     assert main("slip_types", study.STUDY, [*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
