@@ -1,4 +1,4 @@
-"""What training touches is drawn, and keeps its distance from the objects of the experiments."""
+"""Random objects of training data keep a distance from the objects of the experiments."""
 
 import msgspec
 import numpy as np
@@ -20,7 +20,7 @@ from scenarios.acquire.datasets.random_objects import (
 from scenarios.world.objects import GraspObject
 
 SETS = ("paper", "disturbances", "grasped-slip", "mallet", "turning")
-DRAWS = 300  # of each kind of object
+SAMPLES = 300  # of each shape
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +37,13 @@ def nearest(properties: dict[str, tuple[float, float]]) -> float:
 
 @pytest.mark.parametrize("load", [None, (0.1, 0.6), (1.05, 2.2)])
 @pytest.mark.parametrize("name", names("object_shapes"))
-def test_objects_are_drawn_at_the_margin_from_all_twelve(
+def test_random_objects_keep_the_margin_from_all_objects(
     name: str, load: tuple[float, float] | None
 ) -> None:
     config, rng = base_lift_config(""), np.random.default_rng(5)
     found = [
         random_object(shape_ranges(name), load, config.contact, config.hand.m_per_count, 20.0, rng)
-        for _ in range(DRAWS)
+        for _ in range(SAMPLES)
     ]
     assert min(nearest(object_properties(body)) for body in found) >= MARGIN
     widths = [body.half_width_m for body in found]
