@@ -72,7 +72,7 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     ``slip`` is the label of the labelling rule (in the paper: the fingertip moves faster than
     3 mm/s or 0.2 rad/s). ``slip_true`` is True while the contact itself slides. ``moved_m`` is the
     distance of the touched object from its last position at rest against the fingertips
-    (docs/datasets.md). Unknown quantities are None.
+    (docs/detectors.md). Unknown quantities are None.
     """
 
     t_s: NDArray[np.float64]  # (n,)

@@ -9,9 +9,8 @@ from detector.training.settings import DEFAULTS
 from scenarios.campaign.config import load_config
 
 DEFAULT = load_config("can", "simulated")
-# To change one of these: tune the rule (`grasp detector tune`), show by the criterion of
-# docs/default-detector.md ("Which one is the default, and why") that the new values are not worse,
-# and write them here.
+# To change one of these: tune the rule (`grasp detector tune`), show with `make results` that the
+# new values are not worse, and write them here.
 RULES = {
     "tcn": RuleSettings(
         kind="consecutive", fusion="mean", consecutive=2, threshold=0.7471, release=8
