@@ -46,7 +46,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 
 class Dense(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One layer: ``weight`` (outputs, inputs) times inputs, plus ``bias``."""
+    """Dense layer: ``weight`` (outputs, inputs) times inputs, plus ``bias``."""
 
     weight: list[list[float]]
     bias: list[float]

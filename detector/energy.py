@@ -61,7 +61,7 @@ class EnergyDetector:
         return [total / self._per_energy for total in self._sums]
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         # for 18 numbers plain integers are quicker than arrays, and they cannot overflow

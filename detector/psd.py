@@ -75,7 +75,7 @@ class PsdDetector:
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
         common = ((self._window.samples - np.array(MEAN_COUNTS)) / np.array(STD_COUNTS)).sum(axis=2)
         power = np.square(np.abs(np.fft.rfft(common, axis=1)[:, 1:])).sum(axis=1)
@@ -95,7 +95,7 @@ class PsdFairDetector:
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
         spectra = np.abs(np.fft.rfft(self._window.samples, axis=1)[:, 1:])
         amplitude = spectra.sum(axis=(1, 2)) / (FAIR_WINDOW - 1)

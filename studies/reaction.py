@@ -101,9 +101,10 @@ def grid(args: argparse.Namespace) -> list[Task]:
     for name in args.objects:
         rest = args.detector, args.config, args.set, args.profile
         config = load_config(name, "simulated", *rest).for_lift()
-        asked = tuple(sorted(args.latencies)), tuple(args.speeds)
+        grid_values = tuple(sorted(args.latencies)), tuple(args.speeds)
         tasks += [
-            Task(config, seed, *asked, i < args.check) for i, seed in enumerate(seeds_of(args))
+            Task(config, seed, *grid_values, i < args.check)
+            for i, seed in enumerate(seeds_of(args))
         ]
     return tasks
 

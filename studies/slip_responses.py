@@ -128,15 +128,15 @@ def options(parser: Parser) -> None:
 
 def grid(args: argparse.Namespace) -> list[Task]:
     known = {policy.name: policy for policy in POLICIES}
-    asked = args.policies or known
-    if unknown := set(asked) - known.keys():
+    chosen = args.policies or known
+    if unknown := set(chosen) - known.keys():
         raise UsageError(f"no policy {min(unknown)!r}", f"one of: {', '.join(map(repr, known))}")
     # an emulated world runs in another process, so the study cannot change its friction
     scenes = [s for s in SCENES[args.scenes] if args.rig == "simulated" or s.wet == 1.0]
     return [
         Task(configured(name, scene, known[policy], args), known[policy], scene, seed)
         for scene in scenes
-        for policy in asked
+        for policy in chosen
         for name in args.objects
         for seed in seeds_of(args)
     ]

@@ -125,11 +125,11 @@ def trial(task: Task) -> Row:
         raise UsageError(f"{weights.name} has no auxiliary outputs", "give --train")
     scores: dict[str, tuple[Figure | None, ...]] = {}
     for folder, samples in zip(folders, known, strict=True):
-        asked = samples_of(loaded, read_set(folder, "test"))
-        out = outputs.outputs(asked.inputs).astype(np.float64)
+        test = samples_of(loaded, read_set(folder, "test"))
+        out = outputs.outputs(test.inputs).astype(np.float64)
         by_network = {NETWORK: Guess(out[:, 0], out[:, 1], out[:, 2:].argmax(axis=1))}
-        guesses = baselines(samples, asked) | by_network
-        scores |= {f"{folder.name}: {by}": score(each, asked) for by, each in guesses.items()}
+        guesses = baselines(samples, test) | by_network
+        scores |= {f"{folder.name}: {by}": score(each, test) for by, each in guesses.items()}
     if task.train:
         kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(NETWORK)
                 for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
@@ -230,24 +230,24 @@ def centre_shift(counts: NDArray[np.int16]) -> Floats:
     return found
 
 
-def baselines(learnt: Samples, asked: Samples) -> dict[str, Guess]:
+def baselines(learnt: Samples, test: Samples) -> dict[str, Guess]:
     """Predictions without the network."""
     speed, turns = log_speed(learnt.motion), turning_of(learnt.motion)
     slides = learnt.motion[~turns]
     sign = 1.0 if (auc(learnt.energy, turns) or 0.0) >= 0.5 else -1.0
-    energy, new = (np.log(samples.energy + MIN_ENERGY) for samples in (learnt, asked))
+    energy, new = (np.log(samples.energy + MIN_ENERGY) for samples in (learnt, test))
     ways = slides[:, :2] / np.linalg.norm(slides[:, :2], axis=1, keepdims=True)
-    old, asked_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, asked))
+    old, test_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, test))
     by_centre = np.linalg.lstsq(old[~turns], ways, rcond=None)[0]
     by_energy: Floats = np.polyval(np.polyfit(energy, speed, 2), new).astype(np.float64)
-    n, commonest = len(asked.recording), np.bincount(sector_of(slides)).argmax()
+    n, commonest = len(test.recording), np.bincount(sector_of(slides)).argmax()
     found = {
         "always the same": Guess(np.full(n, np.median(speed)), None, np.full(n, commonest)),
-        "energy": Guess(by_energy, sign * asked.energy),
-        "centre of pressure": Guess(sector=sector_of(asked_shift @ by_centre)),
+        "energy": Guess(by_energy, sign * test.energy),
+        "centre of pressure": Guess(sector=sector_of(test_shift @ by_centre)),
     }
-    if (asked.down >= 0).all():
-        found["down, by the mount"] = Guess(sector=asked.down)
+    if (test.down >= 0).all():
+        found["down, by the mount"] = Guess(sector=test.down)
     return found
 
 

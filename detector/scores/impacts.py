@@ -25,8 +25,8 @@ MOTION_S = 0.1  # the motion that an impact causes starts within this time
 
 
 class Impact(msgspec.Struct, frozen=True):
-    """One impact: its first sample, the first sample of motion (or the same), and the first sample
-    after the time that belongs to it."""
+    """Samples of an impact: the first one, the first one of motion (or the same), and the first one
+    after its time."""
 
     start: int
     onset: int

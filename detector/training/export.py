@@ -116,7 +116,7 @@ class _FrameFeatures(nn.Module):
 
 
 class _GruStep(nn.Module):
-    """One frame of a `SlipGru`; ``state0`` is the hidden state of the recurrent layer."""
+    """Step of a `SlipGru`; ``state0`` is the hidden state of the recurrent layer."""
 
     def __init__(self, network: SlipGru) -> None:
         super().__init__()
@@ -136,7 +136,7 @@ class _GruStep(nn.Module):
 
 
 class _GatedStep(nn.Module):
-    """One frame of a `GatedTcn`.
+    """Step of a `GatedTcn`.
 
     ``state0`` has the past inputs of every block, ``state2`` the latest sums of their outputs, the
     newest last. One product computes the contribution of past inputs to all blocks; only the newest

@@ -203,7 +203,7 @@ def greatest(x: Tensor, samples: int) -> Tensor:
 
 
 class SlipGru(nn.Module):
-    """One gated recurrent layer and a linear output."""
+    """Gated recurrent layer and a linear output."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()

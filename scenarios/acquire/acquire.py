@@ -54,7 +54,7 @@ from scenarios.world.truth import PressedTruth
 
 
 class AcquireOutcome(StrEnum):
-    """How an acquisition ended."""
+    """Outcome of an acquisition."""
 
     COMPLETE = "complete"
     FAULT = "fault"
@@ -111,7 +111,7 @@ PRESS = "/press"
 
 
 class PressMessage(msgspec.Struct, frozen=True):
-    """One step of the press controller: estimated force, and command to the arm."""
+    """Step of the press controller: estimated force, and command to the arm."""
 
     phase: str
     force_n: float  # estimated by the fingertip

@@ -39,7 +39,7 @@ SHOWN_AFTER = 4  # samples until the arm's state shows the effect of a command
 
 
 class Sample(msgspec.Struct, frozen=True):
-    """One sample of a session."""
+    """A sample of a session: measurements, command and truth."""
 
     t_ns: int
     phase: PressPhase
@@ -101,7 +101,7 @@ def open_acquire_rig(
 
 
 class Session:
-    """One session on an open rig: call ``run``, then read ``ticks``."""
+    """A session on an open rig: call ``run``, then read ``ticks``."""
 
     def __init__(
         self, config: AcquireConfig, motion: StrokeMotion | None, seed: int, rig: PressRig,
@@ -194,7 +194,7 @@ class Session:
         rig.clock.sleep_until_ns(wake_ns)
 
     def _sample(self) -> Sample:
-        """One exchange with each device and one controller step."""
+        """Exchange data with each device once and make a controller step."""
         self._wait()
         rig, controller = self._rig, self._controller
         now_ns = rig.clock.now_ns

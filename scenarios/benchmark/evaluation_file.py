@@ -31,7 +31,7 @@ class RuleScores(msgspec.Struct, frozen=True):
 
 
 class ScoredSlip(msgspec.Struct, frozen=True):
-    """One slip and its delay; ``delay_ms`` None: missed."""
+    """A slip and its delay; ``delay_ms`` None: missed."""
 
     recording: str
     onset_s: float
@@ -51,8 +51,8 @@ class SlipTrace(msgspec.Struct, frozen=True):
     slipping: list[tuple[float, float]]  # from, to
 
 
-class Evaluated(msgspec.Struct, frozen=True):
-    """One detector with one rule; ``sheet`` is the output of `--json`."""
+class DetectorEvaluation(msgspec.Struct, frozen=True):
+    """Evaluation of a detector with a rule; ``sheet`` is the output of `--json`."""
 
     detector: str
     rule: RuleSettings
@@ -71,7 +71,7 @@ class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
     label: LabelName
     command: str
     versions: dict[str, str]
-    detectors: list[Evaluated]
+    detectors: list[DetectorEvaluation]
 
 
 def read_evaluation(path: Path) -> EvaluationFile:
@@ -88,12 +88,12 @@ def no_evaluation(path: Path, reason: Exception) -> BadFile:
     return BadFile(path, f"is not an evaluation: {reason}", remedy)
 
 
-def evaluated(contender: Contender, sheet: Scores) -> Evaluated:
+def evaluated(contender: Contender, sheet: Scores) -> DetectorEvaluation:
     """File entry of a detector with its evaluation ``sheet``."""
     rule, streams = contender.config.rule, contender.streams
     slips = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
     worst = sorted(slips, key=lambda each: _badness(each[1]), reverse=True)[:MAX_TRACES]
-    return Evaluated(
+    return DetectorEvaluation(
         detector=contender.label,
         rule=rule,
         sheet=msgspec.json.decode(msgspec.json.encode(sheet)),

@@ -132,7 +132,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class Job(msgspec.Struct, frozen=True):
-    """One planned recording."""
+    """A planned recording."""
 
     path: str  # in the data set's folder
     surface: str  # name or path of the surface, or of the object shape
