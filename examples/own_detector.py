@@ -1,6 +1,6 @@
-"""A user-defined slip detector: the vibration of a fingertip as a probability.
+"""A detector plugin that measures the vibration of a fingertip.
 
-grasp run lift --object can --detector own_detector.py:Vibration --set own.counts=9
+grasp run lift --object can --detector own_detector.py:Vibration --set plugin.counts=9
 """
 
 import numpy as np
@@ -9,10 +9,11 @@ import numpy as np
 class Vibration:
     """A running mean of the change from frame to frame, as a probability."""
 
-    threshold = 0.5  # probability above which a sample counts as slip
-    memory = 0  # length of the input window, samples; 0: a decaying memory
+    threshold = 0.5  # probability above which a sample is slip
+    memory = 0  # samples that the output depends on; 0: unbounded
 
-    def __init__(self, fingers, counts=12.0):  # arguments by name: fingers, taxels, [own] settings
+    # optional parameters: fingers, taxels, and settings of section `plugin`
+    def __init__(self, fingers, counts=12.0):
         self.fingers, self.counts = fingers, counts
 
     def reset(self):

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from detector.network_file import is_weights
-from detector.plugins import is_code
+from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml
@@ -71,7 +71,7 @@ def read_spec(path: Path) -> CampaignSpec:
     spec = load(CampaignSpec, [read_toml(path)])
 
     def resolved(name: str) -> str:
-        is_path = by_path(name) or is_code(name) or is_weights(name)
+        is_path = by_path(name) or is_plugin_file(name) or is_weights(name)
         return str(path.parent / name) if is_path else name
 
     return msgspec.structs.replace(

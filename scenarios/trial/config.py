@@ -21,7 +21,7 @@ from detector.interface import (
 )
 from detector.network import NetworkSettings
 from detector.network_file import is_weights
-from detector.plugins import Scalar, is_code
+from detector.plugins import Scalar, is_plugin_file
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings, LoopSettings
 from grasp.guard import GuardSettings
@@ -87,7 +87,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     psd: PsdSettings = PsdSettings()
     psd_fair: PsdFairSettings = PsdFairSettings()
     network: NetworkSettings = NetworkSettings()
-    own: dict[str, Scalar] = msgspec.field(default_factory=dict)  # arguments of a user's detector
+    plugin: dict[str, Scalar] = msgspec.field(default_factory=dict)  # of a detector plugin
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
 
@@ -178,7 +178,7 @@ def digest_of(settings: Mapping[str, Any]) -> str:
     hidden = {*UNHASHED, *UNUSED.get(rig, ()), *(SECTIONS - {section})}
     table = {key: value for key, value in sorted(settings.items()) if key not in hidden}
     table[section] = fingerprint_of(name, settings[section])
-    if is_code(name) or is_weights(name):
+    if is_plugin_file(name) or is_weights(name):
         del table["detector_name"]  # a path: its content is hashed above
     # of devices from other packages their classes, not their addresses
     devices = {k: v for k, v in table.pop("devices", {}).items() if isinstance(v, str) and v}

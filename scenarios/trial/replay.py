@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.network_file import is_weights
-from detector.plugins import is_code
+from detector.plugins import is_plugin_file
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration
@@ -212,8 +212,8 @@ def _settings(
 
 def _trusted(recorded: str, given: str | None) -> str:
     """The detector to replay with. A recording never runs code that the caller did not name."""
-    from_file = is_code(recorded) or is_weights(recorded)
-    if given is None and is_code(recorded):
+    from_file = is_plugin_file(recorded) or is_weights(recorded)
+    if given is None and is_plugin_file(recorded):
         raise UsageError(
             f"it was recorded with {recorded}, code that a replay does not run unasked",
             "if you trust it, name it: --detector FILE.py:NAME",
