@@ -186,6 +186,6 @@ def steps(page: str) -> list[str]:
 
 
 @pytest.mark.timeout(900)
-def test_first_day_goes_as_its_page_says(tmp_path: Path) -> None:
+def test_first_day_matches_its_page(tmp_path: Path) -> None:
     page = (DOCS / "first-day.md").read_text(encoding="utf-8")
     assert steps(play(tmp_path)) == steps(page)

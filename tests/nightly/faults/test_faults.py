@@ -50,7 +50,7 @@ def changed(end: Ended, **changes: object) -> Ended:
     return msgspec.structs.replace(end, **changes)
 
 
-def test_a_stop_that_is_lost_in_a_safe_state_is_declared_if_the_user_is_told() -> None:
+def test_lost_stop_in_a_safe_state_is_accepted_if_it_is_reported() -> None:
     case = Case(0, "can", 0, UNPLUGGED, State.LIFT, 2, 73, False, STOP_LOST, 0, False, safe=True)
     found = run(case)
     assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
@@ -83,20 +83,20 @@ WRONG: list[tuple[dict[str, object], str]] = [
 ]  # fmt: skip
 
 
-def test_what_must_not_be_is_found_and_only_what_is_declared_and_told_is_excused() -> None:
+def test_every_problem_is_found_and_only_reported_declared_ones_are_accepted() -> None:
     cut = run(Case(1, "can", 0, CUT, State.LIFT, 1, 4))
     assert problems(cut) == {}
     for changes, check in WRONG:
         assert check in problems(changed(cut, **changes)), changes
     slid = changed(cut, slid_m=0.03)
-    assert problems(slid) and fell(slid) == {}  # the hand could not be told to close
+    assert problems(slid) and fell(slid) == {}  # the hand could not be commanded to close
     assert fell(changed(slid, peak_n=12.0))
     assert fell(changed(slid, hand="the hand is closed to the limit of 10 N", pressed_n=5.0))
     assert fell(changed(slid, case=msgspec.structs.replace(slid.case, recovers=True)))
 
 
 @pytest.mark.parametrize(("fault", "most_n"), [(OPENED, 10.3), (FORCED, 11.5)], ids=str)
-def test_what_another_client_writes_once_is_written_over_and_told(
+def test_single_write_of_another_client_is_overwritten_and_reported(
     fault: Fault, most_n: float
 ) -> None:
     for ticks in range(0, 55, 6):
@@ -106,7 +106,7 @@ def test_what_another_client_writes_once_is_written_over_and_told(
         assert re.search(r"another client changed .*targets \(.*\), expected", found.message)
 
 
-def test_what_failed_once_ends_well() -> None:
+def test_regression_cases_end_well() -> None:
     for case in (
         Case(0, "can", 0, OPENED, State.HOLD, 1, 33, recovers=True),
         Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "close"), State.BRACE),

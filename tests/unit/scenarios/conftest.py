@@ -58,11 +58,11 @@ class InPhase:
     """True from the given number of ticks into a phase on."""
 
     def __init__(self, phase: State, after_ticks: int = 10) -> None:
-        self.phase, self._after, self.seen = phase, after_ticks, 0
+        self.phase, self._after, self.ticks = phase, after_ticks, 0
 
     def __call__(self, tick: Tick) -> bool:
-        self.seen += tick.decision.state is self.phase
-        return self.seen > self._after
+        self.ticks += tick.decision.state is self.phase
+        return self.ticks > self._after
 
     @property
     def at_first(self) -> bool:
@@ -92,7 +92,7 @@ class Staged:
     def run(self, when: Callable[[Tick], bool], act: Callable[[AnyRig], None]) -> FinishedTrial:
         if isinstance(when, InPhase) and not when.at_first and when.phase in self._kept:
             parts, ticks = self._kept[when.phase]
-            self.ticks, when.seen = [*ticks], 1
+            self.ticks, when.ticks = [*ticks], 1
             parts = checkpoint.copied(parts)
             self.loop = parts[1]
             with checkpoint.resumed(parts) as rig:

@@ -64,16 +64,16 @@ def presser(**settings: Any) -> PressController:
     return PressController(made, 100.0, None, np.random.default_rng(0))
 
 
-def pressing_mps(felt_n: float, below_m: float = 0.0, **settings: Any) -> float:
+def pressing_mps(pressed_n: float, below_m: float = 0.0, **settings: Any) -> float:
     """Downward speed at a measured force, ``below_m`` below first contact, at 100 counts per N."""
     p = presser(**settings)
     p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
-    counts = np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16)
+    counts = np.array([round(-100 * pressed_n)] + [0] * 5, dtype=np.int16)
     p.step(0.01, counts, arm(height_m=-below_m))
     return -p.step(0.02, counts, arm(height_m=-below_m)).velocity_mps[2]
 
 
-def touched(value: float, felt_n: float) -> bool:
+def touched(value: float, pressed_n: float) -> bool:
     p = presser(touch_n=value)
-    p.step(0.0, np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16), arm())
+    p.step(0.0, np.array([round(-100 * pressed_n)] + [0] * 5, dtype=np.int16), arm())
     return p.phase is not PressPhase.APPROACH

@@ -100,7 +100,7 @@ def test_loss_of_the_object_is_detected_with_taxels_that_still_report_contact(
         staged, gone = Staged(), in_phase(phase, 3)
 
         def take_away(tick: Tick, staged: Staged = staged, gone: InPhase = gone) -> None:
-            if gone(tick) and gone.seen == 4:
+            if gone(tick) and gone.ticks == 4:
                 fault.take_object_away(staged.rig)
 
         staged.on_tick = take_away

@@ -120,7 +120,7 @@ def stronger(data: list[int]) -> None:
     data[-11] += 1
 
 
-def write_never_seen(messages: Messages) -> None:
+def write_missing(messages: Messages) -> None:
     """The closing was not written, although the status follows it."""
     at = closing(messages)
     before = next(m for name, _, m in reversed(messages[:at]) if name == GRIPPER)
@@ -137,7 +137,7 @@ EDITS: dict[str, Callable[[Messages], None]] = {
     "another finger was commanded to close": other_bytes(0, b_closes_too),
     "more force was written": other_bytes(0, stronger),
     "fingers were not opened as commanded": other_bytes(-1, b_closes_too),
-    "a command was never written": write_never_seen,
+    "a command was never written": write_missing,
     "a state of the gripper is lost": state_lost(GRIPPER),
     "a state of the arm is lost": state_lost(ARM),
     "a change of phase is lost": phase_lost,

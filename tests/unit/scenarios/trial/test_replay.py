@@ -29,12 +29,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def copy_changed(source: Path, out: Path, topic: str, at: int, **values: object) -> Path:
     """A copy of a recording in which one message differs."""
     recording = RunRecording(source, RUN_CHANNELS)
-    seen = 0
+    count = 0
     with RunRecorder(out, RUN_CHANNELS, recording.metadata) as writer:
         for name, t_ns, message in recording:
             if name == topic:
-                seen += 1
-                if seen == at:
+                count += 1
+                if count == at:
                     message = msgspec.structs.replace(message, **values)  # noqa: PLW2901
             writer.write(name, t_ns, message)
     assert writer.failure is None
