@@ -31,7 +31,7 @@ from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.simulated import any_cell, cell_settings
-from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
+from scenarios.world.cell import PadPress, PadWeight, SimulatedCell
 from scenarios.world.settings import Impact
 
 STALL_NS = 50_000_000
@@ -227,7 +227,7 @@ class EmulatedCell:
             "take": take,
             "tap": lambda request: cell.tap(msgspec.convert(request, Impact)),
             "press": lambda request: cell.press(msgspec.convert(request, PadPress)),
-            "lay": lambda request: cell.lay(msgspec.convert(request, LaidWeight)),
+            "lay": lambda request: cell.put_weight(msgspec.convert(request, PadWeight)),
             "home": self._home,
         }
 
