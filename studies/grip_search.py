@@ -20,7 +20,7 @@ from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, open_loop_onset_s
-from scenarios.rigs.simulated import Draw, draw
+from scenarios.rigs.simulated import TrialSample, sample_trial
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 from scenarios.world.settings import HALF_APERTURE_M
@@ -60,7 +60,7 @@ class Grip(msgspec.Struct, frozen=True):
     sure: float  # share of draws that fail in nothing
 
     def meets(self, criteria: Criteria) -> bool:
-        """Whether it slips in every draw and rarely fails another criterion."""
+        """Whether it slips in every sampled trial and rarely fails another criterion."""
         return self.fails["holds"] == 0.0 and self.sure >= criteria.least_sure
 
 
@@ -131,7 +131,9 @@ def present(config: LiftConfig, criteria: Criteria) -> Grip:
     return _judge(config, criteria, config.object.grip_counts, trials)
 
 
-def _judge(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[Draw]) -> Grip:
+def _judge(
+    config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[TrialSample]
+) -> Grip:
     pressed, carried = _forces(config, counts, trials)
     relaxed = pressed * (1 - config.contact.relaxation_fraction)
     flags = {
@@ -151,9 +153,9 @@ def _judge(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list
     )
 
 
-def _trials(config: LiftConfig, draws: int) -> list[Draw]:
+def _trials(config: LiftConfig, draws: int) -> list[TrialSample]:
     return [
-        draw(config.variation, config.object, config.hand, np.random.default_rng(child))
+        sample_trial(config.variation, config.object, config.hand, np.random.default_rng(child))
         for child in np.random.SeedSequence(0).spawn(draws)
     ]
 
@@ -171,7 +173,7 @@ def _candidates(config: LiftConfig) -> Iterator[Counts3]:
 
 
 def _forces(
-    config: LiftConfig, counts: Counts3, trials: list[Draw]
+    config: LiftConfig, counts: Counts3, trials: list[TrialSample]
 ) -> tuple[Floats, NDArray[np.float64]]:
     """Initial normal forces (n, 3), N, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))

@@ -11,9 +11,9 @@ from drivers.ur.link import preflight as arm_look
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
 from scenarios.lab import arm, hand, preflight
-from scenarios.rigs.device_checks import STRANGE, arm_checks, other_devices, read_gripper
+from scenarios.rigs.device_checks import WRONG_DEVICE, arm_checks, other_devices, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
-from scenarios.rigs.rig import calibration, not_active, to_open
+from scenarios.rigs.rig import calibration, not_active_error, settings_to_open
 
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: it is active"
@@ -38,7 +38,7 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     if args.json:
         return code
     for each in strange:
-        lab.say(f"{each} ({STRANGE})")
+        lab.say(f"{each} ({WRONG_DEVICE})")
     if fault.code:
         lab.say(f"{fault.text} ({fault.remedy})")
     if now.ready and (other := other_than_basic(now.mode)):
@@ -71,7 +71,7 @@ def gripper_activate(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
 
     def look() -> str:
-        to_open(config)  # raises without a calibration
+        settings_to_open(config)  # raises without a calibration
         seen = preflight.check_activation(config)
         return IDLE if seen is None else SET_BASIC if seen.well else ALL
 
@@ -119,7 +119,7 @@ def _move(
         if closing:
             preflight.check_close(config, seen, to)
         lab.warn_of_mode(config, opened=not closing)
-        moving = config if closing else to_open(config)
+        moving = config if closing else settings_to_open(config)
         return _motion(moving, seen.state.positions, to) + order
 
     def act(permit: Any) -> lab.Done:
@@ -138,18 +138,18 @@ def release(args: argparse.Namespace) -> int:
     config = _hand_config(args)
 
     def look() -> str:
-        to_open(config)  # raises without a calibration
+        settings_to_open(config)  # raises without a calibration
         seen = preflight.hand_seen(config)
         if not seen.state.active:
             if not args.activate:
-                raise not_active(seen.state, "the same with --activate")
+                raise not_active_error(seen.state, "the same with --activate")
             return f"activate the hand: {ALL}, then open it"
         lab.warn_of_mode(config, opened=True)
-        return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
+        return _motion(settings_to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
     def act(permit: Any) -> lab.Done:
         with hand.open_hand(config, permit, False, args.activate) as opened:
-            will = _motion(to_open(config), opened.state.positions, OPEN)
+            will = _motion(settings_to_open(config), opened.state.positions, OPEN)
             lab.say(f"will {will}{_spread(opened.mode)}")
             moved = opened.open(lab.say)
         which, others = f"gripper at {gripper_address(config)}", other_devices(config)
@@ -160,7 +160,7 @@ def release(args: argparse.Namespace) -> int:
         return lab.Done(text, {**value, **others})
 
     return lab.perform(
-        args, config, lambda: f"open all fingers at {_speed(to_open(config))}", look, act
+        args, config, lambda: f"open all fingers at {_speed(settings_to_open(config))}", look, act
     )
 
 

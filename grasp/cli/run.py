@@ -20,7 +20,7 @@ from scenarios.acquire.press import motion
 from scenarios.acquire.session import counts_per_newton
 from scenarios.campaign.config import EXPERIMENTS, load_config
 from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
-from scenarios.rigs.calibration import in_words
+from scenarios.rigs.calibration import describe_calibration
 from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
@@ -70,7 +70,7 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     check_devices(config)
     if permit is not None:  # an acquisition has neither calibration nor source
         if (hand := getattr(config, "calibration", None)) is not None:
-            say(in_words(hand))
+            say(describe_calibration(hand))
         if (source := getattr(config, "source", None)) is not None:
             for line in source.in_words():
                 say(line)

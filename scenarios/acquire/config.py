@@ -10,7 +10,7 @@ from drivers.errors import ConfigError
 from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, file_of, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
-from scenarios.rigs.calibration import Files, own_layers, rig_layers
+from scenarios.rigs.calibration import Files, rig_layers, user_layers
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.objects import within
 
@@ -53,7 +53,7 @@ def load_acquire_config(
         *map(_of_this_scenario, of_rig),
         not_chosen(thing_layer("surfaces", "surface", surface)),
     ]
-    *own, assigned = own_layers(files, assignments)
+    *own, assigned = user_layers(files, assignments)
     layers += [*map(_of_this_scenario, own), assigned, Layer("command line", {"rig": like})]
     return load(AcquireConfig, layers)
 

@@ -41,7 +41,7 @@ from scenarios.lab.fit import (
     of_presses,
 )
 from scenarios.lab.hand import Hand, Say, open_active_gripper, open_hand, retry, step_targets
-from scenarios.rigs.calibration import FAR, MANUAL
+from scenarios.rigs.calibration import MANUAL, MANUAL_FACTOR
 from scenarios.rigs.permission import MotionPermit, require
 from scenarios.rigs.rig import known_state
 from scenarios.trial.config import TrialConfig
@@ -254,7 +254,7 @@ def pressed(presser: Presser, presses: int, up_to_n: float, operator: Operator) 
 def _press_reading(presser: Presser, question: str, up_to_n: float, operator: Operator) -> float:
     """One reading; asked again where it is none, or so far from the manual's force that its unit
     must be wrong: readings that all have the wrong unit would not contradict one another."""
-    low_n, high_n = MANUAL.least_force_n / FAR, MANUAL.least_force_n * FAR
+    low_n, high_n = MANUAL.least_force_n / MANUAL_FACTOR, MANUAL.least_force_n * MANUAL_FACTOR
     while True:
         try:
             force_n = load_of(ask(operator, question, presser.idle), up_to_n)

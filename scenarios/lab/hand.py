@@ -46,9 +46,9 @@ from scenarios.rigs.rig import (
     check_fault,
     known_state,
     mode_of,
-    not_active,
-    to_open,
-    until_active,
+    not_active_error,
+    settings_to_open,
+    wait_until_active,
 )
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
@@ -379,7 +379,7 @@ def open_active_gripper(
         if not state.active and activating:  # what it holds is supported, the operator has said
             activate(gripper, clock, dropping=True)
         elif not state.active:
-            raise not_active(state, again)
+            raise not_active_error(state, again)
         if closing:
             check_fault(state)
             check_closing(mode_of(gripper))
@@ -398,7 +398,7 @@ def open_hand(
     if closing:
         guard_of(config)
     else:
-        config, again = to_open(config), f"`{allowed.release} --activate`"
+        config, again = settings_to_open(config), f"`{allowed.release} --activate`"
     with (
         open_active_gripper(config, clock, closing, again, activating) as gripper,
         ExitStack() as stack,
@@ -413,7 +413,7 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
     None where it was active already, in basic mode; in another mode it is set to basic, for which
     it opens. Ctrl-C resets it, which stops the fingers."""
     require(permit)
-    config = to_open(config)  # no force of ours is sent
+    config = settings_to_open(config)  # no force of ours is sent
     clock = WallClock(WallClock().now_ns)
     with (
         driving(gripper_of(config)),
@@ -427,7 +427,7 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
             return None
         gripper.activate()  # raises Refused where it would drop something
         undo.callback(_reset, config, say)  # once the link is closed: only one may be open
-        state = until_active(gripper, clock)
+        state = wait_until_active(gripper, clock)
         undo.pop_all()
         return state.positions
 

@@ -16,7 +16,7 @@ from scenarios.lab.hand import TOUCH_N, Moved, Say, check_thumb, guard_of, open_
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks, read_gripper
 from scenarios.rigs.permission import MotionPermit, arm_of, driving, gripper_address, gripper_of
-from scenarios.rigs.rig import calibration, check_fault, not_active
+from scenarios.rigs.rig import calibration, check_fault, not_active_error
 from scenarios.trial.config import TrialConfig
 
 ConfigT = TypeVar("ConfigT", bound=TrialConfig)
@@ -70,7 +70,7 @@ def active_hand(config: GraspRigConfig) -> HandSeen:
     """As ``hand_seen``; raises Refused for a hand that is not active."""
     seen = hand_seen(config)
     if not seen.state.active:
-        raise not_active(seen.state)
+        raise not_active_error(seen.state)
     return seen
 
 

@@ -19,7 +19,7 @@ from scenarios.lab.fit import (
     odd_press,
     of_presses,
 )
-from scenarios.rigs.calibration import WEAK_PRESSES, check_claim
+from scenarios.rigs.calibration import WEAK_PRESSES, check_weak_claim
 
 WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
 
@@ -113,7 +113,7 @@ def test_hand_weaker_than_the_manual_s_needs_ten_presses() -> None:
 def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(least_n: float) -> None:
     known = of_presses([least_n * (1 + 0.001 * i) for i in range(10)])
     table = tomllib.loads(hand_file("A", known))["calibration"]
-    check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
+    check_weak_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
 
 def test_mistyped_press_is_named() -> None:

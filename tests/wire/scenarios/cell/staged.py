@@ -179,7 +179,7 @@ class Staged:
 
     @property
     def _cell(self) -> Any:
-        return self._rig.world.__self__  # type: ignore[union-attr]
+        return self._rig.read_truth.__self__  # type: ignore[union-attr]
 
     def _look(self) -> tuple[Truth, dict[str, Any]]:
         arm = self._cell.endpoints["arm"]
