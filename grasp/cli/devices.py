@@ -73,7 +73,7 @@ def gripper_activate(args: argparse.Namespace) -> int:
     def look() -> str:
         settings_to_open(config)  # raises without a calibration
         seen = preflight.check_activation(config)
-        return IDLE if seen is None else SET_BASIC if seen.well else ALL
+        return IDLE if seen is None else SET_BASIC if seen.healthy else ALL
 
     def ask() -> None:
         lab.confirm("activation opens and closes the hand fully, with a force that nobody sets. Is "
@@ -90,13 +90,13 @@ def gripper_activate(args: argparse.Namespace) -> int:
 
 
 def gripper_close(args: argparse.Namespace) -> int:
-    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), _hand_config(args)
     plan = f"close finger {fingers} to {args.to} counts"
-    return _move(args, config, plan, lambda at: hand.targets_of(at, fingers, args.to), fingers)
+    return _move(args, config, plan, lambda at: hand.closing_targets(at, fingers, args.to), fingers)
 
 
 def gripper_step(args: argparse.Namespace) -> int:
-    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), _hand_config(args)
     counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
     return _move(args, config, plan, lambda at: hand.step_targets(at, fingers, counts), closing)
@@ -108,13 +108,13 @@ def _move(
     """Move fingers to their ``targets``. ``closing``: the fingers that close."""
     order = ""  # in which fingers close, and how far B and C
     if closing:
-        hand.guard_of(config)  # raises what a run would, before anything moves
+        hand.hand_guard(config)  # raises what a run would, before anything moves
         if config.guard.cap_mode != "each_motor" and set("BC") & set(closing):
             thumb = ", then the thumb alone" if "A" in closing else ""
             order = f"; B and C no further than where anything is felt{thumb}"
 
     def look() -> str:
-        seen = preflight.active_hand(config)
+        seen = preflight.read_active_hand(config)
         to = targets(seen.state.positions)
         if closing:
             preflight.check_close(config, seen, to)
@@ -128,7 +128,7 @@ def _move(
             lab.say(f"will {_motion(config, opened.state.positions, to)}{order}")
             moved = opened.close(to, lab.say) if closing else opened.move(to, lab.say)
         code = exits.DEVICE if moved.fault else exits.SUCCESS
-        return lab.Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
+        return lab.Done(moved.summary(), code=exits.SAFETY_STOP if moved.stopped_by else code)
 
     return lab.perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act,
                    lambda: lab.warn_of_mode(config))  # fmt: skip
@@ -139,7 +139,7 @@ def release(args: argparse.Namespace) -> int:
 
     def look() -> str:
         settings_to_open(config)  # raises without a calibration
-        seen = preflight.hand_seen(config)
+        seen = preflight.read_hand(config)
         if not seen.state.active:
             if not args.activate:
                 raise not_active_error(seen.state, "the same with --activate")
@@ -153,7 +153,7 @@ def release(args: argparse.Namespace) -> int:
             lab.say(f"will {will}{_spread(opened.mode)}")
             moved = opened.open(lab.say)
         which, others = f"gripper at {gripper_address(config)}", other_devices(config)
-        text = _listed(f"released on rig {args.rig}: {which}, {moved.in_words()}",
+        text = _listed(f"released on rig {args.rig}: {which}, {moved.summary()}",
                        [f"{device}: {state}" for device, state in others.items()])  # fmt: skip
         lab.warn_of_mode(config, opened=True)
         value = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}

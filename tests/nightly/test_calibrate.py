@@ -41,7 +41,7 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
     read: list[float] = []
 
     def person(question: str) -> str:
-        assert "what does the scale say" in question
+        assert "reading of the scale" in question
         read.append(newtons(lab))
         return f"{read[-1] / 9.80665 * 1e3:.0f} g"
 

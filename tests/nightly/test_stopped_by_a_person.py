@@ -17,7 +17,7 @@ def test_activation_is_stopped_by_ctrl_c_and_the_hand_is_inactive_then(tmp_path:
             run.send_signal(signal.SIGINT)
             _, said = run.communicate(timeout=PATIENCE_S)
         assert run.returncode == 130, said
-        assert "the fingers stand; the hand is not active any more" in said
+        assert "the fingers have stopped; the hand is not active any more" in said
         assert not lab.hand.active and lab.ask("motion")["fingers_mps"] == 0.0
         lab.cell.close()
 

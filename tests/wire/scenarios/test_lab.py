@@ -232,7 +232,7 @@ def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     ready.ask("place")
     closed = ready.done("gripper", "close")
     truth = ready.ask("truth")["truth"]
-    assert "finger A met something" in closed
+    assert "contact of finger A" in closed
     assert 5.0 < truth["normal_n"][0] < 10.5
     assert truth["peak_n"][0] < 11.0
     further = ready.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
@@ -268,7 +268,7 @@ def test_closing_stops_where_it_is(trouble: str, ready: Lab) -> None:
             ready.ask("fault", name="unplug")
         _, said = run.communicate(timeout=PATIENCE_S)
     assert run.returncode in ((130,) if trouble == "Ctrl-C" else (3, 4)), said
-    assert "the fingers stand, at (" in said
+    assert "the fingers have stopped at (" in said
     assert ready.ask("motion")["fingers_mps"] == 0.0
     assert 30 <= ready.places[0] < 200
 

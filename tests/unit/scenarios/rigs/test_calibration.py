@@ -10,7 +10,7 @@ import pytest
 from drivers.errors import ConfigError
 from drivers.robotiq.calibration import GripperCalibration
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.lab.hand import guard_of, step_counts
+from scenarios.lab.hand import hand_guard, step_counts
 from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.permission import check_devices
 from scenarios.rigs.rig import calibration, settings_to_open
@@ -70,7 +70,7 @@ def test_force_below_a_third_of_the_manuals_is_refused_on_real_devices(tmp_path:
     assert lab.calibration.byte_at_most(15.1) == 255
     for opened in (
         make_guard,
-        guard_of,
+        hand_guard,
         check_devices,
         calibration,
         lambda c: step_counts(c, 2e-3),
