@@ -6,7 +6,7 @@ patch sticks, and so how much shear reaches the barometers. Each spring's normal
 reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
 (closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). Wander and
 vibration of the press are added, and per taxel the rest code, warming, noise and ten-bit rounding.
-docs/fingertip.md has the equations, their sources and the fit to a real recording.
+docs/simulation.md has the equations and the sources of the values.
 
 Pad frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row, 5 4 3
 in the upper. Lengths in this file are millimetres, as in the kernels' published form.

@@ -14,7 +14,7 @@ f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
 The pad is carried by a mount. Along the normal it is a spring (stiffness 0: the load is an input).
 Friction Q on the pad's face acts on the mount's joint through a lever, which loads or unloads it
 (as a leading or trailing shoe of a drum brake). Laterally the mount is a damped spring with a mass.
-docs/fingertip.md has the equations.
+docs/simulation.md has the equations.
 """
 
 import math
