@@ -28,7 +28,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
-from scenarios.lab.fingertips import FingertipReader, open_fingertips
+from scenarios.lab.fingertips import TactileReader, open_fingertips
 from scenarios.lab.fit import (
     CHECK_READINGS,
     N_PER_G,
@@ -64,9 +64,7 @@ def parse_newtons(text: str) -> float:
     """Force of a number with its unit, N, g or kg; raises UsageError for any other text."""
     found = READING.fullmatch(text.strip())
     if found is None:
-        raise UsageError(
-            f"{text.strip()!r} is not a reading", "type a number and its unit: N, g or kg"
-        )
+        raise UsageError(f"{text.strip()!r} is not a reading", "a number and its unit: N, g or kg")
     return float(found[1].replace(",", ".")) * NEWTONS[found[2].lower()]
 
 
@@ -84,9 +82,7 @@ def parse_load(line: str, most_n: float) -> float:
     """Typed load in newtons; raises UsageError for anything but a load up to most_n."""
     force_n = parse_newtons(line)
     if force_n > most_n:
-        raise UsageError(
-            f"{force_n:.2f} N is more than --up-to {most_n:g} N", "check number and unit"
-        )
+        raise UsageError(f"{force_n:.2f} N is above --up-to {most_n:g} N", "check number and unit")
     if force_n <= 0.0:
         raise UsageError("0 N is not a load", "load the pad, then type the scale's reading")
     return force_n
@@ -99,10 +95,8 @@ def check_force(up_to_n: float) -> None:
     """Raises UsageError if byte 0 may exceed up_to_n by the manual, or up_to_n exceeds the hand's
     force."""
     if up_to_n > MANUAL.most_force_n:
-        raise UsageError(
-            f"--up-to {up_to_n:g} N is above the hand's largest force",
-            f"<= {MANUAL.most_force_n:g} N",
-        )
+        problem = f"--up-to {up_to_n:g} N is above the hand's largest force"
+        raise UsageError(problem, f"<= {MANUAL.most_force_n:g} N")
     if MANUAL.least_force_n > up_to_n:
         raise UsageError(
             f"--up-to {up_to_n:g} N is below the force of byte 0 by the manual, "
@@ -173,7 +167,7 @@ def open_presser(
 # Counts of a fingertip
 
 
-def pad_counts(fingertips: FingertipReader, clock: Clock, finger: str) -> tuple[float, bool]:
+def pad_counts(fingertips: TactileReader, clock: Clock, finger: str) -> tuple[float, bool]:
     """Mean fall of a finger's codes over a second, summed over its taxels, and whether a taxel was
     at the end of its range."""
     i = FINGER_NAMES.index(finger)
@@ -190,13 +184,9 @@ def pad_counts(fingertips: FingertipReader, clock: Clock, finger: str) -> tuple[
 
 
 def weight_readings(
-    fingertips: FingertipReader,
-    clock: Clock,
-    finger: str,
-    up_to_n: float,
-    operator: Operator,
+    fingertips: TactileReader, clock: Clock, finger: str, up_to_n: float, operator: Operator,
     say: Say,
-) -> list[Reading]:
+) -> list[Reading]:  # fmt: skip
     """Readings of loads on one fingertip until the operator ends. A reading that contradicts the
     others is dropped and reported at once."""
     readings: list[Reading] = []
@@ -212,8 +202,7 @@ def weight_readings(
             counts, rail = pad_counts(fingertips, clock, finger)
             if rail or counts <= 0.0:
                 problem = "a taxel is at the end of its range" if rail else "the pad has no counts"
-                remedy = f"{'use a smaller load' if rail else 'load that pad'}; dropped"
-                raise UsageError(f"at {force_n:.2f} N {problem}", remedy)
+                raise UsageError(f"at {force_n:.2f} N {problem}", "use less force; dropped")
         except UsageError as error:
             operator.say(f"{error.message}: {error.remedy}")
             continue
@@ -251,19 +240,15 @@ def calibrate_hand(
     return hand_file(finger, statistics, note)
 
 
-def press_readings(
-    presser: Presser, presses: int, up_to_n: float, operator: Operator
-) -> list[float]:
+def press_readings(presser: Presser, count: int, up_to_n: float, operator: Operator) -> list[float]:
     """Operator's readings of that many presses, N. A press that contradicts the others is repeated.
     Raises Refused without a scale."""
     forces: list[float] = []
-    while len(forces) < presses:
+    while len(forces) < count:
         if not presser.move_to(CLOSED):
             presser.move_to(0)
-            raise Refused(
-                "the finger made no contact with a scale", "put it within reach of that finger only"
-            )
-        question = f"Press {len(forces) + 1} of {presses}: reading of the scale {UNIT}?"
+            raise Refused("the finger found no scale", "put it within reach of that finger only")
+        question = f"Press {len(forces) + 1} of {count}: reading of the scale {UNIT}?"
         forces.append(_press_reading(presser, question, up_to_n, operator))
         if (outlier := outlier_press(forces)) is not None:
             operator.say(f"{forces.pop(outlier):.2f} N contradicts the others: press repeated")
@@ -299,9 +284,7 @@ def record_still_object(
         moved = hand.close((CLOSED, CLOSED, CLOSED), say)
         if not moved.contacts:
             hand.move((0, 0, 0), say)
-            raise Refused(
-                "the hand closed without contact", "put the object between the fingertips"
-            )
+            raise Refused("the hand closed without contact", "put the object between the pads")
         say(f"object held; do not touch it for {seconds:.0f} s")
         counts = hand.record_counts(seconds, say)
         hand.move((0, 0, 0), say)

@@ -21,8 +21,7 @@ ADDRESSES = "HOST, HOST:PORT or tcp://HOST:PORT, one device each; no network is 
 
 
 class Found(msgspec.Struct, frozen=True):
-    """Result of one query. ``settings``: sections of a file for `--config`; empty without a
-    reply."""
+    """Result of a query. ``settings``: sections of a file for `--config`; empty without reply."""
 
     device: str
     where: str
@@ -90,12 +89,11 @@ def _query(
 
 
 def _reason(error: Exception, where: str) -> str:
-    """Text of an error without the address, which its line has already."""
+    """Text of an error without the address."""
     cause = error if isinstance(error, OSError) else error.__context__
-    if isinstance(cause, TimeoutError):
-        return f"no reply within {TIMEOUT_S:g} s"
-    if isinstance(cause, OSError) and cause.strerror:
-        return cause.strerror.lower()
+    if isinstance(cause, OSError):
+        timeout = f"no reply within {TIMEOUT_S:g} s"
+        return timeout if isinstance(cause, TimeoutError) else cause.strerror or str(cause)
     return str(error).removeprefix(f"the gripper at {where.partition(',')[0]} ")
 
 

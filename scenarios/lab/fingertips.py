@@ -24,7 +24,7 @@ Raw = NDArray[np.int16]
 Table = tuple[tuple[float, ...], ...]  # (3, taxels)
 
 
-class FingertipReader:
+class TactileReader:
     """Fingertips that the caller polls. ``rest``: codes of the open hand; None: unknown, so no
     force is estimated."""
 
@@ -73,20 +73,16 @@ class FingertipReader:
 
 
 @contextmanager
-def open_fingertips(
-    config: AnyRigConfig, clock: Clock, unloaded: bool
-) -> Iterator[FingertipReader]:
+def open_fingertips(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[TactileReader]:
     """The fingertips of the settings. The rest codes of an unloaded hand are measured now; those of
     a closed hand are `tactile.rest_reference`, if set. Raises the board's errors, and Refused for
     implausible rest codes."""
     if config.devices.fingertips:
-        raise Refused(
-            "this command does not read fingertips of another package", "unset devices.fingertips"
-        )
+        raise Refused("fingertips of another package cannot be read", "unset devices.fingertips")
     board_address(config)
     with open_board(config, lambda: clock.now_ns) as tips:
         rest = config.tactile.rest_reference
-        reader = FingertipReader(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
+        reader = TactileReader(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
         if unloaded:
             tips.begin_rest()
             _until(tips, clock, lambda: tips.rest_taken)
@@ -168,7 +164,7 @@ def watch(config: AnyRigConfig, seconds: float) -> Iterator[FingertipStatistics]
         yield _statistics(reader, every, seconds * A_SECOND)
 
 
-def _statistics(reader: FingertipReader, raw: list[Raw], ticks: int) -> FingertipStatistics:
+def _statistics(reader: TactileReader, raw: list[Raw], ticks: int) -> FingertipStatistics:
     codes, rest = np.stack(raw), reader.rest
     assert rest is not None  # noqa: S101  (measured at opening)
     tables = (rest, codes.mean(axis=0) - rest, codes.std(axis=0))

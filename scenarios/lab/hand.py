@@ -4,9 +4,9 @@ The thumb opposes two fingers. So B and C close only with an open thumb, and sto
 because they may push an object against it. The thumb closes last and alone with the least force
 (unless `guard.cap_mode` is each_motor, as in a run).
 
-A motion is a series of short steps. Each is sent once the fingers are near the end of the previous
-one, so a frozen link leaves at most one step of motion, and the fingers do not stop between steps:
-a hand may ignore its force setting at each start (`hand.override_s`).
+A motion is a series of short steps, each sent shortly before the previous one ends. So a frozen
+link leaves at most one step, and the fingers do not stop between steps: a hand may ignore its
+force setting at each start (`hand.override_s`).
 """
 
 import time
@@ -37,7 +37,7 @@ from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 from grasp.guard import ForceGuard
-from scenarios.lab.fingertips import FingertipReader, open_fingertips
+from scenarios.lab.fingertips import TactileReader, open_fingertips
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, driving, gripper_of, require
 from scenarios.rigs.rig import (
@@ -136,14 +136,14 @@ def lead_counts(m_per_count: float) -> int:
 
 def retry(action: Callable[[], object], clock: Clock) -> bool:
     """Whether the action succeeded within a few tries; raises nothing."""
-    begun_ns = clock.now_ns
+    start_ns = clock.now_ns
     for attempt in range(TRIES):
         with suppress(BaseException):  # Ctrl-C too
             if attempt:
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             action()
             return True
-        if clock.now_ns - begun_ns > TRY_FOR_NS:
+        if clock.now_ns - start_ns > TRY_FOR_NS:
             break
     return False
 
@@ -161,8 +161,7 @@ def check_thumb(state: GripperState, targets: Counts3, force_known: bool) -> boo
         )
     if not force_known:
         raise Refused(
-            "B and C close only if the fingertips can detect contact, which needs the rest codes "
-            "of an open hand",
+            "B and C close only if the fingertips detect contact, with rest codes of an open hand",
             "`grasp release`, or set tactile.rest_reference (`grasp tactile watch --rest`)",
         )
     return True
@@ -172,13 +171,9 @@ class Hand:
     """An active hand with its fingertips, if they are read, and the force guard."""
 
     def __init__(
-        self,
-        config: TrialConfig,
-        gripper: Gripper,
-        fingertips: FingertipReader | None,
-        clock: Clock,
-        release: str,
-    ) -> None:
+        self, config: TrialConfig, gripper: Gripper, fingertips: TactileReader | None,
+        clock: Clock, release: str,
+    ) -> None:  # fmt: skip
         """``release``: the command that opens the hand, printed if it is left closed."""
         self._release = release
         self._gripper, self._fingertips, self.clock = gripper, fingertips, clock
@@ -378,12 +373,9 @@ class Hand:
 
 @contextmanager
 def open_active_gripper(
-    config: TrialConfig,
-    clock: Clock,
-    closing: bool,
-    release_command: str = "",
+    config: TrialConfig, clock: Clock, closing: bool, release_command: str = "",
     activating: bool = False,
-) -> Iterator[Gripper]:
+) -> Iterator[Gripper]:  # fmt: skip
     """The gripper of real devices, locked for this process. ``activating``: activate an inactive
     one, whatever it holds; ``release_command``: the command that does so. Raises Refused and
     DeviceFault for a hand in a wrong state, and the driver's errors."""
@@ -418,10 +410,8 @@ def open_hand(
         open_active_gripper(config, clock, closing, release_command, activating) as gripper,
         ExitStack() as stack,
     ):
-        is_open = known_state(gripper).is_open
-        fingertips = (
-            stack.enter_context(open_fingertips(config, clock, is_open)) if closing else None
-        )
+        reader = open_fingertips(config, clock, known_state(gripper).is_open) if closing else None
+        fingertips = None if reader is None else stack.enter_context(reader)
         yield Hand(config, gripper, fingertips, clock, allowed.release)
 
 

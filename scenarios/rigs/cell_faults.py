@@ -78,7 +78,7 @@ FAULT_KINDS = {
     "usb_timeout": FaultKind("board", "times",
         "reads of the board time out; replug ends it",
         lambda board, order: board.time_out(order.times)),
-    "protective_stop": FaultKind("arm", "", "the arm stops by its own safety system",
+    "protective_stop": FaultKind("arm", "", "the arm is stopped by its safety system",
         lambda arm, order: arm.controller.protective_stop()),
     "emergency_stop": FaultKind("arm", "pressed",
         f"the arm brakes and loses power; {_AFTER}, from its next cycle on",
@@ -127,9 +127,7 @@ class CellFaults:
         """Accept a request; returns its effect as text. Raises ValueError for an unknown name, a
         wrong argument, and a feature that this arm lacks."""
         name = str(request.get("name", ""))
-        names = [
-            each for each in FAULT_KINDS if self._devices[FAULT_KINDS[each].device] is not None
-        ]
+        names = [n for n, kind in FAULT_KINDS.items() if self._devices[kind.device] is not None]
         if name not in names:
             raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(names)}")
         usage = describe_fault(FaultOrder(name=name))

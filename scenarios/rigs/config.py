@@ -81,14 +81,10 @@ class PluginDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
 
 
 class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Variation between trials, all assumed; zero switches one off."""
+    """Standard deviations between trials, all assumed; zero switches one off."""
 
-    friction_cv: Annotated[
-        float, Meta(ge=0, le=0.3, description="relative standard deviation of both frictions")
-    ] = 0.08
-    mass_cv: Annotated[
-        float, Meta(ge=0, le=0.3, description="relative standard deviation of the mass")
-    ] = 0.02
+    friction_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of friction")] = 0.08
+    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of the mass")] = 0.02
     finger_scatter_m: Annotated[
         float, Meta(ge=0, le=0.005, description="standard deviation of a finger's stop position")
     ] = 0.00008
@@ -148,8 +144,7 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             )
         if not self.real and len(self.board.cells) != FINGERS * taxels:
             raise ValueError(
-                f"board.cells: {len(self.board.cells)} cells, but {FINGERS} fingers with {taxels} "
-                "taxels each"
+                f"board.cells: {len(self.board.cells)} cells for {FINGERS} x {taxels} taxels"
             )
 
 

@@ -265,21 +265,19 @@ class _Handler(socketserver.StreamRequestHandler):
             token = str(request.pop("token", ""))
             if not secrets.compare_digest(token.encode(), self.server.token.encode()):
                 raise PermissionError("the request must contain the cell's token")
-            return self.server.execute_request(request)
+            return self.server.execute(request)
         except Exception as error:  # a client's mistake must not end the cell
             return {"error": f"{type(error).__name__}: {error}"[:SHOWN]}
 
 
 class ControlServer(socketserver.ThreadingTCPServer):
-    """Serves ``execute_request`` on a free port of the cell's address, one thread per client."""
+    """Serves ``execute`` on a free port of the cell's address, one thread per client."""
 
     daemon_threads = True
 
-    def __init__(
-        self, host: str, execute_request: Callable[[Request], Request], token: str = ""
-    ) -> None:
+    def __init__(self, host: str, execute: Callable[[Request], Request], token: str = "") -> None:
         super().__init__((host, 0), _Handler)
-        self.execute_request, self.token = execute_request, token
+        self.execute, self.token = execute, token
         self.port: int = self.server_address[1]
 
     def __enter__(self) -> Self:

@@ -1,8 +1,7 @@
 """Permission to move real devices, their addresses and their locks.
 
-Only the lab commands (`grasp run`, `release`, `gripper`, `arm`, `calibrate`) create a permit, with
---confirm-motion on the command line, and pass it on. Without a permit no function opens a device
-that can move; settings cannot replace it.
+Only lab commands (`grasp run`, `release`, `gripper`, `arm`, `calibrate`) with --confirm-motion
+create a permit. Without one no function opens a device that can move.
 """
 
 import os

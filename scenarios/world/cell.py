@@ -111,11 +111,9 @@ class SimulatedCell:
         self._travel_m = self.gripper.travel_m + self._offset_m
 
     def place_object(self) -> None:
-        """Put the object on the table between the fingers, which must be open.
-
-        Activation closes the hand fully, so the object is placed afterwards. The table's height is
-        such that the first object has its grip mark at the pads. With a higher arm the pads are
-        above the mark of a later object."""
+        """Put the object on the table between the fingers, which must be open: activation closes
+        the hand fully, so the object is placed afterwards. At the table's height the first object
+        has its grip mark at the pads; with a higher arm the pads are above a later object's."""
         if self._table_m is None:
             self._table_m = self._arm_height_m
         self.contact.place(self._arm_height_m - self._table_m)
@@ -219,9 +217,8 @@ class PullTrigger:
         self._triggered = settings.force_n == 0.0
 
     def begins(self, now_ns: int, height_m: float, rise_mps: float) -> bool:
-        """True once: when the object has stayed up for PULL_AFTER_S with the arm at rest.
-
-        height_m is the object's height, rise_mps the arm's vertical speed."""
+        """True once: when the object, at height_m, has stayed up for PULL_AFTER_S with the arm,
+        whose vertical speed is rise_mps, at rest."""
         if self._triggered:
             return False
         if rise_mps != 0.0 or height_m < self.settings.above_m:
@@ -238,25 +235,21 @@ class TaxelDamage:
     ) -> None:
         self._settings = settings
         self._gain = 1.0 - settings.gain_lost
-        # restores the noise that the lower gain removes
-        self._noise_counts = noise_counts * math.sqrt(1.0 - self._gain**2)
+        self._noise_counts = noise_counts * math.sqrt(1.0 - self._gain**2)  # that the gain removes
         self._undamaged = settings == DamageSettings()
         self._rng = rng
-        self._first_codes: Codes | None = None
-        self._lost_taxels: NDArray[np.bool_] | None = None
+        self._first: Codes | None = None
+        self._lost: NDArray[np.bool_] | None = None
 
     def apply(self, codes: Codes) -> Codes:
         """Codes (F, T) of the damaged fingertips."""
         if self._undamaged:
             return codes
-        if self._first_codes is None or self._lost_taxels is None:
-            self._first_codes, self._lost_taxels = (
-                codes.copy(),
-                self._choose_lost_taxels(*codes.shape),
-            )
+        if self._first is None or self._lost is None:
+            self._first, self._lost = codes.copy(), self._choose_lost_taxels(*codes.shape)
         noise = self._noise_counts * self._rng.standard_normal(codes.shape)
-        out = np.rint(self._first_codes + self._gain * (codes - self._first_codes) + noise)
-        return np.where(self._lost_taxels, self._first_codes, out.astype(np.int16))
+        out = np.rint(self._first + self._gain * (codes - self._first) + noise)
+        return np.where(self._lost, self._first, out.astype(np.int16))
 
     def _choose_lost_taxels(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
         lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)

@@ -373,10 +373,8 @@ def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
 
 @njit(cache=True)
 def tap_force(s: Floats, t_s: float, h: float) -> float:
-    """Mean force, N, of the mallet from t_s over h seconds, so that steps preserve its impulse.
-
-    A half sine delivers TAP_N_S; a longer one of FOLLOW_N_S follows while the hand follows
-    through."""
+    """Mean force, N, of the mallet from t_s over h seconds, so that steps preserve its impulse: a
+    half sine of TAP_N_S, then a longer one of FOLLOW_N_S while the hand follows through."""
     carried = 0.0
     for end, sign in ((t_s + h, 1.0), (t_s, -1.0)):
         since = end - s[TAP_START_S]
@@ -507,9 +505,7 @@ def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
 
 
 @njit(cache=True)
-def _update_object_vertical(
-    s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats
-) -> None:
+def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats) -> None:
     """Update the object's position and slip speed at the end of a vertical step."""
     relative = v_hand - v
     all_slide, touching = True, False
@@ -525,11 +521,11 @@ def _update_object_vertical(
 
 
 @njit(cache=True)
-def _update_object_planar(
+def _move_planar(
     p: Floats, s: Floats, h: float, v_hand: float, v: Floats, n: Floats, sticking: Floats
 ) -> None:
-    """Update the object's position and slip speed at the end of a planar step. A pad sticks while
-    most of its force does; one sticking pad allows rotation about it, two hold the object."""
+    """Update the object's position and slip speed at the end of a planar step. A pad sticks if most
+    of its force does; the object can turn about one sticking pad, not about two."""
     up = v[1] - v[2] * (p[P_COM_Y] + s[COM_ACROSS])  # at the centre of the grip
     aside = v[0] + v[2] * (p[P_COM_Z] + s[COM_RISE])
     holding, touching = 0, 0
@@ -567,12 +563,12 @@ def step(
         push -= n[i] * slope  # above the widest point (slope < 0) the grip pushes the object down
     if p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and impact[0] == 0.0:
         v = _step_vertical(p, s, e, h, v_hand, cos, push, n, small[0], small[1])
-        _update_object_vertical(s, e, h, v_hand, v, n)
+        _move_vertical(s, e, h, v_hand, v, n)
     else:
         torque = impact[3] - p[P_COM_Y] * impact[1] + p[P_COM_Z] * impact[0]
         _step_planar(p, s, e, h, v_hand, cos, push, impact[0], torque, n, work, small)
         _update_elements(p, s, e, h, small[6], n, work, small[0])
-        _update_object_planar(p, s, h, v_hand, small[6], n, small[0])
+        _move_planar(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
     if n.max() > 0.0:
         s[SLOPE] = slope

@@ -97,8 +97,7 @@ def shake_held(
 @njit(cache=True)
 def follow(radps: float, damping: float, dt_s: float, hand: Floats, following: Floats) -> None:
     """Motion of a damped mass on springs while the hand moves linearly to ``hand`` (DIRECTIONS,) in
-    dt_s, stepped exactly. radps: natural frequency; damping: of critical, below 1.
-    """
+    dt_s, stepped exactly. radps: natural frequency; damping: of critical, below 1."""
     decay, w = damping * radps, radps * math.sqrt(1.0 - damping * damping)
     keep = math.exp(-decay * dt_s)
     cos, sin = keep * math.cos(w * dt_s), keep * math.sin(w * dt_s) / w

@@ -175,8 +175,7 @@ def drag(
 ) -> None:  # fmt: skip
     """Move the bristles with the surface, which moves by (dx, dy) and turns; those beyond their
     friction limit slide. Adds to sums (5,): sliding load, slip x and y, and moment of slip about
-    the pad's centre, each weighted by load. Stores the total pull on the pad in the state.
-    """
+    the pad's centre, each weighted by load. Stores the total pull on the pad in the state."""
     k, carried = p[K_SHEAR], state[CARRIED]
     state[PULL_X] = state[PULL_Y] = 0.0
     for j in range(int(state[TOUCHED])):
