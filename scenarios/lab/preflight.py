@@ -7,8 +7,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, Refused, UsageError
 from drivers.interfaces import Counts3, Detection, GripperState
-from drivers.robotiq.hand_state import finger_states, pinches
-from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_closing
+from drivers.robotiq.hand_state import finger_states, scissor_in_contact
+from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_not_scissor
 from grasp.clock import WallClock
 from scenarios.lab.calibrate import check_open
 from scenarios.lab.fingertips import open_fingertips
@@ -45,7 +45,7 @@ class HandReading(msgspec.Struct, frozen=True):
 
     state: GripperState
     mode: int
-    pinches: bool
+    scissor_in_contact: bool
 
     @property
     def healthy(self) -> bool:
@@ -63,7 +63,7 @@ def read_hand(config: GraspRigConfig) -> HandReading:
     fault = FAULTS[now.fault]
     active = now.ready and fault.severity is not Severity.MAJOR
     state = GripperState(0, 0, active, now.fault, fault.text, True, finger_states(now))
-    return HandReading(state, now.mode, pinches(now))
+    return HandReading(state, now.mode, scissor_in_contact(now))
 
 
 def read_active_hand(config: GraspRigConfig) -> HandReading:
@@ -82,8 +82,8 @@ def check_activation(config: GraspRigConfig) -> HandReading | None:
     if reading.healthy and reading.mode == BASIC:
         return None
     holding = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
-    if holding or reading.pinches or (state.active and not state.is_open):
-        raise Refused("activation would drop what the fingers hold", "first `grasp release`")
+    if holding or reading.scissor_in_contact or (state.active and not state.is_open):
+        raise Refused("activation would drop the object", "first `grasp release`")
     return reading
 
 
@@ -93,7 +93,7 @@ def check_close(config: TrialConfig, reading: HandReading, targets: Counts3) -> 
     hand_guard(config)
     state = reading.state
     check_fault(state)
-    check_closing(reading.mode)
+    check_not_scissor(reading.mode)
     with open_fingertips(config, WallClock(WallClock().now_ns), state.is_open) as fingertips:
         if config.guard.cap_mode != "each_motor":
             first = (state.positions[0], *targets[1:])  # the thumb closes last
@@ -104,7 +104,7 @@ def check_pressing(config: TrialConfig) -> None:
     """Raises the errors of pressing on a scale with one finger."""
     reading = read_active_hand(config)
     check_fault(reading.state)
-    check_closing(reading.mode)
+    check_not_scissor(reading.mode)
     check_open(reading.state.positions)
 
 

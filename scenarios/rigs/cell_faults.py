@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import FaultKind, GripperEmulator, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.server import UrEmulator
 
@@ -34,7 +34,7 @@ UNITS = {
 }  # fmt: skip
 
 
-class FaultKind(NamedTuple):
+class CellFault(NamedTuple):
     """One kind of fault: the device (board, arm or gripper), its settings, its effect as text, and
     the function that applies it."""
 
@@ -44,54 +44,54 @@ class FaultKind(NamedTuple):
     apply: Callable[[Any, FaultOrder], object]
 
 
-def _on_wire(trouble: Trouble) -> Callable[[GripperEmulator, FaultOrder], object]:
+def _on_wire(kind: FaultKind) -> Callable[[GripperEmulator, FaultOrder], object]:
     return lambda gripper, order: gripper.faults.add(
-        WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
+        WireFault(kind=kind, times=order.times, skip=order.skip, seconds=order.seconds)
     )
 
 
 def _disconnect(gripper: GripperEmulator, order: FaultOrder) -> None:
     gripper.disconnect()
     if order.times > 1:
-        gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
+        gripper.faults.add(WireFault(kind=FaultKind.DISCONNECT, times=order.times - 1))
 
 
 _AFTER = "pressed=false releases the button; the dashboard then accepts power on and brake release"
-FAULT_KINDS = {
-    "gripper_drop": FaultKind("gripper", "times skip", "requests get no reply",
-        _on_wire(Trouble.DROP)),
-    "gripper_delay": FaultKind("gripper", "times skip seconds", "replies are delayed",
-        _on_wire(Trouble.DELAY)),
-    "gripper_garble": FaultKind("gripper", "times skip", "replies are damaged",
-        _on_wire(Trouble.GARBLE)),
-    "gripper_freeze": FaultKind("gripper", "seconds skip",
-        "no replies for this time, starting at a request", _on_wire(Trouble.FREEZE)),
-    "gripper_disconnect": FaultKind("gripper", "times",
+CELL_FAULTS = {
+    "gripper_drop": CellFault("gripper", "times skip", "requests get no reply",
+        _on_wire(FaultKind.DROP)),
+    "gripper_delay": CellFault("gripper", "times skip seconds", "replies are delayed",
+        _on_wire(FaultKind.DELAY)),
+    "gripper_garble": CellFault("gripper", "times skip", "replies are damaged",
+        _on_wire(FaultKind.GARBLE)),
+    "gripper_freeze": CellFault("gripper", "seconds skip",
+        "no replies for this time, starting at a request", _on_wire(FaultKind.FREEZE)),
+    "gripper_disconnect": CellFault("gripper", "times",
         "the connection is closed; times above 1: new connections too", _disconnect),
-    "gripper_fault": FaultKind("gripper", "code",
+    "gripper_fault": CellFault("gripper", "code",
         "this gFLT is reported; code=0 clears it, except 13 to 15, which need an activation",
         lambda gripper, order: gripper.model.inject_fault(order.code)),
-    "unplug": FaultKind("board", "", "the fingertips' board is off the USB bus, until replug",
+    "unplug": CellFault("board", "", "the fingertips' board is off the USB bus, until replug",
         lambda board, order: board.unplug()),
-    "replug": FaultKind("board", "", "the board is plugged in again, stopped and without faults",
+    "replug": CellFault("board", "", "the board is plugged in again, stopped and without faults",
         lambda board, order: board.replug()),
-    "usb_timeout": FaultKind("board", "times",
+    "usb_timeout": CellFault("board", "times",
         "reads of the board time out; replug ends it",
         lambda board, order: board.time_out(order.times)),
-    "protective_stop": FaultKind("arm", "", "the arm is stopped by its safety system",
+    "protective_stop": CellFault("arm", "", "the arm is stopped by its safety system",
         lambda arm, order: arm.controller.protective_stop()),
-    "emergency_stop": FaultKind("arm", "pressed",
+    "emergency_stop": CellFault("arm", "pressed",
         f"the arm brakes and loses power; {_AFTER}, from its next cycle on",
         lambda arm, order: arm.controller.emergency_stop(order.pressed)),
-    "remote_control": FaultKind("arm", "on",
+    "remote_control": CellFault("arm", "on",
         "on=false: the pendant is set to Local (e-Series only); the program ends, none is accepted",
         lambda arm, order: arm.controller.set_remote_control(order.on)),
-    "speed_slider": FaultKind("arm", "fraction",
+    "speed_slider": CellFault("arm", "fraction",
         "the arm's speed slider is set: motions continue at that share of their speed",
-        lambda arm, order: arm.controller.set_speed(order.fraction)),
-    "arm_disconnect": FaultKind("arm", "", "open connections to the arm are closed",
+        lambda arm, order: arm.controller.set_speed_slider(order.fraction)),
+    "arm_disconnect": CellFault("arm", "", "open connections to the arm are closed",
         lambda arm, order: arm.drop_links()),
-    "arm_freeze": FaultKind("arm", "seconds",
+    "arm_freeze": CellFault("arm", "seconds",
         "the arm's controller neither moves nor replies for this time",
         lambda arm, order: arm.freeze(order.seconds)),
 }  # fmt: skip
@@ -100,18 +100,18 @@ FAULT_KINDS = {
 def describe_fault(order: FaultOrder, units: bool = True) -> str:
     """A fault's name, settings, delay and effect, as one line."""
     words = [order.name]
-    for setting in FAULT_KINDS[order.name].settings.split():
+    for setting in CELL_FAULTS[order.name].settings.split():
         value = getattr(order, setting)
         text = str(value).lower() if isinstance(value, bool) else f"{value:g}"
         words.append(f"{setting}={text}" + (f" ({UNITS[setting]})" if units else ""))
     delay = f" in {order.after_s:g} s" if order.after_s else ""
-    return f"{' '.join(words)}{delay}: {FAULT_KINDS[order.name].effect}"
+    return f"{' '.join(words)}{delay}: {CELL_FAULTS[order.name].effect}"
 
 
 def describe_all_faults() -> str:
     """One line per fault with default values and units."""
     note = f"each also takes after_s=0 ({UNITS['after_s']}); the values shown are the defaults"
-    return "\n".join((*(describe_fault(FaultOrder(name=name)) for name in FAULT_KINDS), note))
+    return "\n".join((*(describe_fault(FaultOrder(name=name)) for name in CELL_FAULTS), note))
 
 
 class CellFaults:
@@ -127,11 +127,11 @@ class CellFaults:
         """Accept a request; returns its effect as text. Raises ValueError for an unknown name, a
         wrong argument, and a feature that this arm lacks."""
         name = str(request.get("name", ""))
-        names = [n for n, kind in FAULT_KINDS.items() if self._devices[kind.device] is not None]
+        names = [n for n, kind in CELL_FAULTS.items() if self._devices[kind.device] is not None]
         if name not in names:
             raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(names)}")
         usage = describe_fault(FaultOrder(name=name))
-        if unknown := request.keys() - {*FAULT_KINDS[name].settings.split(), "name", "after_s"}:
+        if unknown := request.keys() - {*CELL_FAULTS[name].settings.split(), "name", "after_s"}:
             raise ValueError(f"takes no {', '.join(sorted(unknown)):.60}: {usage}")
         try:
             order = msgspec.convert(request, FaultOrder)
@@ -147,7 +147,7 @@ class CellFaults:
         """Apply all due faults; the caller holds the cell's lock."""
         while self._pending and self._pending[0][0] <= now_ns:
             order = heapq.heappop(self._pending)[1]
-            kind = FAULT_KINDS[order.name]
+            kind = CELL_FAULTS[order.name]
             if kind.device == "arm":
                 self._arm_queue.put(order)
             else:
@@ -157,7 +157,7 @@ class CellFaults:
         """Apply the arm's due faults; call it in the arm's thread."""
         while not self._arm_queue.empty():
             order = self._arm_queue.get()
-            FAULT_KINDS[order.name].apply(self._arm, order)
+            CELL_FAULTS[order.name].apply(self._arm, order)
             self._arm_queue.task_done()
 
     def wait_applied_to_arm(self, seconds: float) -> bool:

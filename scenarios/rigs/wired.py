@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
 
-from drivers.errors import GraspError, UsageError, in_words
+from drivers.errors import GraspError, UsageError, describe_exception
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link import ThreadedGripper
@@ -109,7 +109,7 @@ def plugin_device(devices: PluginDeviceSettings, device: str, now: Now) -> Itera
         raise
     except BaseException as error:  # its sys.exit(), or a task that was cancelled
         raise UsageError(
-            f"{device} {name!r} of another package cannot be opened: {in_words(error)}",
+            f"{device} {name!r} of another package cannot be opened: {describe_exception(error)}",
             "ask its maintainers; docs/extending.md has the requirements",
         ) from error
     try:
@@ -119,7 +119,7 @@ def plugin_device(devices: PluginDeviceSettings, device: str, now: Now) -> Itera
             opened.__exit__(None, None, None)
         except BaseException as error:
             logging.getLogger(__name__).warning(
-                "%s %r cannot be closed: %s", device, name, in_words(error)
+                "%s %r cannot be closed: %s", device, name, describe_exception(error)
             )
             if isinstance(error, KeyboardInterrupt):
                 raise

@@ -287,7 +287,7 @@ def test_hand_in_scissor_mode_is_only_opened(ready: Lab) -> None:
         )
     )  # fmt: skip
     until(lambda: (ready.positions, ready.hand.scissor.position) == ((60, 60, 60), 200))
-    message = "the hand is in scissor mode, in which it is only opened"
+    message = "the hand is in scissor mode, in which it may only be opened"
     for words in (
         ("run", "lift", *HARDWARE), ("gripper", "close"), ("gripper", "step", "--finger", "A"),
     ):  # fmt: skip
@@ -296,7 +296,7 @@ def test_hand_in_scissor_mode_is_only_opened(ready: Lab) -> None:
             assert refused.code == 4, (words, refused)
             assert message in refused.err
     kept = ready.grasp("gripper", "activate", "--empty", *CONFIRMED)
-    assert kept.code == 4 and "would drop what the fingers hold" in kept.err
+    assert kept.code == 4 and "would drop the object" in kept.err
     assert (ready.hand.mode, ready.positions) == (SCISSOR, (60, 60, 60))
     ready.run_confirmed("release", *HARDWARE)
     now = ready.hand

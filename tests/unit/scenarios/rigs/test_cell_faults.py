@@ -6,7 +6,7 @@ import pytest
 
 from drivers.robotiq.emulator import WireFaults
 from drivers.ur.emulator.controller import PROFILES, Controller
-from scenarios.rigs.cell_faults import FAULT_KINDS, CellFaults
+from scenarios.rigs.cell_faults import CELL_FAULTS, CellFaults
 
 
 class Gripper:
@@ -25,7 +25,7 @@ def arm(profile: str) -> Mock:
 
 def test_every_listed_fault_is_accepted_and_its_effect_is_returned() -> None:
     faults = CellFaults(Mock(), arm("e-series"), Gripper())  # type: ignore[arg-type]
-    for name, kind in FAULT_KINDS.items():
+    for name, kind in CELL_FAULTS.items():
         effect = faults.order({"name": name, "after_s": 0.5}, 0)
         assert effect.startswith(name) and effect.endswith(f" in 0.5 s: {kind.effect}")
 

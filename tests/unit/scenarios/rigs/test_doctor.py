@@ -75,7 +75,7 @@ def test_hand_that_a_run_would_refuse_fails_the_check(
         active=active, initialization=3 if active else 0, a=AxisStatus(position=at)
     )
     monkeypatch.setattr(device_checks, "read_gripper", lambda config: (status_registers,) * 2)
-    monkeypatch.setattr(device_checks, "doubts", lambda *looks: [])
+    monkeypatch.setattr(device_checks, "implausible_values", lambda *looks: [])
     checks = doctor._devices(
         "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
     )
