@@ -17,8 +17,8 @@ def endpoints() -> Iterator[dict[str, Any]]:
         yield found
 
 
-def test_gripper_answers_on_tcp_and_on_a_serial_line(endpoints: dict[str, Any]) -> None:
-    """One hand: what one client activates, the other sees activated."""
+def test_gripper_is_served_on_tcp_and_on_a_serial_line(endpoints: dict[str, Any]) -> None:
+    """It is the same hand: one client activates it, the other reads the active state."""
     at, line = endpoints["gripper"], endpoints["gripper_serial"]
     with ModbusTcpClient(at["host"], port=at["port"]) as client:
         client.write_registers(0, [0x0100], device_id=at["unit"])
