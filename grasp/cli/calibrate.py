@@ -85,8 +85,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
 
 def calibrate_noise(args: argparse.Namespace) -> int:
-    from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import tune_unlabelled
+    from detector.scores.label_free import find_hold
+    from scenarios.benchmark.label_free import tune_without_labels
 
     config = lab.load_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -105,7 +105,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         counts = calibrate.held_still(config, permit, args.seconds, operator, aside)
-        found = tune_unlabelled(judged, [(counts, *hold_of(counts))], args.budget)
+        found = tune_without_labels(judged, [(counts, *find_hold(counts))], args.budget)
         return _rule_file(args, found, found.rule == judged.rule)
 
     return _measure(args, config, plan, look, act)

@@ -32,7 +32,7 @@ def load_config(args: argparse.Namespace) -> Any:
     if config.rig != HARDWARE:
         raise UsageError(
             f"rig {args.rig} has no devices of a lab",
-            "to rehearse, point the rig hardware at `grasp emulate` (docs/hardware.md)",
+            "to rehearse, point the rig hardware at `grasp emulate` (docs/first-day.md)",
         )
     return config
 

@@ -22,7 +22,7 @@ from scenarios.trial.config import TrialConfig
 ConfigT = TypeVar("ConfigT", bound=TrialConfig)
 
 SOFT = "foam"  # of config/objects: the softest
-GENTLE_STOP_MPS2 = 1.0  # docs/hardware.md, "How hard the arm may stop"
+GENTLE_STOP_MPS2 = 1.0  # docs/first-day.md, "Set the arm's hardest stop"
 # speeds of the controller that are halved, with their least values
 HALVED = {
     "lift_speed_mps": 0.005, "lower_speed_mps": 0.005, "approach_speed_mps": 0.022,

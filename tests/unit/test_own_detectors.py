@@ -56,7 +56,7 @@ def test_no_recording_runs_code_that_nobody_named(
 
 def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: Capture) -> None:
     csv = str(stroke_csv(tmp_path / "s.csv"))
-    words = ["--set", "own.counts=9", "--json"]
+    words = ["--set", "plugin.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
     assert told(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
@@ -83,7 +83,7 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
     copy = tmp_path / "copy.py"
     copy.write_text(EXAMPLE.read_text())
     assert hashes(mine) == hashes(f"{copy}:Tremble")
-    assert hashes(mine) != hashes(mine, "own.counts=9")
+    assert hashes(mine) != hashes(mine, "plugin.counts=9")
     before = hashes(mine)
     Path(mine.rpartition(":")[0]).write_text(WHOLE + "\nTremble = Mine\n")
     assert set(hashes(mine)) & set(before) == set()

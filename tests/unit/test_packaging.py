@@ -54,7 +54,7 @@ def test_wheel_holds_the_configuration_inside_grasp(wheel_files: set[str]) -> No
 
 def test_wheel_holds_the_networks_and_the_heads_beside_them(wheel_files: set[str]) -> None:
     weights = tracked("detector/weights", "*.*")
-    assert {"detector/weights/tcn.onnx", "detector/weights/tcn.heads.json"} <= weights
+    assert {"detector/weights/tcn.onnx", "detector/weights/tcn.auxiliary.json"} <= weights
     assert weights <= wheel_files
 
 

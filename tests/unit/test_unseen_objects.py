@@ -14,7 +14,8 @@ UNSEEN = ("book", "bottle", "jar", "mug", "orange", "sponge")
 NAMED = re.compile(rf"\b({'|'.join(UNSEEN)})\b")
 # what may speak of them: who finds a file by its name, a page of a run among them, who keeps
 # training away from them, and who says that no figure rests on them
-FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/drawn_objects.py", "scripts/figures.py",
+FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/random_objects.py",
+           "scripts/figures.py",
            "scripts/last_draw.py", "scenarios/report/run_settings.py"}  # fmt: skip
 
 
