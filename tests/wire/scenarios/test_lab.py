@@ -118,10 +118,10 @@ def test_arm_with_a_low_speed_slider_is_refused(lab: Lab) -> None:
         assert refused.code == 3, refused
         assert "speed slider at 5 %" in refused.err
     with Rtde(lab.config.ur.host, 10.0) as rtde:  # as a pendant's client sets it
-        rtde.ask(b"V", struct.pack(">H", 2))
-        (recipe,) = rtde.ask(b"I", b"speed_slider_mask,speed_slider_fraction")[:1]
-        rtde.ask(b"S", b"")
-        rtde.tell(b"U", struct.pack(">BId", recipe, 1, 0.6))
+        rtde.request(b"V", struct.pack(">H", 2))
+        (recipe,) = rtde.request(b"I", b"speed_slider_mask,speed_slider_fraction")[:1]
+        rtde.request(b"S", b"")
+        rtde.send(b"U", struct.pack(">BId", recipe, 1, 0.6))
         until(lambda: "speed slider: 60 %" in lab.grasp("status", "arm").out)
 
 
