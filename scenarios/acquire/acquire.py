@@ -196,7 +196,7 @@ def run(
 
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / PERIOD_S)
-            with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+            with real_time(config.realtime) if rig.wall_time else nullcontext() as granted:
                 ending = _run_to_end(session, samples)
             return _finish(config, motion, seed, session, folder, ending, granted)
 
@@ -235,8 +235,7 @@ def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
     ending: Ending, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
-    """Label and write the samples, and write the result. If writing one of the two recordings
-    fails, the other is kept."""
+    """Label the samples and write all files; if one recording fails, the other is kept."""
     parts = split_at_gaps(session.ticks)
     known = Metadata(
         set="slide", split="train", surface=config.surface.name, motion=motion.kind,

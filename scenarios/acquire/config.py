@@ -10,7 +10,7 @@ from drivers.errors import ConfigError
 from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, file_of, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
-from scenarios.rigs.calibration import Files, own_layers, rig_layers
+from scenarios.rigs.calibration import Files, rig_layers, user_layers
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.objects import within
 
@@ -20,8 +20,7 @@ C = TypeVar("C", bound=msgspec.Struct)
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Sampling of a simulated board; hardware loses samples by itself."""
 
-    # of the samples, repeated; real recording: 1/400
-    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025
+    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025  # repeated samples; real: 1/400
 
 
 # The arm presses where a lift has its table, and must follow the acceleration of strokes.
@@ -54,7 +53,7 @@ def load_acquire_config(
         *map(_of_this_scenario, of_rig),
         not_chosen(thing_layer("surfaces", "surface", surface)),
     ]
-    *of_files, assigned = own_layers(files, assignments)
+    *of_files, assigned = user_layers(files, assignments)
     layers += [*map(_of_this_scenario, of_files), assigned, Layer("command line", {"rig": like})]
     return load(AcquireConfig, layers)
 

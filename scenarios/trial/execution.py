@@ -293,7 +293,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no real device, and one of its steps may take longer than a second
-    with signals.guarded(loop.abort) if rig.on_wall else nullcontext():
+    with signals.guarded(loop.abort) if rig.wall_time else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
@@ -304,7 +304,7 @@ def run_trial(
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
-        bugs[0] if bugs else None, rig.way_out,
+        bugs[0] if bugs else None, rig.release_hint,
     )  # fmt: skip
 
 
@@ -314,7 +314,7 @@ def _run_to_end(
 ) -> bool | None:  # fmt: skip
     """Run until the controller has finished; returns whether a real-time priority was granted (None
     in virtual time). An unexpected exception is added to ``bugs`` before the safe state begins."""
-    with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+    with real_time(config.realtime) if rig.wall_time else nullcontext() as granted:
         try:
             _run_or_stop(loop, deadline_s)
         except BaseException as error:  # the outermost handler: it brings arm and hand to safety

@@ -20,7 +20,7 @@ from grasp.settings import (
     read_toml,
     thing_layer,
 )
-from scenarios.rigs.calibration import Files, calibration_layers, own_layers, rig_layers
+from scenarios.rigs.calibration import Files, calibration_layers, rig_layers, user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 
 
@@ -96,7 +96,7 @@ def trial_layers(
         not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
         not_chosen(object_name),
         *map(not_chosen, detector_layers(detector)),
-        *(own_name(own, "objects", "object", chosen) for own in own_layers(files, assignments)),
+        *(own_name(own, "objects", "object", chosen) for own in user_layers(files, assignments)),
     ]
     layers = [*calibration_layers(layers), *layers]
     chosen_names = {"rig": like, "profile": profile, "detector_name": detector}

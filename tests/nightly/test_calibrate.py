@@ -21,7 +21,7 @@ NO_FORCE_N = 1e-6  # rounding error between surfaces that touch without force
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
     with emulate(*STRANGE) as endpoints:
         found = Lab(endpoints, tmp_path_factory.mktemp("lab"))
-        found.wake()
+        found.activate_hand()
         yield found
         found.cell.close()
 
@@ -29,7 +29,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 @pytest.fixture(autouse=True)
 def in_place(lab: Lab) -> None:
     """The can is placed where a scale would be."""
-    lab.done("release")
+    lab.run_confirmed("release")
     lab.cell.ask("place")
 
 
@@ -42,12 +42,12 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
     read: list[float] = []
 
     def answer(question: str) -> str:
-        assert "what does the scale say" in question
+        assert "reading of the scale" in question
         read.append(newtons(lab))
         return f"{read[-1] / 9.80665 * 1e3:.0f} g"
 
     arguments = ("calibrate", "hand", "--up-to", "16", "--out", str(out), *CONFIRMED)
-    done = lab.grasp(*arguments, answer=answer)
+    done = lab.grasp(*arguments, operator=answer)
     assert done.code == 0, done.err
     assert len(read) == 10
     config = load_config("can", "hardware", "energy", [lab.file], (f"gripper.calibration={out}",))
@@ -78,16 +78,16 @@ def test_calibration_ended_at_a_prompt_leaves_no_finger_on_the_scale(
     with started(*arguments, stdin=subprocess.PIPE) as run:
         assert run.stderr is not None and run.stdin is not None
         for line in run.stderr:
-            if "what" in line and (pressed := newtons(lab)) <= 1.0:
+            if "reading of the scale" in line and (pressed := newtons(lab)) <= 1.0:
                 run.stdin.write("\n")
                 run.stdin.flush()
-            elif "what" in line:
+            elif "reading of the scale" in line:
                 break
         if ctrl_c:
             run.send_signal(signal.SIGINT)
         _, err = run.communicate(timeout=PATIENCE_S)  # closes its input
     assert pressed > 1.0
     assert run.returncode == 130, err
-    assert "has backed off the scale and stands, at" in err
+    assert "has backed off the scale and stopped at" in err
     assert newtons(lab) < NO_FORCE_N
     assert not out.exists()

@@ -13,11 +13,11 @@ def test_ctrl_c_stops_the_activation_and_leaves_the_hand_inactive(tmp_path: Path
     with emulate("--set", "hand.activation_s=10") as endpoints:
         lab = Lab(endpoints, tmp_path)
         with lab.started("gripper", "activate", "--empty", *CONFIRMED) as run:
-            until(lambda: max(lab.places) > 20)
+            until(lambda: max(lab.positions) > 20)
             run.send_signal(signal.SIGINT)
             _, err = run.communicate(timeout=PATIENCE_S)
         assert run.returncode == 130, err
-        assert "the fingers stand; the hand is not active any more" in err
+        assert "the fingers have stopped; the hand is not active any more" in err
         assert not lab.hand.active and lab.ask("motion")["fingers_mps"] == 0.0
         lab.cell.close()
 
@@ -29,7 +29,7 @@ def test_frozen_or_ended_devices_are_all_named_and_the_result_is_written(
     with started("emulate", *sets()) as cell:
         assert cell.stdout is not None
         lab = Lab(json.loads(cell.stdout.readline()), tmp_path)
-        lab.wake()
+        lab.activate_hand()
         arguments = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path / "runs"))
         with lab.started(*arguments, *sets()) as run:
             assert run.stdout is not None

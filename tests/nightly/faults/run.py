@@ -15,7 +15,7 @@ from grasp.states import END_STATES, SAFE_STATES, State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig
-from scenarios.rigs.simulated import Wires, simulated
+from scenarios.rigs.simulated import LinkWrappers, simulated
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.trial.final_state import FinalState
 from scenarios.world.cell import SimulatedCell
@@ -87,8 +87,8 @@ class Injection:
         self._hits: list[InjectedFault | None] = []  # the same; None: no wire concerned
 
     @property
-    def wires(self) -> Wires:
-        return Wires(self.hand.around, self.arm.around, self.pads.around)
+    def wires(self) -> LinkWrappers:
+        return LinkWrappers(self.hand.around, self.arm.around, self.pads.around)
 
     def begin(self, case: Case, now_ns: int) -> None:
         """Inject the case's fault now, and its second one after its delay."""
@@ -261,7 +261,7 @@ def run(case: Case) -> Ended:
 def _run(moment: Moment) -> Ended:
     case, injection = moment.case, Injection()
     config = load_config(case.object, "simulated").for_lift().built_for(case.seed)
-    rig = injection.rig = simulated(config, case.seed, paced=False, wires=injection.wires)
+    rig = injection.rig = simulated(config, case.seed, paced=False, wrappers=injection.wires)
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)
     injection.pads.of(cell.board)
