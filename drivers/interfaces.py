@@ -43,7 +43,7 @@ class FingerState(msgspec.Struct, frozen=True):
     detection: Detection
 
     @property
-    def at_least_counts(self) -> int:
+    def least_closed_counts(self) -> int:
         """How far it is closed at least: a finger goes no further than it was told, but for a count
         beside its target that it may rest at; what says more is an encoder that is off."""
         beyond = self.position_counts - self.requested_counts > 1
@@ -106,10 +106,10 @@ class GripperState(msgspec.Struct, frozen=True):
         return a.position_counts, b.position_counts, c.position_counts
 
     @property
-    def at_least_counts(self) -> Counts3:
+    def least_closed_counts(self) -> Counts3:
         """How far each finger is closed at least."""
         a, b, c = self.fingers
-        return a.at_least_counts, b.at_least_counts, c.at_least_counts
+        return a.least_closed_counts, b.least_closed_counts, c.least_closed_counts
 
 
 class Applied(msgspec.Struct, frozen=True):

@@ -183,7 +183,7 @@ class Session:
         Raises Interruption when a signal has come."""
         signals.check()
         rig = self._rig
-        self._deadlines.leave_out(rig.clock.now_ns)
+        self._deadlines.skip_missed(rig.clock.now_ns)
         due_ns = self._deadlines.next_ns()
         if rig.cell is None:
             rig.clock.sleep_until_ns(due_ns)

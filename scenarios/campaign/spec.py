@@ -14,7 +14,7 @@ from detector.network_file import is_weights
 from detector.plugins import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
-from grasp.settings import by_path, load, read_toml
+from grasp.settings import is_path, load, read_toml
 from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
@@ -70,7 +70,7 @@ def read_spec(path: Path) -> CampaignSpec:
     spec = load(CampaignSpec, [read_toml(path)])
 
     def found(word: str) -> str:
-        own = by_path(word) or is_code(word) or is_weights(word)
+        own = is_path(word) or is_code(word) or is_weights(word)
         return str(path.parent / word) if own else word
 
     return msgspec.structs.replace(

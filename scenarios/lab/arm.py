@@ -87,7 +87,7 @@ def _stopped(arm: Arm, clock: Clock) -> str:
         arm.stop(STOP_MPS2)
         _until_stands(arm, clock, STAND_S, interruptible=False)
 
-    with signals.deferred(sealed=True):
+    with signals.deferred(ignore_checks=True):
         stands = retry(stand, clock)
     if stands:
         return "the arm stands"

@@ -125,7 +125,7 @@ class Presser:
         def back() -> None:
             self.to(off)
 
-        with signals.deferred(sealed=True), suppress(Exception):
+        with signals.deferred(ignore_checks=True), suppress(Exception):
             off = max(0, self.counts - BACK_COUNTS)
             there = retry(back, self._hand.clock)
         say(

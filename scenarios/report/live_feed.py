@@ -133,7 +133,7 @@ class Feed:
             host = "{}:{}".format(*listening.getsockname())
             # what a browser says of itself is no part of a result on standard output
             self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
-            self._viewer.tell(Serve(listening.fileno(), host, token, title, view))
+            self._viewer.show_waiting(Serve(listening.fileno(), host, token, title, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._ticks = 0
@@ -151,7 +151,7 @@ class Feed:
 
     def say(self, text: str) -> None:
         """A line between two trials."""
-        self._viewer.tell(Said(text))
+        self._viewer.show_waiting(Said(text))
 
     def close(self) -> None:
         """The page stays as it is in a browser; safe to call twice."""

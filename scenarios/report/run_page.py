@@ -265,8 +265,8 @@ def remarks(run: RunRecord) -> list[str]:
         )
     if verdict is not None and verdict.end is not None:
         told.append(f"It ended in a safe state: {verdict.end.arm}; {verdict.end.hand}.")
-        if verdict.end.unreached:
-            told.append(f"Of that this was not seen: {', '.join(verdict.end.unreached)}.")
+        if verdict.end.unconfirmed:
+            told.append(f"Of that this was not seen: {', '.join(verdict.end.unconfirmed)}.")
     if run.truth is None:
         told.append("True forces, slip and height are not known on this rig.")
     return told

@@ -29,8 +29,8 @@ class End(msgspec.Struct, frozen=True):
     arm: str
     hand: str
     advice: str
-    unreached: tuple[str, ...] = ()
-    further: tuple[Fault, ...] = ()  # checks that failed since
+    unconfirmed: tuple[str, ...] = ()
+    later_faults: tuple[Fault, ...] = ()  # checks that failed since
     open: bool = False  # the hand was seen to be
     where: str = ""  # in which phase the run ended, and how high the arm was
 
@@ -159,7 +159,7 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
     if not obeys or asked is None or not isinstance(asked.admitted, CloseFast):
         return f"closed with the grip that it had, at {tick.gripper.positions} counts, {felt}"
-    if felt != UNKNOWN and sum(tick.observation.felt_n) < FELT_N:  # or they read their rest
+    if felt != UNKNOWN and sum(tick.observation.responsive_n) < FELT_N:  # or they read their rest
         at = f"closed as it was told, at {tick.gripper.positions} counts"
         return f"{at}, and feels nothing: the object may still be in it"
     return f"{_closed(tick, asked.admitted)}, {felt}"
@@ -170,14 +170,14 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     fingers = zip(tick.gripper.fingers, close.closing, strict=True)
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
         return f"closed to the limit of {close.force_cap_n:g} N"
-    if close.more:
+    if close.first_stage:
         return f"closed by position, short of the limit of {close.force_cap_n:g} N"
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
 
 def _grips(tick: Tick, felt: str) -> bool:
     """What was felt last is not what a hand that moved since feels now."""
-    feels = felt != UNKNOWN and sum(tick.observation.felt_n) >= FELT_N
+    feels = felt != UNKNOWN and sum(tick.observation.responsive_n) >= FELT_N
     return feels or _touches(tick.gripper)
 
 

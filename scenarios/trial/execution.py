@@ -170,18 +170,18 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if not controller.in_safe_state and self.bug is None:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
-        faults = (*controller.faults, *controller.further)
+        faults = (*controller.faults, *controller.later_faults)
         errors = tuple(self.loop.errors.values())
         end = end_of(trace.last, trace.hand, old_s, self.way_out, faults, errors)
-        unreached = controller.unreached
+        unconfirmed = controller.unconfirmed
         ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
         if self.bug is not None and trace.last is not None and not ended:
-            unreached = ("what arm and hand shall do cannot be told",)
+            unconfirmed = ("what arm and hand shall do cannot be told",)
             with suppress(Exception):
-                missing = controller.missing(trace.last.observation)
-                unreached = (*missing.arm, *missing.hand)
+                missing = controller.unconfirmed_parts(trace.last.observation)
+                unconfirmed = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
-            end, unreached=unreached, further=controller.further, where=self._where
+            end, unconfirmed=unconfirmed, later_faults=controller.later_faults, where=self._where
         )
 
     @property
@@ -219,7 +219,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             message, kind, remedy = "; ".join(filter(None, (where, message))), INTERRUPTED, ""
         elif any(fault.code == STOOD_STILL for fault in faults):
             kind = SAFETY_STOP
-        message = "; then ".join((message, *(fault.line for fault in self.controller.further)))
+        message = "; then ".join((message, *(fault.line for fault in self.controller.later_faults)))
         return Failure(kind, message, remedy, end, faults)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
@@ -292,7 +292,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with signals.guarded(loop.abort) if rig.on_wall else nullcontext():
+    with signals.watchdog(loop.abort) if rig.on_wall else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,

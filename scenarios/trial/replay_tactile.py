@@ -95,7 +95,7 @@ class _Lift:
     def over(self) -> bool:
         """The object is being set down, or all has ended."""
         controller = self._step.controller
-        return controller.finished or (self.begun and not controller.monitor.status.armed)
+        return controller.finished or (self.begun and not controller.slip_monitor.status.armed)
 
     def step(self, t_ns: int, counts: Counts) -> StepResult:
         self._seq += 1
@@ -124,9 +124,9 @@ class _Lift:
             self.begun = True
             self._arm_m = command.position_m if self._arm_arrives else self._arm_m
         elif isinstance(command, CloseFast) and not self._latched:
-            self._latched = not command.more
+            self._latched = not command.first_stage
             self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
-            if command.more:
+            if command.first_stage:
                 self._targets = (command.limits_counts[0], *self._targets[1:])
 
     def _gripper(self, now_ns: int) -> GripperState:

@@ -154,7 +154,7 @@ def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
     failure = finished.failure
     if failure is None or failure.kind not in (Stale.kind, IMPLAUSIBLE) or failure.end is None:
         return False
-    return failure.end.open and not failure.end.unreached
+    return failure.end.open and not failure.end.unconfirmed
 
 
 def _check_hand(rig: GraspRig) -> None:

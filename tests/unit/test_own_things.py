@@ -38,8 +38,8 @@ def test_an_object_of_ones_own_is_named_by_its_path(own: Own) -> None:
 @pytest.mark.parametrize(
     ("text", "key", "problem"),
     [
-        ("[guard]\nforce_limit_n = 12\n[object]\n", "guard", "not of the object"),
-        ("mass_kg = 1.0\n", "mass_kg", "not of the object"),
+        ("[guard]\nforce_limit_n = 12\n[object]\n", "guard", "does not belong to the object"),
+        ("mass_kg = 1.0\n", "mass_kg", "does not belong to the object"),
         ("", "object", "missing"),
         ("object = 3\n", "object", "missing"),
         ('[object]\nname = "can"\n', "object.name", "--object can"),
@@ -95,7 +95,7 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_
     [
         (None, "an object for --object, 'mine'"),
         ('rig = "hardware"\n[modbus]\nhost = "10.0.0.7"\n', "a rig for --rig, opened as hardware"),
-        ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
+        ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 combinations"),
         ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
         ("[control]\nforce_n = 5.0\n", "settings for --config, of an acquisition: control"),
     ],

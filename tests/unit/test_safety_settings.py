@@ -173,7 +173,11 @@ CONSTANTS: list[tuple[Callable[[], float], float, float]] = [
     (on_grasp.held_under_alarms_s, 2.0, 0.1),
     (on_grasp.seconds_of_overload, 0.03, 0.011),
     (on_grasp.paused_for_nothing_s, 1.5, 0.011),
-    (lambda: on_grasp.reach_counts(force_limit_n=60.0, overshoot_n=20.0), 79 // (1.3 * 2.5), 0),
+    (
+        lambda: on_grasp.safe_travel_counts(force_limit_n=60.0, overshoot_n=20.0),
+        79 // (1.3 * 2.5),
+        0,
+    ),
     (on_grasp.worst_first_n, 1.0, 0.011),
     (lambda: on_grasp.at_the_top(0.00099), True, 0),
     (lambda: on_grasp.at_the_top(0.00101), False, 0),

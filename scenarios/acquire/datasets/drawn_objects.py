@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
-from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
+from grasp.settings import UNSEEN, item_layer, load, named_layer, names
 from scenarios.world import contact, laws
 from scenarios.world.objects import GraspObject, Name
 from scenarios.world.settings import (
@@ -89,7 +89,7 @@ class _Objects(msgspec.Struct, frozen=True):
 @cache
 def body_ranges(name: str) -> BodyRanges:
     """By its name in config/bodies, or the path of a file; raises ConfigError."""
-    return load(_File, [thing_layer("bodies", "body", name)]).body
+    return load(_File, [item_layer("bodies", "body", name)]).body
 
 
 @cache

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Split
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, by_path, load, named_layer, read_toml, thing_layer
+from grasp.settings import Layer, is_path, item_layer, load, named_layer, read_toml
 from scenarios.acquire.config import (
     AcquireConfig,
     layout_file,
@@ -157,11 +157,11 @@ class _Named(msgspec.Struct, frozen=True):
 @cache
 def called(kind: str, word: str) -> str:
     """The name of a surface or body; raises ConfigError for what is unknown or no such thing."""
-    if not by_path(word):
+    if not is_path(word):
         named_layer(kind, word)
         return word
     section = {"surfaces": "surface", "bodies": "body"}[kind]
-    return load(_Named, [Layer(word, thing_layer(kind, section, word).table[section])]).name
+    return load(_Named, [Layer(word, item_layer(kind, section, word).table[section])]).name
 
 
 def beside(value: Any, folder: Path) -> Any:
@@ -170,12 +170,12 @@ def beside(value: Any, folder: Path) -> Any:
         return {beside(key, folder): beside(each, folder) for key, each in value.items()}
     if isinstance(value, list):
         return [beside(each, folder) for each in value]
-    return str(folder / value) if isinstance(value, str) and by_path(value) else value
+    return str(folder / value) if isinstance(value, str) and is_path(value) else value
 
 
 def fingerprints(*words: str) -> dict[str, str]:
     """Of the files among them."""
-    files = [word for word in words if by_path(word)]
+    files = [word for word in words if is_path(word)]
     return {file: hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] for file in files}
 
 

@@ -67,7 +67,7 @@ DECLARED = (
         "nothing else stops an arm that takes no stop: the last line asks for the emergency stop",
         r"arm stop lost", AIR | {"release.open", "release.retreat"},
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
-        r"arm (is )?still mov|cannot be believed|not heard",
+        r"arm (is )?still mov|implausible|cannot be believed|does not report|not heard",
     ),
     Declared(
         "the hand opens and obeys nobody until it has",

@@ -53,7 +53,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     arm: str = ""  # by the last line
     hand: str = ""
     advice: str = ""
-    unreached: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
     finished: bool
     arm_s: float | None  # from the safe state until the arm stood for good
     hand_s: float | None  # and the fingers
@@ -299,7 +299,7 @@ def _run(moment: Moment) -> Ended:
         outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
         timed_out=bool(_codes(trial) & {"run_timeout", "phase_timeout"}),
         message="" if failure is None else failure.message,
-        arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
+        arm=said.arm, hand=said.hand, advice=said.advice, unconfirmed=said.unconfirmed,
         finished=trial.controller.finished and "run_timeout" not in _codes(trial),
         arm_s=arm_s, hand_s=hand_s,
         safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,

@@ -55,7 +55,7 @@ def test_a_stop_that_is_lost_in_a_safe_state_is_declared_if_the_user_is_told() -
     found = run(case)
     assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
     assert "unstopped" in problems(found) and fell(found) == {}
-    assert fell(changed(found, message="the tactile board is unplugged", unreached=(),
+    assert fell(changed(found, message="the tactile board is unplugged", unconfirmed=(),
                         arm="the arm stands"))  # fmt: skip
 
 

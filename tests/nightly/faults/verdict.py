@@ -122,7 +122,7 @@ def misleading(end: Ended) -> str:
         "nobody is told what to do": due and not end.advice,
         "it says to start with a hand that holds": end.advice.endswith("start the run again")
         and end.pressed_n > FELT_N,
-        "the arm does not move": "the arm still moves" in end.unreached and not moves
+        "the arm does not move": "the arm still moves" in end.unconfirmed and not moves
         and "is still moving" not in end.arm,
         "it was dropped": bool(dropped(end)) and end.outcome in SUCCESSES,
         "it was not lifted": end.outcome in SUCCESSES and end.lifted_m < RAISED_M,
@@ -150,7 +150,7 @@ def problems(end: Ended) -> dict[str, str]:
 def fell(end: Ended) -> dict[str, str]:
     """What was found and is not declared."""
     found = problems(end)
-    told = "; ".join((end.outcome, end.message, end.arm, end.hand, *end.unreached))
+    told = "; ".join((end.outcome, end.message, end.arm, end.hand, *end.unconfirmed))
     covered = any(d.covers(_explaining(end), end.phase, found, told) for d in DECLARED)
     return {} if covered else found
 

@@ -68,7 +68,7 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         "measured_n": (2.0, 1.0, 1.0),
         **changes,
     }
-    values.setdefault("felt_n", values["measured_n"])
+    values.setdefault("responsive_n", values["measured_n"])
     values.setdefault("faults", values.get("errors", ()))
     given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
     return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ class Driver:
     def obey(self, command: object) -> None:
         if isinstance(command, MoveFingers):
             self.requested, self.closed = command.targets_counts, False
-        elif isinstance(command, CloseFast) and command.more:
+        elif isinstance(command, CloseFast) and command.first_stage:
             _, b, c = self.requested
             self.requested = (command.limits_counts[0], b, c)
             self.last_close = msgspec.structs.replace(command, closing=(True, False, False))
@@ -85,8 +85,8 @@ class Driver:
         self.t_ns += TICK
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         changes.setdefault("last_close", self.last_close)
-        changes.setdefault("reach_counts", self.reach)
-        changes.setdefault("thumb_end", self.end)
+        changes.setdefault("safe_travel_counts", self.reach)
+        changes.setdefault("thumb_limit_counts", self.end)
         decision = self.controller.step(seen(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:

@@ -7,12 +7,12 @@ from grasp.clock import VirtualClock
 from grasp.commands import Command, HoldFingers, StopArm
 from grasp.controller_settings import LoopSettings
 from grasp.loop import ControlLoop, Devices, Tick
-from grasp.safe_state import Missing
+from grasp.safe_state import Unconfirmed
 from grasp.states import State
 from tests.unit.grasp.builders import arm, frame, gripper, seen
 
 MS = 1_000_000
-LIMITS = {"stop_s", "abort_s", "spared_s"}
+LIMITS = {"stop_s", "abort_s", "observer_reserve_s"}
 
 
 class Bench:
@@ -32,9 +32,9 @@ class Bench:
         self.fallbacks: list[Any] = []  # a step each: the command, and its words
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
-            aborted=lambda: (StopArm(2.0), HoldFingers()),
-            missing=lambda seen: Missing(
+            finished=False, arm_delay_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
+            abort_commands=lambda: (StopArm(2.0), HoldFingers()),
+            unconfirmed_parts=lambda seen: Unconfirmed(
                 ("moves",) if seen.arm.moving else (), () if seen.hand_rests else ("moves",)
             ),
         )  # fmt: skip

@@ -35,11 +35,11 @@ def overshoot_n(**settings: Any) -> float:
     return close.speed_mps * math.sqrt(2500.0 * 0.1)
 
 
-def reach_counts(first_n: float = 0.0, **settings: Any) -> int:
+def safe_travel_counts(first_n: float = 0.0, **settings: Any) -> int:
     """Counts of 2.5 N that the thumb may close at any speed after a first grasp."""
     g = guard(**settings)
-    g.anchor((0, 0, 0), (first_n, 0.0, 0.0))
-    reach = g.reach(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
+    g.set_first_grasp((0, 0, 0), (first_n, 0.0, 0.0))
+    reach = g.safe_travel(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
     assert reach is not None
     return reach[0]
 
@@ -48,7 +48,7 @@ def worst_first_n() -> float:
     """By how much less than would reach limit and overshoot a first grasp has a count less."""
     settings: dict[str, Any] = {"force_limit_n": 40.0, "overshoot_n": 1.0}
     steps = (n / 100 for n in range(200))
-    first_n = next(n for n in steps if reach_counts(n, **settings) < 12)
+    first_n = next(n for n in steps if safe_travel_counts(n, **settings) < 12)
     return 41.0 - 12 * 1.3 * 2.5 - first_n
 
 
@@ -100,7 +100,7 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
 def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     """The arm has stopped; the thumb feels so much, and after a step down so much."""
     d = tightened(first_n, **settings)
-    assert "tighter" in d.controller.machine.log[-1].cause
+    assert "tightened" in d.controller.machine.log[-1].cause
     d.until_next(measured_n=bears(first_n))
     d.until_next(measured_n=bears(then_n))
     return d
@@ -139,7 +139,7 @@ def listened_s(**settings: Any) -> tuple[float, float]:
     d.until(State.SETTLE)
     began_ns = d.t_ns
     d.until(State.BASELINE)
-    assert d.controller.monitor.status.armed
+    assert d.controller.slip_monitor.status.armed
     armed_ns = d.t_ns
     d.until(State.LIFT)
     return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9

@@ -9,7 +9,7 @@ from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.slip_response.close import STAGE_NS, SlipResponse
 from tests.unit.grasp.builders import gripper, seen
@@ -17,7 +17,7 @@ from tests.unit.grasp.builders import gripper, seen
 S = ControllerSettings(closing_speed_mps=0.1)
 CAP_N = 10.0
 REACH: Counts3 = (60, 61, 62)
-FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, more=True)
+FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, first_stage=True)
 SLOWLY = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.022)
 AT_ONCE = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.1)
 MOVING = (Detection.MOVING,) * 3
@@ -25,7 +25,7 @@ MOVING = (Detection.MOVING,) * 3
 
 def hand(t_ns: int = 0, thumb: int = 55, first: bool = False, **changes: Any) -> Observation:
     """At rest, told so far, and told a first stage or none."""
-    told: dict[str, Any] = {"gripper": gripper(t_ns, (thumb, 55, 55)), "reach_counts": REACH}
+    told: dict[str, Any] = {"gripper": gripper(t_ns, (thumb, 55, 55)), "safe_travel_counts": REACH}
     return seen(t_ns, last_close=FIRST if first else None, **told | changes)
 
 
@@ -39,7 +39,7 @@ def test_first_of_two_stages_goes_by_position_as_fast_as_the_hand_can() -> None:
     assert response().closing(hand()) == FIRST
 
 
-@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"reach_counts": None}])
+@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"safe_travel_counts": None}])
 def test_where_nothing_says_where_contact_will_be_there_is_one_stage(nothing_known: Any) -> None:
     lost = nothing_known.pop("lost", False)
     assert response().closing(hand(**nothing_known), lost) == AT_ONCE

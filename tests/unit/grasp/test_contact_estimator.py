@@ -40,8 +40,8 @@ def test_contact_counts_from_its_least_force_on() -> None:
 
 
 def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
-    assert after(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).thumb_lost
-    assert not after(GRIP, *[GRIP] * 5, felt_n=WEAK).thumb_lost
+    assert after(GRIP, *[GRIP] * 5, responsive_n=(0.0, 0.1, 0.1)).thumb_lost
+    assert not after(GRIP, *[GRIP] * 5, responsive_n=WEAK).thumb_lost
 
 
 @pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])

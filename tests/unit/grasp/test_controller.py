@@ -38,7 +38,7 @@ def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() ->
         for _ in range(80):
             now = d.hand(detections=detections, fresh=fresh)
             assert d.step(gripper=now, pending=pending).state is State.BRACE
-    assert not d.controller.monitor.status.armed
+    assert not d.controller.slip_monitor.status.armed
 
 
 def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
@@ -98,7 +98,7 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     d.until(State.BRACE)
     resets = [d.step().reset_detector for _ in range(40)]
     assert resets.count(True) == 2  # at rest, and again when listening begins
-    assert d.controller.monitor.status.armed
+    assert d.controller.slip_monitor.status.armed
 
 
 def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the_object() -> None:
@@ -124,14 +124,14 @@ def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifte
     d.commands.clear()
     d.step(gripper=d.hand(positions=(255, 55, 55), detections=RESTING))
     assert d.controller.state is State.FAULT
-    assert "met nothing" in d.controller.fault_cause
+    assert "met no object" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
 def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() -> None:
     d = Driver()
     decisions = [d.step() for _ in range(90)]
-    assert [x.state for x in decisions if x.anchor] == [State.LIFT]
+    assert [x.state for x in decisions if x.first_grasp] == [State.LIFT]
 
 
 def test_finished_lift_sets_down_opens_and_retreats() -> None:
@@ -187,7 +187,7 @@ def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
     for _ in range(80):
         d.step(measured_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.FAULT
-    assert "feels nothing" in d.controller.fault_cause
+    assert "measures no contact" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
@@ -209,7 +209,7 @@ def test_gripper_that_already_holds_something_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, detections=LATCHED))
     assert d.controller.state is State.FAULT
-    assert d.controller.fault_cause == "the hand is closed, and may hold something"
+    assert d.controller.fault_cause == "the hand is closed and may hold an object"
     assert d.commands == [StopArm(1.0)]
 
 

@@ -77,7 +77,7 @@ def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing
     for _ in range(310):
         d.climb()
     assert d.controller.finished
-    assert d.controller.unreached == ("the arm still moves",)
+    assert d.controller.unconfirmed == ("the arm still moves",)
 
 
 FROZEN = failed("arm_frozen", seconds=0.4)
@@ -102,7 +102,7 @@ def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_t
         d.step()
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20
     assert d.controller.finished
-    assert "unknown" in d.controller.unreached[0]
+    assert "unknown" in d.controller.unconfirmed[0]
 
 
 @pytest.mark.parametrize("closes", [State.BRACE, State.CLOSE, "firmly"])
@@ -123,7 +123,7 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(cl
 def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
-    assert [type(c) for c in d.controller.aborted()] == [StopArm, CloseFast]
+    assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseFast]
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_further_fault_in_a_safe_state_is_told_once_and_moves_nothing(fault: Fau
     for _ in range(20):
         d.step(faults=(failed("gripper_silent", seconds=0.3), fault))
     assert d.controller.faults == (SILENT,)
-    assert d.controller.further == (fault,)
+    assert d.controller.later_faults == (fault,)
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 
 
@@ -148,7 +148,7 @@ def test_arm_that_is_not_believed_only_in_the_safe_state_is_not_said_to_stand() 
     assert not d.controller.finished
     for _ in range(310):
         d.step()
-    assert "unknown" in d.controller.unreached[0]
+    assert "unknown" in d.controller.unconfirmed[0]
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20
 
 
@@ -161,7 +161,7 @@ def test_fault_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase:
     for _ in range(20):
         d.step(faults=(frozen,), arm=arm(d.t_ns + TICK, 0.05, moving=True))
     assert d.controller.state is State.STOPPED
-    assert d.controller.further == (frozen,)
+    assert d.controller.later_faults == (frozen,)
     assert {type(c) for c in d.commands} == {StopArm}
 
 
@@ -207,4 +207,4 @@ def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State
     assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is State.SHAPE else [])]
     d.rest()
     assert d.controller.finished
-    assert d.controller.unreached == ()
+    assert d.controller.unconfirmed == ()

@@ -22,7 +22,7 @@ def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
 
 
 REACH = (58, 57, 57)
-FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, more=True)
+FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, first_stage=True)
 TOP_UP = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
 
 
@@ -52,7 +52,7 @@ def test_both_stages_are_one_answer_though_slip_ends_between_them() -> None:
         d.climb(0.0)
     assert d.commands == [FIRST, TOP_UP]
     assert d.controller.response.closings == 1
-    assert len(d.controller.monitor.events) == 1
+    assert len(d.controller.slip_monitor.events) == 1
     assert d.controller.state is State.LIFT
 
 
@@ -102,7 +102,7 @@ def test_own_closing_cannot_trigger_itself() -> None:
         d.climb(0.0, gripper=d.hand(detections=LATCHED))
     assert [type(c) for c in d.commands] == [MoveArm]  # on up
     assert d.controller.state is State.LIFT
-    assert len(d.controller.monitor.events) == 1
+    assert len(d.controller.slip_monitor.events) == 1
 
 
 def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowers() -> None:
@@ -157,7 +157,7 @@ def test_reactions_off_notes_slip_and_does_nothing() -> None:
     for _ in range(10):
         d.climb(0.9)
     assert d.commands == []
-    assert d.controller.monitor.events
+    assert d.controller.slip_monitor.events
 
 
 def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() -> None:

@@ -44,10 +44,10 @@ def test_no_force_above_the_limit_is_admitted(asked_n: float) -> None:
 
 def test_first_stage_of_a_closing_stays_one() -> None:
     for more in (False, True):
-        asked = msgspec.structs.replace(close(), more=more)
+        asked = msgspec.structs.replace(close(), first_stage=more)
         admitted = guard().admit(asked, gripper(), NO_FORCE)
         assert isinstance(admitted, CloseFast)
-        assert admitted.more is more
+        assert admitted.first_stage is more
 
 
 def test_calibration_that_cannot_keep_the_limit_is_refused_with_the_remedy() -> None:
@@ -113,7 +113,7 @@ def test_no_target_lies_beyond_the_position_where_the_force_reaches_the_limit(
     first_n: float, stiffness: float, target: int, anchor: int
 ) -> None:
     g = guard(travel_bound=True, contact_stiffness_npm=stiffness, cap_mode="each_motor")
-    g.anchor((anchor, anchor, anchor), (first_n, first_n, first_n))
+    g.set_first_grasp((anchor, anchor, anchor), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     for limit in admitted.limits_counts:
@@ -124,7 +124,7 @@ def test_no_target_lies_beyond_the_position_where_the_force_reaches_the_limit(
 
 def test_move_is_bounded_by_position_as_a_closing_is() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     closing = g.admit(close(), gripper(), NO_FORCE)
     moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
     assert isinstance(closing, CloseFast) and isinstance(moving, MoveFingers)
@@ -133,7 +133,7 @@ def test_move_is_bounded_by_position_as_a_closing_is() -> None:
 
 def test_finger_whose_grasp_was_above_the_limit_stays_where_it_is() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (12.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (12.0, 1.0, 1.0))
     admitted = g.admit(close(), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     assert admitted.limits_counts[0] == 55
@@ -175,13 +175,13 @@ def speed(g: ForceGuard, targets: Counts3, asked_mps: float = 0.11) -> float:
 
 def anchored(**changes: object) -> ForceGuard:
     g = guard(**changes)
-    g.anchor((55, 55, 55), FIRST_N)
+    g.set_first_grasp((55, 55, 55), FIRST_N)
     return g
 
 
 def test_every_finger_command_obeys_one_law_of_speed() -> None:
     g = anchored()
-    reach = g.reach(gripper(), FIRST_N)
+    reach = g.safe_travel(gripper(), FIRST_N)
     assert reach is not None and reach[0] == 58
     slow = g.closing_speed_mps
     assert [speed(g, (a, 55, 55)) for a in (20, 55, 58, 59, 255)] == [0.11, 0.11, 0.11, slow, slow]
@@ -200,13 +200,13 @@ def test_fingers_that_a_closing_leaves_alone_do_not_slow_it() -> None:
 
 def test_before_the_first_grasp_only_where_nothing_is_touched_may_be_fast() -> None:
     g = ForceGuard(GuardSettings(), 10.0, RIGID, free_counts=(25, 40, 40))
-    assert g.reach(gripper(), FIRST_N) is None
+    assert g.safe_travel(gripper(), FIRST_N) is None
     slow = g.closing_speed_mps
     assert [speed(g, (a, 40, 40)) for a in (25, 26)] == [0.11, slow]
 
 
 def test_motors_that_press_at_once_have_no_reach() -> None:
-    assert anchored(cap_mode="each_motor").reach(gripper(), FIRST_N) is None
+    assert anchored(cap_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
 
 
 @given(
@@ -218,8 +218,8 @@ def test_reach_keeps_the_limit_as_stated_and_the_overshoot_if_contact_and_grasp_
 ) -> None:
     g = guard(contact_stiffness_npm=stiffness, overshoot_n=overshoot_n)
     measured_n = (first_n, first_n / 2, first_n / 2)
-    g.anchor((55, 55, 55), measured_n)
-    reach = g.reach(gripper(), measured_n)
+    g.set_first_grasp((55, 55, 55), measured_n)
+    reach = g.safe_travel(gripper(), measured_n)
     assert reach is not None
     rise_n = (reach[0] - 55) * M_PER_COUNT * stiffness
     assert rise_n == 0 or first_n + rise_n <= 10.0 + 1e-9
@@ -227,18 +227,18 @@ def test_reach_keeps_the_limit_as_stated_and_the_overshoot_if_contact_and_grasp_
 
 
 def test_reach_is_far_enough_to_be_worth_it() -> None:
-    assert anchored().reach(gripper(), FIRST_N) == (58, 58, 58)
+    assert anchored().safe_travel(gripper(), FIRST_N) == (58, 58, 58)
     soft = ForceGuard(GuardSettings(), 10.0, Stiffness(0.55))
-    soft.anchor((53, 54, 54), FIRST_N)
-    assert soft.reach(gripper(), FIRST_N) == (64, 66, 66)
+    soft.set_first_grasp((53, 54, 54), FIRST_N)
+    assert soft.safe_travel(gripper(), FIRST_N) == (64, 66, 66)
 
 
 def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
     g = anchored()
-    assert g.reach(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
-    assert g.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
+    assert g.safe_travel(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
+    assert g.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
     closed = gripper(positions=(57, 55, 55))
-    assert g.reach(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
+    assert g.safe_travel(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
 
 
 @pytest.mark.parametrize(
@@ -249,13 +249,13 @@ def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
 def test_last_count_of_a_thumb_that_closes_alone_is_told_where_position_bounds_it(
     changes: dict[str, object], end: int | None
 ) -> None:
-    assert guard(travel_bound=True).thumb_end is None  # no first grasp is known yet
-    assert anchored(**changes).thumb_end == end
+    assert guard(travel_bound=True).thumb_limit_counts is None  # no first grasp is known yet
+    assert anchored(**changes).thumb_limit_counts == end
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     limits = [g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)]
     assert len({c.limits_counts for c in limits if isinstance(c, CloseFast)}) == 1
 
@@ -300,15 +300,15 @@ def test_overshoot_that_cannot_be_kept_is_refused_with_the_least_that_can() -> N
 
 
 def test_reach_is_that_of_the_grip_as_it_has_grown_up_to_the_limit_itself() -> None:
-    assert anchored().reach(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
+    assert anchored().safe_travel(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
     generous = anchored(overshoot_n=5.0)  # what the limit alone allows decides
-    assert generous.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
+    assert generous.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
 
 
 def test_end_of_the_thumb_is_its_own() -> None:
     g = guard(travel_bound=True)
-    g.anchor((50, 60, 70), FIRST_N)
-    assert g.thumb_end == 54
+    g.set_first_grasp((50, 60, 70), FIRST_N)
+    assert g.thumb_limit_counts == 54
 
 
 def test_limit_of_each_motor_is_told_with_the_double_that_the_thumb_bears() -> None:

@@ -68,7 +68,10 @@ def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, d
 
 def test_an_abort_ends_once_arm_and_hand_obey_and_begins_no_closing_again() -> None:
     bench = Bench(abort_s=0.3)
-    bench.controller.aborted = lambda: (StopArm(2.0), CloseFast(9.0, (True,) * 3, (9, 9, 9), 0.1))
+    bench.controller.abort_commands = lambda: (
+        StopArm(2.0),
+        CloseFast(9.0, (True,) * 3, (9, 9, 9), 0.1),
+    )
     bench.loop.tick()
     bench.arm.state = arm(2 * 10**9)
     bench.hand.state = gripper(2 * 10**9, detections=(REST, Detection.MOVING, REST))

@@ -146,7 +146,7 @@ def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     said = [told.stop and told.stop.code for told in late.inputs]
     assert said == [None] * 5 + ["run_timeout"] * 20
     excused = Bench(stop_s=0.2)
-    excused.controller.excused_ns = 30_000_000.0  # by an arm that is slowed down
+    excused.controller.arm_delay_ns = 30_000_000.0  # by an arm that is slowed down
     excused.loop.run(0.05)
     assert [told.stop is not None for told in excused.inputs][:9] == [False] * 8 + [True]
 
@@ -166,7 +166,7 @@ def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
 def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (
     None
 ):
-    bench = Bench(wall=True, decision_delay_s=0.001, spared_s=0.004)
+    bench = Bench(wall=True, decision_delay_s=0.001, observer_reserve_s=0.004)
     bench.hand.acknowledged = False
     bench.decides = [(MOVE,)]
     bench.loop.tick()
@@ -186,7 +186,7 @@ def test_submitted_command_is_due_at_once_and_admitted_by_the_step() -> None:
     assert bench.verbs() == [("hold",)]
     assert bench.when("hold") == [10**9]
     (issued,) = bench.ticks[0].issued
-    assert (issued.asked, issued.admitted) == (MOVE, HoldFingers())
+    assert (issued.requested, issued.admitted) == (MOVE, HoldFingers())
     assert issued.decided_ns == issued.sent_ns == 10**9
 
 

@@ -8,10 +8,10 @@ from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import ARM, Fault
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
-from grasp.safe_state import Pursuit, SafeState
+from grasp.safe_state import SafeState, SafeStateSupervisor
 from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
 from tests.unit.grasp.builders import LOST, arm, gripper, seen
@@ -46,7 +46,7 @@ HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
 
 def test_hand_closes_only_in_a_fault_in_the_air() -> None:
     for phase, before, asked in HANDS:
-        assert state(phase, before).of_hand(CLOSURE) == asked, (phase, before)
+        assert state(phase, before).hand_commands(CLOSURE) == asked, (phase, before)
 
 
 def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
@@ -54,9 +54,9 @@ def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
     stopped = Fault("arm_safety_stop", ARM, "arm stopped by its safety system")
     named = failed("detector_failed", how="KeyError: 'arm_frozen'")
     for faults in ((frozen,), (dead, frozen), (*LOST, frozen)):
-        assert state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
+        assert state(State.FAULT, State.LIFT, *faults).unconfirmed_arm(later(), OLD_NS)
     for faults in ((dead,), (stopped,), (named,), ()):
-        assert not state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
+        assert not state(State.FAULT, State.LIFT, *faults).unconfirmed_arm(later(), OLD_NS)
 
 
 @pytest.mark.parametrize(
@@ -67,13 +67,13 @@ def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
         ({"pending": True}, ("the arm still moves",)),
         ({"arm": arm(LATER_NS - 100_000_000)}, ()),
         ({"arm": arm(LATER_NS - 101_000_000)},
-         ("the arm is not heard: whether it stands is unknown",)),
+         ("the arm does not report: whether it has stopped is unknown",)),
     ],
 )  # fmt: skip
 def test_arm_that_is_not_seen_to_stand_is_missing(
     changes: dict[str, object], said: tuple[str, ...]
 ) -> None:
-    assert state(State.FAULT, State.LIFT).missing_of_arm(later(**changes), OLD_NS) == said
+    assert state(State.FAULT, State.LIFT).unconfirmed_arm(later(**changes), OLD_NS) == said
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
 ) -> None:
     fault = state(State.FAULT, before)
     assert fault.hand_is_safe(later(**changes)) is safe
-    assert fault.missing_of_hand(later(**changes)) == (
-        () if safe else ("the hand is not as it should be",)
+    assert fault.unconfirmed_hand(later(**changes)) == (
+        () if safe else ("the hand has not reached its safe state",)
     )
 
 
@@ -109,25 +109,25 @@ def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
 
 def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
     safe = state(State.FAULT, State.LIFT)
-    assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
+    assert "does not report" in safe.unconfirmed_hand(later(gripper_lost=True))[0]
     refusing = msgspec.structs.replace(gripper(fault=13), active=False)
-    assert "reports a fault" in safe.missing_of_hand(later(gripper=refusing))[0]
+    assert "reports a fault" in safe.unconfirmed_hand(later(gripper=refusing))[0]
     warning = later(gripper=gripper(fault=13))  # it obeys all the same
-    assert safe.missing_of_hand(warning) == ("the hand is not as it should be",)
+    assert safe.unconfirmed_hand(warning) == ("the hand has not reached its safe state",)
 
 
 def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
     half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, half_closed=True)
-    assert half.of_hand(CLOSURE) == (CLOSURE,)
+    assert half.hand_commands(CLOSURE) == (CLOSURE,)
 
 
 SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 
-def pursuit(since_ns: int = 0) -> Pursuit:
+def supervisor(since_ns: int = 0) -> SafeStateSupervisor:
     safe = SafeState(State.FAULT, State.LIFT, since_ns)
     plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
-    return Pursuit(
+    return SafeStateSupervisor(
         safe, SETTINGS, SlipResponse(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0)))
     )
 
@@ -138,19 +138,19 @@ def unsafe(t_ns: int, **changes: object) -> Observation:
 
 def test_what_is_missing_is_asked_for_again_once_the_time_between_two_requests_is_over() -> None:
     for t_ns, asked in ((99_999_999, False), (100_000_000, True)):
-        assert bool(pursuit().step(unsafe(t_ns))) is asked
+        assert bool(supervisor().step(unsafe(t_ns))) is asked
 
 
 def test_safe_state_is_given_up_once_its_time_is_over() -> None:
     for t_ns, over in ((2_999_999_999, False), (3_000_000_000, True)):
-        pursued = pursuit()
-        pursued.step(unsafe(t_ns))
-        assert pursued.over is over
+        supervised = supervisor()
+        supervised.step(unsafe(t_ns))
+        assert supervised.over is over
 
 
 def test_arm_is_not_heard_once_its_state_is_older_than_it_may_be() -> None:
     for old_ns, heard in ((100_000_000, True), (100_000_001, False)):
-        pursued = pursuit()
-        pursued.step(later(arm=arm(LATER_NS - old_ns)))
-        told = any("the arm is not heard" in missing for missing in pursued.unreached)
+        supervised = supervisor()
+        supervised.step(later(arm=arm(LATER_NS - old_ns)))
+        told = any("the arm does not report" in missing for missing in supervised.unconfirmed)
         assert told is not heard

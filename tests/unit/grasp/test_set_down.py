@@ -10,7 +10,7 @@ from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
-SURE = "grasp.set_down.MOST_RISE"  # of a grip that may tighten without an answer
+SURE = "grasp.set_down.MAX_RISE_SHARE"  # of a grip that may tighten without an answer
 
 HOME_M = 0.4
 GRIP = bears(3.0)
@@ -139,7 +139,7 @@ def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed(
 def test_grip_that_tightens_again_and_again_without_an_answer_keeps_hand_and_height(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("grasp.set_down.TRIES", 1)
+    monkeypatch.setattr("grasp.set_down.MAX_TIGHTENINGS", 1)
     d = probed(GRIP[0], GRIP[0])
     assert d.controller.state is State.LOST
     assert "not certain" in d.controller.machine.log[-1].cause

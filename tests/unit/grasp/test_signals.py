@@ -44,7 +44,7 @@ def test_deferred_signal_is_raised_at_the_next_check_and_only_once() -> None:
         with pytest.raises(Interruption) as stop:
             signals.check()
         assert stop.value.args == (signal.SIGTERM,)
-        assert signals.asked()
+        assert signals.received()
         signal.raise_signal(signal.SIGINT)
         signals.check()
 
@@ -56,7 +56,7 @@ def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_ke
     with signals.deferred():
         for _ in range(50):
             signal.raise_signal(signal.SIGINT)
-        later_s = signals.time.monotonic() + signals.INSISTS_S
+        later_s = signals.time.monotonic() + signals.FORCE_AFTER_S
         monkeypatch.setattr(signals.time, "monotonic", lambda: later_s)
         with pytest.raises(Interruption):
             signal.raise_signal(signal.SIGINT)
@@ -79,17 +79,17 @@ def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
 
 @pytest.mark.usefixtures("taken")
 def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
-    signals.go_on()
+    signals.raise_if_received()
     with pytest.raises(Interruption):
         signal.raise_signal(signal.SIGTERM)
     with pytest.raises(Interruption):
-        signals.go_on()
+        signals.raise_if_received()
 
 
 @pytest.mark.usefixtures("taken")
 def test_what_is_sealed_is_not_interrupted_by_a_check_within() -> None:
     with signals.deferred():
-        with signals.deferred(sealed=True):
+        with signals.deferred(ignore_checks=True):
             signal.raise_signal(signal.SIGTERM)
             signals.check()
         with pytest.raises(Interruption):
@@ -115,7 +115,7 @@ def told():
         os.kill(os.getpid(), signal.SIGTERM)
 with signals.taken():
     try:
-        with signals.guarded(lambda: os.write(1, b"devices are safe")), signals.deferred():
+        with signals.watchdog(lambda: os.write(1, b"devices are safe")), signals.deferred():
             threading.Thread(target=told, daemon=True).start()
             try:
                 while sys.argv[1] in ("twice", "held"):  # pursues a safe state
@@ -150,11 +150,11 @@ def guarded(how: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize("how", ["stuck", "twice"])
 def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
-    assert guarded(how) == (0, "told to end (SIGTERM) while this stood still\n")
+    assert guarded(how) == (0, "terminated (SIGTERM) while the program hung\n")
 
 
 def test_key_that_is_held_down_cuts_the_stop_that_it_asked_for_once() -> None:
-    assert guarded("held") == (0, "told to end (SIGTERM) while this stood still\nstopped\n")
+    assert guarded("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
 
 
 def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:

@@ -66,7 +66,7 @@ class Told:
 
     def __init__(self, phase: State = State.LIFT, *commands: Command, **says: bool) -> None:
         self.state = phase
-        flags = {"reset_detector": False, "anchor": False, **says}
+        flags = {"reset_detector": False, "first_grasp": False, **says}
         self.decision = Decision(
             state=phase, slip=DISARMED, commands=commands, finished=False, **flags
         )
@@ -78,7 +78,7 @@ class Told:
 
     finished = False
 
-    def aborted(self) -> tuple[Command, ...]:
+    def abort_commands(self) -> tuple[Command, ...]:
         return self.decision.commands
 
     def step(self, seen: Observation) -> Decision:
@@ -90,7 +90,7 @@ class Gate:
     """A guard of one count a newton that answers every command with another."""
 
     def __init__(self) -> None:
-        self.anchors: list[tuple[Counts3, Vector3]] = []
+        self.first_grasps: list[tuple[Counts3, Vector3]] = []
         self.asked: list[tuple[GripperCommand, Vector3]] = []
 
     def measured_n(self, sums: Vector3) -> Vector3:
@@ -100,12 +100,12 @@ class Gate:
     def overloaded(self, measured_n: Vector3) -> bool:
         return max(measured_n) > 10.0
 
-    def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
-        self.anchors.append((positions, measured_n))
+    def set_first_grasp(self, positions: Counts3, measured_n: Vector3) -> None:
+        self.first_grasps.append((positions, measured_n))
 
-    thumb_end = 61
+    thumb_limit_counts = 61
 
-    def reach(self, state: GripperState, measured_n: Vector3) -> Counts3:
+    def safe_travel(self, state: GripperState, measured_n: Vector3) -> Counts3:
         return (state.positions[0] + 3, 60, round(measured_n[0]))
 
     def admit(
@@ -137,8 +137,8 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert seen.probabilities.tolist() == SURE.tolist()
     assert seen is b.controller.seen[0]
     assert (seen.measured_n, seen.overloaded, seen.faults) == ((6.0, 6.0, 6.0), False, ())
-    assert seen.felt_n == seen.measured_n
-    assert (seen.reach_counts, seen.thumb_end) == ((58, 60, 6), 61)
+    assert seen.responsive_n == seen.measured_n
+    assert (seen.safe_travel_counts, seen.thumb_limit_counts) == ((58, 60, 6), 61)
 
 
 @pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])
@@ -147,7 +147,7 @@ def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
     b.controller.state = State.FAULT  # before this run took its own
     seen = b.decide(frame(-9))
-    assert (seen.measured_n, seen.felt_n, b.ears.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
+    assert (seen.measured_n, seen.responsive_n, b.ears.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
     assert not seen.overloaded
 
 
@@ -161,7 +161,7 @@ def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: State
 
 def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
     seen = Bench().decide(railed(frame(-1)))
-    assert (seen.measured_n, seen.felt_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
+    assert (seen.measured_n, seen.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
 
 
 def railed(of: TactileFrame) -> TactileFrame:
@@ -267,7 +267,7 @@ def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> 
     assert b.ears.inputs == []
     assert seen.probabilities.tolist() == [0.0] * 3
     assert (seen.frame, seen.measured_n, seen.faults) == (None, (0.0,) * 3, ())
-    assert seen.felt_n == (0.0,) * 3
+    assert seen.responsive_n == (0.0,) * 3
 
 
 def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
@@ -275,27 +275,27 @@ def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
     b.decide(frame(-1))
     assert len(b.ears.inputs) == 2
     assert b.ears.inputs[1] == "reset"
-    assert b.gate.anchors == []
+    assert b.gate.first_grasps == []
 
 
 def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so() -> None:
-    b = Bench(Told(anchor=True))
+    b = Bench(Told(first_grasp=True))
     b.decide(frame(-1))
     b.decide(frame(-2))
-    assert b.gate.anchors == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
+    assert b.gate.first_grasps == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
     assert not any(isinstance(heard, str) for heard in b.ears.inputs)
 
 
 def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_to_be() -> None:
-    b = Bench(Told(anchor=True))
+    b = Bench(Told(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(51, 55, 54), requested=(55, 55, 55)))
-    assert b.gate.anchors == [((51, 55, 54), (6.0,) * 3)]
+    assert b.gate.first_grasps == [((51, 55, 54), (6.0,) * 3)]
 
 
 def test_guard_is_anchored_no_further_than_fingers_were_told_but_for_a_count_beside_it() -> None:
-    b = Bench(Told(anchor=True))
+    b = Bench(Told(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(60, 56, 57), requested=(55, 55, 55)))
-    assert b.gate.anchors == [((55, 56, 55), (6.0,) * 3)]
+    assert b.gate.first_grasps == [((55, 56, 55), (6.0,) * 3)]
 
 
 def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -> None:

@@ -103,4 +103,4 @@ def test_paused_arm_that_is_to_stop_for_good_never_goes_on(
         d.step(arm=arm(d.t_ns + TICK, 0.05))
     assert d.controller.state is phase
     assert told(d, MoveArm) == []
-    assert d.controller.finished and not d.controller.unreached
+    assert d.controller.finished and not d.controller.unconfirmed

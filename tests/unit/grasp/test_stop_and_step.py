@@ -6,7 +6,7 @@ import pytest
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.slip_response.stop_and_step import StopAndStep
 from grasp.states import State
@@ -140,7 +140,7 @@ def alone(height_m: float = 0.01, **settings: object) -> StopAndStep:
 
 def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observation:
     hand = gripper(positions=(thumb, 55, 55))
-    return seen(0, gripper=hand, thumb_end=end, arm=arm(moving=moving))
+    return seen(0, gripper=hand, thumb_limit_counts=end, arm=arm(moving=moving))
 
 
 def steps(response: StopAndStep, obs: Observation) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from grasp.cli import view
 from grasp.viewer_process import ViewerProcess
 
-GLIMPSE = view.Glimpse(
+GLIMPSE = view.TickView(
     1.25, "lift", "nominal", False, True, (1.0, 0.5, 0.5), [0.1, 0.0, 0.0], (60, 61, 62), 0.3
 )
 
@@ -19,9 +19,9 @@ GLIMPSE = view.Glimpse(
 def test_lines_are_drawn_by_another_process_until_the_run_ends(tmp_path: Path) -> None:
     drawn = tmp_path / "screen"
     with drawn.open("wb") as screen, ViewerProcess(view, screen.fileno()) as viewer:
-        viewer.tell(view.Begin(panel=False))
+        viewer.show_waiting(view.Begin(panel=False))
         viewer.show(GLIMPSE)
-        viewer.tell(view.Note("one run is over"))
+        viewer.show_waiting(view.LogLine("one run is over"))
     first, second = drawn.read_text().splitlines()
     assert "lift" in first and "A  1.0" in first
     assert second == "one run is over"

@@ -72,7 +72,7 @@ def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
     config = load_config("can", "hardware", "energy", [lab.file, out])
     assert config.tactile.rest_reference == tuple(map(tuple, codes))
     again = lab.grasp(*words)
-    assert again.code == 2 and "is there already" in again.err
+    assert again.code == 2 and "exists already" in again.err
 
 
 def test_taxels_are_watched(lab: Lab) -> None:
@@ -207,7 +207,7 @@ def test_nothing_moves_where_nobody_can_answer(ready: Lab, tmp_path: Path) -> No
     ):
         nobody = ready.grasp(*words, *CONFIRMED)
         assert nobody.code == 2, (words, nobody)
-        assert "nobody is there to be asked: standard input has ended" in nobody.err
+        assert "no terminal for questions: standard input has ended" in nobody.err
     assert ready.places == before
 
 

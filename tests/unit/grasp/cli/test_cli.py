@@ -84,7 +84,7 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
     )  # fmt: skip
     assert code == answer["exit_code"] == 4
     assert answer["error"]["kind"] == "safety_stop"
-    assert "latched" in answer["error"]["message"]
+    assert "stopped on contact" in answer["error"]["message"]
     assert answer["result"]["outcome"] == "fault"
 
 
@@ -158,7 +158,7 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
         ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
-        ("tap --set controller.keep=true", "holds one object and ends"),
+        ("tap --set controller.keep=true", "only one trial is possible"),
         ("tap --set object.mass_kg=2.9", "leaves it in the hand"),
         ("lift --object cann", "did you mean 'can'"),
         ("lift --detector oracle", "energy"),

@@ -72,7 +72,7 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "12"]) == 0
     path = tmp_path / "tuned.toml"
     path.write_text(capsys.readouterr().out)
-    assert "that is little" in path.read_text()
+    assert "few data" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
     (sheet,) = answers(capsys, *words, "--config", str(path), "--json")
     assert sheet["false_events_per_min_hand"] <= 12.0  # type: ignore[operator]
@@ -99,5 +99,5 @@ def test_a_card_says_what_the_weights_are(
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
     assert main(["detector", "card", "tcm"]) == 2
     told = capsys.readouterr().err
-    assert "'tcm' is no network of this project (did you mean 'tcn'?)" in told
+    assert "'tcm' is no packaged network (did you mean 'tcn'?)" in told
     assert "one of freq-cnn-paper, gru, tcn, tcn-paper, or a file that ends in .onnx" in told

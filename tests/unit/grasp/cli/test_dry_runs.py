@@ -57,7 +57,10 @@ def test_refusal_without_confirmation_says_what_would_move(
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),
-        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with force byte 0"),
+        (
+            "calibrate hand --up-to 16 --out NEW",
+            "move finger A 10 times onto the scale, with force byte 0",
+        ),
     ):
         assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2, words
         said = capsys.readouterr().err
@@ -69,7 +72,7 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
 ) -> None:
     for scenario in ("lift", "tap", "acquire"):
         assert main(["run", scenario, "--rig", "simulated", "--dry-run"]) == 2
-        assert "moves nothing real" in capsys.readouterr().err
+        assert "is for real devices" in capsys.readouterr().err
 
 
 def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first() -> None:

@@ -121,7 +121,7 @@ def test_what_is_not_known_is_told_with_what_is(
 ) -> None:
     lines = "dance\ntap below\nplace it\nfault dance\npress A pad\nplace\n"
     cell, answers = said(typed, lines, capsys)
-    assert "'dance' is not known" in answers[0]
+    assert "'dance' is no action" in answers[0]
     assert "Expected `int`" in answers[4]
     assert all("take (it away) | home (the arm)" in answer for answer in answers[:5])
     assert answers[5] == "done"

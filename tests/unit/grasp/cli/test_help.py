@@ -42,7 +42,7 @@ def test_every_command_has_its_function() -> None:
 
 def test_every_verb_is_in_one_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     text = helped(capsys=capsys)
-    for section in ("try", "measure", "a lab's devices", "set up"):
+    for section in ("try", "measure", "real devices", "settings"):
         assert f"\n{section}:\n" in text
     for name in build_parser().commands():
         assert text.count(f"\n  {name} ") == 1

@@ -36,7 +36,7 @@ def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) ->
     nowhere = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nowhere, sys.stdin.fileno())
     os.close(nowhere)
-    with pytest.raises(UsageError, match="nobody is there to be asked"):
+    with pytest.raises(UsageError, match="no terminal for questions"):
         person.expect()
 
 

@@ -51,5 +51,5 @@ def test_what_is_no_page_of_ours_is_not_written_over(
     out = tmp_path / "index.html"
     out.write_text("<!doctype html>mine")
     assert main(["report", str(only(runs)), "--out", str(out)]) == 2
-    assert "is there already (name another file)" in capsys.readouterr().err
+    assert "exists already (name another file)" in capsys.readouterr().err
     assert out.read_text() == "<!doctype html>mine"

@@ -72,11 +72,11 @@ def test_weights_that_are_there_are_not_written_over_unless_told_to(
     (tmp_path / "mine.toml").write_text("its rule")
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(out)]
     assert main(words) == 2
-    assert f"{out} is there already" in capsys.readouterr().err
+    assert f"{out} exists already" in capsys.readouterr().err
     assert training.told == [] and out.read_text() == "of last week"
     assert main([*words, "--force"]) == 0
     assert training.told == ["run"]
-    assert "mine.toml beside it is of other weights" in capsys.readouterr().err
+    assert "mine.toml is for other weights" in capsys.readouterr().err
 
 
 def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_purpose(
@@ -86,7 +86,7 @@ def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_
     (tmp_path / "mine.log").write_text("its first hour")
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 2
-    assert "mine.checkpoint is of a training that did not end" in capsys.readouterr().err
+    assert "mine.checkpoint is of an unfinished training" in capsys.readouterr().err
     assert training.told == [] and (tmp_path / "mine.log").read_text() == "its first hour"
     assert main([*words, "--force"]) == 0
 
@@ -103,9 +103,9 @@ def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on
     monkeypatch.setattr(training, "run", run)
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 130
-    told = f"interrupted at step 120 of 2000, kept in {tmp_path / 'mine.checkpoint'} (the same"
+    told = f"interrupted at step 120 of 2000, saved in {tmp_path / 'mine.checkpoint'} (to continue"
     said = capsys.readouterr().err
-    assert told in said and "with --resume goes on" in said
+    assert told in said and "with --resume" in said
     assert (tmp_path / "mine.checkpoint").is_file() and not (tmp_path / "mine.onnx").exists()
 
 

@@ -29,7 +29,7 @@ def test_series_that_was_complete_says_so_and_why_it_failed(
     capsys.readouterr()
     assert main([*words, "--resume"]) == 1
     said = capsys.readouterr().err
-    assert "1 trial is in" in said and "none is left to run" in said and "--resume" not in said
+    assert "1 trial is in" in said and "the series is complete" in said and "--resume" not in said
     assert "1 of 1 trials did not succeed: exit code 1" in said
 
 
@@ -57,7 +57,7 @@ def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_
     said = [line.strip() for line in capsys.readouterr().err.splitlines()]
     assert said[-4:] == [
         "the arm stands; the hand is closed", CLOSED.advice,
-        f"1 trial is in {out}: go on with --out {out} --resume",
+        f"1 trial is in {out}: continue with --out {out} --resume",
         "grasp: 1 of 1 trials did not succeed: exit code 1",
     ]  # fmt: skip
     assert said[-5].startswith("grasp: seed 0: ")

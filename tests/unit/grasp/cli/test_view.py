@@ -10,14 +10,14 @@ from grasp.fault import Fault
 from scenarios.report.run_view import facts
 from scenarios.trial.ending import End
 
-SLIPPING = view.Glimpse(
-    t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, news=True,
+SLIPPING = view.TickView(
+    t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, event=True,
     measured_n=(10.0, 5.0, 5.0), probabilities=[0.93, 0.5, 0.02], positions=(155, 100, 100),
     arm_m=0.312,
 )  # fmt: skip
 
 
-def drawn(width: int, seen: view.Glimpse = SLIPPING) -> list[str]:
+def drawn(width: int, seen: view.TickView = SLIPPING) -> list[str]:
     console = Console(width=width, force_terminal=True, color_system=None)
     with console.capture() as capture:
         console.print(view.panel(seen, console.width))
@@ -41,13 +41,13 @@ def test_bars_are_whole_whatever_the_width(width: int) -> None:
         (
             {"peak_force_n": {"A": 21.84, "B": 11.0, "C": 10.8}}, "each_motor",
             ["peak force A 21.8, B 11.0, C 10.8 N (true); commanded 10.0 N",
-             "limit 10 N, each_motor: the thumb bears what B and C press, about 20 N"],
+             "limit 10 N, each_motor: the thumb bears the sum of B and C, about 20 N"],
         ),
         (
             {"peak_force_n": None, "peak_measured_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
             "every_finger",
             ["peak force A 9.0, B 4.5, C 4.0 N (estimated by the fingertips); commanded 10.0 N",
-             "limit 10 N, every_finger: no finger shall bear more"],
+             "limit 10 N, every_finger: it applies to each finger"],
         ),
     ],
 )  # fmt: skip
@@ -101,7 +101,7 @@ def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registratio
 ) -> None:
     seen = Seen()
     monkeypatch.setattr(view, "Lines", lambda: seen)
-    monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
+    monkeypatch.setattr(view, "tick_view", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:
         decision = SimpleNamespace(state=phase, slip=SimpleNamespace(event=None))

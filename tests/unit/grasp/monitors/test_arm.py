@@ -10,7 +10,7 @@ from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmModel, ArmModelSettings
 from grasp.commands import MoveArm, StopArm
 from grasp.fault import ARM
-from grasp.monitors.arm import OFF_LINE_M, THERE_M, TURN_S, ArmHistory
+from grasp.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import arm
@@ -182,9 +182,9 @@ def stopped_and_gone(m: float, moving: bool = False) -> str:
 
 
 def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
-    assert stopped_and_gone(THERE_M - 1e-5) == ""
-    assert stopped_and_gone(THERE_M + 1e-5) == "arm_wrong_way"
-    assert stopped_and_gone(THERE_M + 1e-5, moving=True) == ""
+    assert stopped_and_gone(AT_TARGET_M - 1e-5) == ""
+    assert stopped_and_gone(AT_TARGET_M + 1e-5) == "arm_wrong_way"
+    assert stopped_and_gone(AT_TARGET_M + 1e-5, moving=True) == ""
 
 
 def told_to_stop(m: float) -> str:
@@ -236,7 +236,7 @@ def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand
         states = (at(0.1, 0.01 - away_m), at(0.6, 0.01 - away_m))
         return told_up(*states, by_m=0.01)
 
-    assert (standing(THERE_M - 1e-5), standing(THERE_M + 1e-5)) == ("", "arm_frozen")
+    assert (standing(AT_TARGET_M - 1e-5), standing(AT_TARGET_M + 1e-5)) == ("", "arm_frozen")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.commands import Command, HoldFingers, MoveArm
 from grasp.fault import ARM, GRIPPER, Fault
-from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, no_probabilities
+from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, SAFE_STATES, State
@@ -110,9 +110,9 @@ def test_a_hand_without_its_activation_is_believed_and_one_that_leaps_is_not() -
                np.array([0.1j] * 3)],
 )  # fmt: skip
 def test_an_answer_that_is_no_probability_a_finger_is_refused(answer: object) -> None:
-    fault = no_probabilities(answer)
+    fault = invalid_probabilities(answer)
     assert fault is not None and fault.code == "detector_failed"
 
 
 def test_probabilities_are_accepted_up_to_their_ends() -> None:
-    assert no_probabilities(np.array([0.0, 0.5, 1.0])) is None
+    assert invalid_probabilities(np.array([0.0, 0.5, 1.0])) is None

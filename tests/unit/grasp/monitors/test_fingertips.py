@@ -104,10 +104,10 @@ def test_a_taxel_that_stands_still_for_long_cannot_tell_until_it_changes() -> No
     hand, telling = Hand(), []
     for k in range(STUCK_SAMPLES + 2):
         hand.see(partly_stuck(k))
-        telling.append(int(hand.history.can_tell.sum()))
+        telling.append(int(hand.history.responsive.sum()))
     assert telling == [18] * STUCK_SAMPLES + [12] * 2
     hand.see(codes(1))
-    assert hand.history.can_tell.all() and hand.history.all_tell
+    assert hand.history.responsive.all() and hand.history.all_responsive
 
 
 def said_of(stuck: int, phase: State, code: int = 420) -> str:
@@ -128,10 +128,10 @@ def test_an_arm_does_not_lift_with_a_fingertip_of_which_more_than_half_stand_sti
 def test_codes_at_the_rail_cannot_tell_and_of_a_whole_fingertip_are_no_force() -> None:
     hand = Hand()
     hand.see(rails(0, 0, taxels=2))
-    assert hand.history.can_tell.sum(axis=1).tolist() == [6, 4, 6]
-    assert hand.history.believable
+    assert hand.history.responsive.sum(axis=1).tolist() == [6, 4, 6]
+    assert hand.history.plausible
     hand.see(rails(1, 0))
-    assert not hand.history.believable
+    assert not hand.history.plausible
 
 
 @pytest.mark.parametrize("value", [20, 60])

@@ -11,8 +11,8 @@ from grasp.monitors.checks import CHECKS
 from grasp.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
-    LEAP_COUNTS,
-    LOOKS,
+    JUMP_COUNTS,
+    OUTDATED_READS,
     PRESSING_MA,
     PRESSING_S,
     GripperHistory,
@@ -45,7 +45,7 @@ def failed_at(states: list[GripperState], **settings: Any) -> str:
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_echo_s(value: float) -> None:
     def after(s: float) -> str:
-        looks = [round(i * s / LOOKS * 1e9) for i in range(1, LOOKS + 1)]
+        looks = [round(i * s / OUTDATED_READS * 1e9) for i in range(1, OUTDATED_READS + 1)]
         return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in looks)], echo_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
@@ -156,7 +156,7 @@ def test_no_finger_is_faster_than_twice_full_speed() -> None:
     def leap(counts: int) -> str:
         return failed_at([gripper(0), gripper(TICK, (55 + counts, 55, 55))])
 
-    most = LEAP_COUNTS + round(FINGER_COUNTS_PS * 0.01)
+    most = JUMP_COUNTS + round(FINGER_COUNTS_PS * 0.01)
     assert (leap(most), leap(most + 1)) == ("", IMPOSSIBLE)
 
 

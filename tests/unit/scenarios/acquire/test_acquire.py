@@ -73,7 +73,7 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
         finished = acquired(tmp_path, end, seconds=20.0)
     assert finished.outcome is AcquireOutcome.INTERRUPTED
     assert finished.failure is not None and finished.failure.end is not None
-    assert finished.failure.message == f"told to end (SIGTERM) in phase {seen[-1].phase}"
+    assert finished.failure.message == f"terminated (SIGTERM) in phase {seen[-1].phase}"
     assert finished.failure.end.arm == "the arm stands"
     assert finished.recording is not None
     recording = RunRecording(Path(finished.recording), CHANNELS)

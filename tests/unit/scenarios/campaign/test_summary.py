@@ -63,7 +63,7 @@ def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
     assert cell.apart == {"unmoved_registered": 1, "never_nominal": 1}
     shown = _shown(cell)
     assert "n 3 of 5: 60% of all" in shown
-    assert "1 never_nominal, apart" in shown and "1 unmoved_registered, apart" in shown
+    assert "1 never_nominal, excluded" in shown and "1 unmoved_registered, excluded" in shown
 
 
 def test_errors_are_counted_apart_from_failures() -> None:

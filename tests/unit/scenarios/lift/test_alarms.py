@@ -104,8 +104,8 @@ def test_every_phase_ends_in_its_time_whatever_the_detector_says(
 def closes(ticks: list[Tick]) -> int:
     """To the force cap: a first stage belongs to the one that follows."""
     sent = [i.admitted for t in ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
-    assert sum(c.more for c in sent) <= sum(not c.more for c in sent)
-    return sum(not c.more for c in sent)
+    assert sum(c.first_stage for c in sent) <= sum(not c.first_stage for c in sent)
+    return sum(not c.first_stage for c in sent)
 
 
 def answered_s(ticks: list[Tick]) -> float:
@@ -132,7 +132,7 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     assert controller.response.closings > 0
     assert closes(ticks) <= 1
     assert answered_s(ticks) < 10.0
-    steps = 0 if answer == "stop_and_close" else 5  # stop_and_step.STEP_TRIES
+    steps = 0 if answer == "stop_and_close" else 5  # stop_and_step.MAX_STEPS
     assert controller.response.closings <= 1 + steps  # and to the cap at last
 
 

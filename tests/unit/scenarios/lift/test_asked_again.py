@@ -27,11 +27,11 @@ def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: State) ->
 
         trial = staged.run(in_phase(phase, 5), act)
         assert trial.controller.state is State.FAULT
-        further = trial.controller.further
+        further = trial.controller.later_faults
         assert all(found.code == "arm_wrong_way" for found in further)
         assert not further or lost > 1  # it has gone on for longer than braking takes
-        unknown = "the arm cannot be believed: whether it stands is unknown"
-        assert trial.controller.unreached == ((unknown,) if further else ())
+        unknown = "the arm's data are implausible: whether it has stopped is unknown"
+        assert trial.controller.unconfirmed == ((unknown,) if further else ())
         assert received[0]
         sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
         assert len(sent) > lost
@@ -54,7 +54,7 @@ def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(end: fau
         trial = staged.run(in_phase(phase, 20), act)
         rig = staged.rig
         assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
-        assert any(found.code == "arm_wrong_way" for found in trial.controller.further)
+        assert any(found.code == "arm_wrong_way" for found in trial.controller.later_faults)
         left = trial.end(staged.config)
         assert left is not None
         assert left.arm == "the arm says that it stands"
@@ -64,7 +64,7 @@ def closed_again(staged: Staged, trial: Any) -> None:
     assert trial.controller.state is State.FAULT
     assert thumb_n(staged) > 8.0  # not left at 2.4 N
     assert max(fault.cell(staged.rig).truth().peak_n) < 11.0
-    assert trial.controller.unreached == ()
+    assert trial.controller.unconfirmed == ()
 
 
 def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back() -> None:

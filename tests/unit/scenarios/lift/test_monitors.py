@@ -213,8 +213,8 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         assert failure is not None and failure.end is not None
         unknown = failure.end.where.endswith("at a height that the arm does not tell")
         assert unknown == (name == "arm_position_nan")
-        further = trial.controller.further
-        assert failure.end.further == further
+        further = trial.controller.later_faults
+        assert failure.end.later_faults == further
         if name.startswith("fingertips"):  # they are no longer checked
             assert not further
         else:

@@ -83,7 +83,7 @@ def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
     staged = Staged()
     trial = staged.run()
     assert trial.sequence.motion is not None
-    assert trial.controller.monitor.events
+    assert trial.controller.slip_monitor.events
     assert sent_while_watched(staged, trial) == []
 
 
@@ -112,7 +112,7 @@ def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
     assert result is not None and result.recording is not None
     replayed = replay_run(Path(result.recording))
     assert replayed.differences == []
-    assert any("asked to set down" in what for _, what in replayed.events)
+    assert any("set-down requested" in what for _, what in replayed.events)
     assert msgspec.json.decode((Path(result.recording).parent / "result.json").read_bytes())[
         "outcome"
     ] == result.outcome  # fmt: skip

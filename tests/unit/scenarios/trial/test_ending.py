@@ -86,7 +86,7 @@ def test_every_device_that_is_gone_is_named() -> None:
         assert word in failure.message
     assert "\n" not in failure.message
     assert end.arm.startswith("the arm was still moving at ")
-    assert len(end.unreached) == 2
+    assert len(end.unconfirmed) == 2
     assert end.arm.endswith("when last heard")
     assert end.hand.startswith("the hand cannot be told anything and holds by itself")
     assert end.hand.endswith("its force is not measured")

@@ -84,7 +84,7 @@ def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
     assert "Traceback" in result.bug.traceback
     assert result.end is not None and result.end.arm == "the arm stands"
     if place != "guard":  # without it nothing may close
-        assert result.end.unreached == ()
+        assert result.end.unconfirmed == ()
     truth = cell.truth()
     assert cell.arm.velocity(truth.t_ns) == (0.0, 0.0, 0.0)
     assert max(truth.peak_n) < 11.0
@@ -127,7 +127,7 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
 
     trial = lift.run(in_phase(State.LIFT, 5), act)
     result = lift.result(trial)
-    assert refused and result.end is not None and result.end.unreached == ()
+    assert refused and result.end is not None and result.end.unconfirmed == ()
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
 
 

@@ -117,7 +117,9 @@ def test_the_same_trial_is_not_asked_for_without_end(
     "failure",
     [
         Failure("stale", "", "", msgspec.structs.replace(OPEN, open=False)),
-        Failure("implausible", "", "", msgspec.structs.replace(OPEN, unreached=("the arm moves",))),
+        Failure(
+            "implausible", "", "", msgspec.structs.replace(OPEN, unconfirmed=("the arm moves",))
+        ),
         Failure("stale", "", ""),
         Failure("safety_stop", "", "", OPEN),
         Failure("link_lost", "", "", OPEN),

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.lift_progress import LEAST_PACE, STANDS_NS
+from grasp.state_timer import HALTED_NS, LEAST_PACE
 from grasp.states import State
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
@@ -43,7 +43,7 @@ def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
     lasted_s = seconds_in(d, State.DESCEND, fraction, 0.1)
     assert lasted_s == pytest.approx(factor, abs=0.011)
     assert "phase lower.descend lasted longer" in d.controller.fault_cause
-    assert d.controller.excused_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
+    assert d.controller.arm_delay_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
 
 
 def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
@@ -53,7 +53,7 @@ def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
     while d.controller.state is State.BRACE:
         d.step(gripper=d.hand(detections=MOVING), arm=slow(d, 0.2, 0.0, moving=False))
     assert (d.t_ns - began_ns) * 1e-9 == pytest.approx(1.0, abs=0.011)
-    assert d.controller.excused_ns == 0.0
+    assert d.controller.arm_delay_ns == 0.0
 
 
 @pytest.mark.parametrize("phase", [State.BASELINE, State.LIFT])
@@ -65,7 +65,7 @@ def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> N
     d.step(arm=slow(d, 0.49, 0.0, moving=phase is State.LIFT))
     assert d.controller.state is State.FAULT
     assert d.controller.fault_cause == (
-        "the arm's speed slider is at 49 %, and no lift goes on below 50 %"
+        "the arm's speed slider is at 49 %; a lift needs at least 50 %"
     )
     assert isinstance(d.commands[0], StopArm)
     assert not any(isinstance(c, MoveArm) for c in d.commands)
@@ -75,5 +75,7 @@ def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> N
 def test_arm_that_its_slider_lets_stand_on_the_way_down_is_a_fault_that_names_it() -> None:
     d = going_down()
     lasted_s = seconds_in(d, State.DESCEND, 0.9 * LEAST_PACE, 0.1)
-    assert lasted_s == pytest.approx(STANDS_NS * 1e-9, abs=0.011)
-    assert d.controller.fault_cause == "the arm's speed slider is at 4.5 %: it comes to no end"
+    assert lasted_s == pytest.approx(HALTED_NS * 1e-9, abs=0.011)
+    assert (
+        d.controller.fault_cause == "the arm's speed slider is at 4.5 %, so its motion does not end"
+    )
