@@ -119,11 +119,13 @@ def _add_recordings(root: Parser) -> None:
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
-        "distance over time (extra `charts`). layout: for Foxglove and Lichtblick.",
+        "distance over time; gif: the first slip in slow motion (both: extra `charts`). layout: "
+        "for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
     export.option("run RUN", "folder or recording.mcap of a run, or a campaign's file", Path)
-    export.option("--to", "format (default: by --out or csv)", choices=("csv", "svg", "layout"))
+    export.option("--to", "format (default: by --out or csv)",
+                  choices=("csv", "svg", "gif", "layout"))  # fmt: skip
     export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
 
 
