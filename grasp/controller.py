@@ -103,7 +103,7 @@ class GraspController:
 
     @property
     def arm_delay_ns(self) -> float:
-        """How much longer the run takes because of a slow arm."""
+        """Additional duration of the run because of a slow arm."""
         return self._timer.arm_delay_ns
 
     def step(self, obs: Observation) -> Decision:

@@ -387,7 +387,7 @@ class ControlLoop:
         )
 
     def _send_before_observers(self) -> None:
-        """On a real clock, send commands at once and wait for the acknowledgement. Otherwise
+        """Send commands at once and wait for the acknowledgement, if the clock is real. Otherwise
         recorder and display would delay the thread that writes to the gripper."""
         if self._clock.virtual or not self._queue:
             return

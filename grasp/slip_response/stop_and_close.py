@@ -10,7 +10,7 @@ NO_EFFECT_PAUSE_S = 1.5  # longest total pause for alarms that no closing ends; 
 
 
 class StopAndClose(SlipResponse):
-    """In the lift the arm also stops, and continues gently when slip is over.
+    """During the lift the arm also stops, and continues gently when slip is over.
 
     An object that slips in the lift mostly still stands on the table while the fingers slide up
     along it. Slip ends some 30 ms after the arm stops; the hand needs 100 to 200 ms to press

@@ -9,7 +9,7 @@ from grasp.cli.commands import build_parser
 ROOT = Path(__file__).parents[2]
 
 
-def test_links_between_documents_lead_somewhere() -> None:
+def test_links_between_documents_have_targets() -> None:
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
@@ -22,7 +22,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[-\s]+", "-", head.strip().lower()) for head in heads}
 
 
-def test_links_into_a_document_lead_to_a_heading_of_it() -> None:
+def test_links_into_a_document_match_its_headings() -> None:
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         found = re.findall(r"\]\((?!https?:)([^)#]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
         for target, anchor in found:
@@ -30,7 +30,7 @@ def test_links_into_a_document_lead_to_a_heading_of_it() -> None:
             assert anchor in anchors(there), f"{page.name}: {target}#{anchor}"
 
 
-def test_commands_of_a_first_day_and_of_the_steps_on_hardware_are_of_this_program() -> None:
+def test_commands_in_the_hardware_pages_exist() -> None:
     docs = ROOT / "docs"
     played = re.findall(r"^\$ (grasp .*)$", (docs / "first-day.md").read_text(), re.MULTILINE)
     steps = (docs / "hardware.md").read_text().partition("## Moved by hand")[0]

@@ -51,7 +51,7 @@ def file_of(tree: Path, module: str) -> Path:
     return source
 
 
-def test_the_tree_keeps_its_contracts() -> None:
+def test_import_contracts_hold() -> None:
     result = lint(ROOT)
     assert result.returncode == 0, result.stdout + result.stderr
 
@@ -72,7 +72,7 @@ def test_each_contract_catches_what_it_forbids(tmp_path: Path) -> None:
     assert [name for name, _ in VIOLATIONS.values() if name not in said] == []
 
 
-def test_modules_import_one_another_in_no_circle() -> None:
+def test_there_are_no_circular_imports() -> None:
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     arrows = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
     TopologicalSorter(arrows).prepare()
@@ -162,12 +162,12 @@ LATE = (
 )
 
 
-def test_no_import_of_ours_hides_below_the_beginning_of_a_module() -> None:
+def test_imports_within_functions_are_declared() -> None:
     found = {path: hidden(tree) for path, tree in parsed() if not path.startswith(LATE)}
     assert {path: imports for path, imports in found.items() if imports} == {}
 
 
-def test_nothing_that_is_delivered_imports_tests_or_scripts() -> None:
+def test_packaged_code_imports_no_tests_or_scripts() -> None:
     found = [
         (path, name)
         for path, tree in parsed()

@@ -28,7 +28,9 @@ def told(capsys: Capture) -> dict[str, object]:
     return found
 
 
-def test_a_lift_its_replay_and_its_page(mine: str, tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_in_a_lift_its_replay_and_its_page(
+    mine: str, tmp_path: Path, capsys: Capture
+) -> None:
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", mine, "--json"]
     assert main([*words, "--runs", str(tmp_path / "runs")]) == 0
     result = told(capsys)
@@ -41,7 +43,7 @@ def test_a_lift_its_replay_and_its_page(mine: str, tmp_path: Path, capsys: Captu
     assert "mine.py:Tremble" in page.read_text()
 
 
-def test_no_recording_runs_code_that_nobody_named(
+def test_a_recording_does_not_run_code_that_was_not_named(
     mine: str, tmp_path: Path, capsys: Capture
 ) -> None:
     folder = grasp.lift(detector=mine, runs=tmp_path / "runs").folder
@@ -54,7 +56,7 @@ def test_no_recording_runs_code_that_nobody_named(
         grasp.replay(folder)
 
 
-def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_scores_recordings(mine: str, tmp_path: Path, capsys: Capture) -> None:
     csv = str(stroke_csv(tmp_path / "s.csv"))
     words = ["--set", "own.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
@@ -66,7 +68,7 @@ def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     "setting", ["[guard]\nforce_limit_n = 15.0", "[ur]\nheartbeat_timeout_s = 5.0", "seed = 3"]
 )
-def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
+def test_settings_next_to_a_detector_set_its_rule_but_no_limit(
     mine: str, tmp_path: Path, setting: str
 ) -> None:
     beside = tmp_path / "mine.toml"
@@ -75,7 +77,7 @@ def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
         load_config("can", "simulated", mine)
 
 
-def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_path: Path) -> None:
+def test_hash_depends_on_code_and_settings_but_not_on_the_path(mine: str, tmp_path: Path) -> None:
     def hashes(word: str, *words: str) -> tuple[str, str]:
         config = load_config("can", "simulated", word, None, words)
         return config.digest(), config.detector_hash()
@@ -98,7 +100,7 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
     ],
 )
 @pytest.mark.parametrize("verb", ["run", "campaign"])
-def test_what_is_wrong_with_it_is_one_line_in_every_verb(
+def test_errors_of_a_user_detector_are_one_line_in_every_command(
     verb: str, text: str, told: str, tmp_path: Path, capsys: Capture
 ) -> None:
     file = tmp_path / "mine.py"
@@ -117,7 +119,9 @@ def test_what_is_wrong_with_it_is_one_line_in_every_verb(
     assert not any(Path(runs).glob("*"))
 
 
-def test_one_that_fails_in_the_air_ends_in_the_safe_state(tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_that_fails_in_the_air_ends_in_the_safe_state(
+    tmp_path: Path, capsys: Capture
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text(WHOLE.replace("self.n += 1", "self.n += 1\n        if self.n > 60: 1 / 0"))
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", f"{file}:Mine"]

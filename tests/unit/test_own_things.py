@@ -26,7 +26,7 @@ def own(tmp_path: Path) -> Own:
     return write
 
 
-def test_an_object_of_ones_own_is_named_by_its_path(own: Own) -> None:
+def test_a_user_object_is_named_by_its_path(own: Own) -> None:
     config = load_config(str(own()), "simulated", "energy")
     can = load_config("can", "simulated", "energy")
     assert config.object.name == "mine"
@@ -100,7 +100,7 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_
         ("[control]\nforce_n = 5.0\n", "settings for --config, of an acquisition: control"),
     ],
 )
-def test_a_file_is_told_by_what_is_in_it(
+def test_kind_of_a_file_is_found_from_its_content(
     text: str | None, told: str, own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = own()
@@ -125,7 +125,7 @@ def test_a_file_is_told_by_what_is_in_it(
         ("[controller]\nmargin_steps = 2\n", "controller.margin_steps"),
     ],
 )
-def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(
+def test_each_wrong_file_is_one_line_and_all_files_are_checked(
     text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong, right = tmp_path / "wrong.toml", tmp_path / "right.toml"

@@ -148,21 +148,21 @@ SEEN: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
 ]  # fmt: skip
 
 
-def test_what_may_be_at_most_passes_up_to_the_setting_and_not_beyond() -> None:
+def test_upper_limits_take_effect_at_the_setting() -> None:
     for name, values, passes, beyond in MOST:
         for value in values:
             assert passes(value, value - beyond), name
             assert not passes(value, value + beyond), name
 
 
-def test_what_must_be_at_least_passes_down_to_the_setting_and_not_below() -> None:
+def test_lower_limits_take_effect_at_the_setting() -> None:
     for name, values, passes, beyond in LEAST:
         for value in values:
             assert passes(value, value + beyond), name
             assert not passes(value, value - beyond), name
 
 
-def test_what_is_seen_equals_the_setting() -> None:
+def test_observed_value_equals_the_setting() -> None:
     for name, values, seen, within in SEEN:
         for value in values:
             assert seen(value) == (pytest.approx(value, abs=within) if within else value), name
@@ -190,7 +190,7 @@ def test_constants_take_effect_at_their_values() -> None:
 
 
 @pytest.mark.parametrize("gap_s", [0.08, 0.12])
-def test_object_not_felt_for_too_long_is_not_set_down(
+def test_object_without_contact_for_too_long_is_not_set_down(
     gap_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("grasp.contact_estimator.LOST_NS", 10**9)  # no answer to lost contact

@@ -18,7 +18,7 @@ FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/drawn_objects.py", "
            "scripts/last_draw.py", "scenarios/report/run_settings.py"}  # fmt: skip
 
 
-def test_they_are_in_no_list_and_are_found_by_name() -> None:
+def test_held_out_objects_are_in_no_list_and_are_found_by_name() -> None:
     assert tuple(names("objects/unseen")) == UNSEEN
     assert not set(UNSEEN) & set(names("objects"))
     for name in UNSEEN:
@@ -28,7 +28,7 @@ def test_they_are_in_no_list_and_are_found_by_name() -> None:
     assert not NAMED.search(str(caught.value))
 
 
-def test_no_code_or_configuration_names_them() -> None:
+def test_held_out_objects_are_not_named_in_code_or_configuration() -> None:
     """A default, a chart, a calibration or a tuning that did would have to say so somewhere."""
     sources = [
         path for room in ("grasp", "drivers", "detector", "scenarios", "scripts", "studies")

@@ -35,12 +35,12 @@ def response(**settings: Any) -> SlipResponse:
     return SlipResponse(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
 
 
-def test_first_of_two_stages_goes_by_position_as_fast_as_the_hand_can() -> None:
+def test_first_stage_moves_to_a_position_at_full_speed() -> None:
     assert response().closing(hand()) == FIRST
 
 
 @pytest.mark.parametrize("nothing_known", [{"lost": True}, {"safe_travel_counts": None}])
-def test_where_nothing_says_where_contact_will_be_there_is_one_stage(nothing_known: Any) -> None:
+def test_unknown_contact_position_gives_one_stage(nothing_known: Any) -> None:
     lost = nothing_known.pop("lost", False)
     assert response().closing(hand(**nothing_known), lost) == AT_ONCE
 
@@ -52,7 +52,7 @@ def test_constant_closing_has_one_stage_and_one_speed() -> None:
 
 
 @pytest.mark.parametrize(("thumb", "asked"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
-def test_thumb_that_is_told_as_far_as_it_reaches_has_no_first_stage(
+def test_no_first_stage_if_the_thumb_was_commanded_to_its_safe_travel(
     thumb: int, asked: CloseFast
 ) -> None:
     """B and C reach further."""
@@ -65,16 +65,16 @@ def test_thumb_in_contact_has_no_first_stage() -> None:
 
 
 @pytest.mark.parametrize(("first", "asked"), [(True, FIRST), (False, SLOWLY)])
-def test_hand_on_its_way_is_told_the_same_again(first: bool, asked: CloseFast) -> None:
+def test_closing_is_repeated_unchanged_while_the_hand_moves(first: bool, asked: CloseFast) -> None:
     moving = gripper(0, (55, 55, 55), MOVING)
     assert response().closing(hand(gripper=moving, first=first)) == asked
 
 
-def test_second_stage_follows_when_the_first_rests_wherever_that_is() -> None:
+def test_second_stage_follows_at_any_rest_position_of_the_first() -> None:
     assert response().closing(hand(thumb=57, first=True)) == SLOWLY
 
 
-def test_first_stage_that_is_not_seen_to_rest_is_not_waited_for() -> None:
+def test_first_stage_that_does_not_end_in_time_is_not_waited_for() -> None:
     two_stage = response()
 
     def moving(t_ns: int) -> CloseFast:

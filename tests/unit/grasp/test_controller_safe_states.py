@@ -48,7 +48,7 @@ def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
     assert d.commands == [StopArm(1.0)]
 
 
-def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() -> None:
+def test_run_finishes_once_the_safe_state_is_confirmed() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     d.commands.clear()
@@ -59,7 +59,7 @@ def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() 
     assert d.commands == []
 
 
-def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
+def test_stop_is_repeated_until_the_arm_has_stopped() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     for _ in range(100):
@@ -71,7 +71,7 @@ def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
     assert d.controller.finished
 
 
-def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing() -> None:
+def test_unconfirmed_safe_state_ends_in_time_and_names_the_unconfirmed_parts() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     for _ in range(310):
@@ -93,7 +93,7 @@ SILENT = failed("gripper_silent", seconds=0.16)
     ],
     ids=["alone", "after another check", "after an error"],
 )
-def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand(
+def test_implausible_arm_is_stopped_repeatedly_and_never_confirmed(
     change: dict[str, object],
 ) -> None:
     d = Driver().lift()
@@ -106,7 +106,7 @@ def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_t
 
 
 @pytest.mark.parametrize("closes", [State.BRACE, State.CLOSE, "firmly"])
-def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(closes: str) -> None:
+def test_closing_hand_is_held_when_a_person_stops_the_run(closes: str) -> None:
     d = Driver(firm=closes == "firmly")
     d.until(State.BRACE if closes == State.BRACE else State.CLOSE)
     if closes == "firmly":
@@ -120,7 +120,7 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(cl
     assert d.controller.finished
 
 
-def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
+def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseFast]
@@ -130,7 +130,7 @@ def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
     "fault",
     [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="leapt")],
 )
-def test_further_fault_in_a_safe_state_is_told_once_and_moves_nothing(fault: Fault) -> None:
+def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fault: Fault) -> None:
     d = Driver().lift()
     d.step(faults=(SILENT,))
     d.commands.clear()
@@ -141,7 +141,7 @@ def test_further_fault_in_a_safe_state_is_told_once_and_moves_nothing(fault: Fau
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 
 
-def test_arm_that_is_not_believed_only_in_the_safe_state_is_not_said_to_stand() -> None:
+def test_arm_that_becomes_implausible_in_the_safe_state_is_not_confirmed() -> None:
     d = Driver().lift()
     d.step(errors=LOST, arm=arm(d.t_ns + TICK, 0.05, moving=True))
     d.step(faults=(failed("arm_wrong_way", mm=50.0),))
@@ -165,7 +165,7 @@ def test_fault_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase:
     assert {type(c) for c in d.commands} == {StopArm}
 
 
-def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:
+def test_safe_state_is_not_requested_again_while_the_request_is_pending() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     d.commands.clear()
@@ -174,7 +174,7 @@ def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> 
     assert d.commands == []
 
 
-def test_gripper_that_comes_back_is_still_told_to_close() -> None:
+def test_gripper_that_reconnects_still_gets_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST, gripper_lost=True)
     for _ in range(8):
@@ -198,7 +198,7 @@ def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: State) ->
 
 
 @pytest.mark.parametrize("phase", [State.SHAPE, State.SETTLE, State.BASELINE, State.LIFT])
-def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State) -> None:
+def test_interruption_stops_the_arm_and_never_opens_a_grip(phase: State) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
     d.commands.clear()

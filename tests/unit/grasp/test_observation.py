@@ -25,6 +25,6 @@ CAPS: list[tuple[str, dict[str, Any], bool]] = [
 ]
 
 
-def test_hand_is_at_the_cap_where_another_closing_would_do_nothing() -> None:
+def test_hand_is_at_the_cap_if_another_closing_has_no_effect() -> None:
     for name, told, at_cap in CAPS:
         assert seen(0, **told).at_cap is at_cap, name

@@ -26,7 +26,7 @@ def another_thread() -> Iterator[int]:
         thread.join()
 
 
-def test_every_thread_is_asked_to_run_before_ordinary_ones_and_then_to_be_as_it_was(
+def test_every_thread_gets_priority_and_later_its_former_policy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[tuple[int, int, int]] = []
@@ -46,7 +46,9 @@ def test_every_thread_is_asked_to_run_before_ordinary_ones_and_then_to_be_as_it_
         assert (threading.get_native_id(), before, 0) in asked
 
 
-def test_a_refusal_is_told_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_priority_is_reported_and_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 

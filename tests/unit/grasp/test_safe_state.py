@@ -49,7 +49,7 @@ def test_hand_closes_only_in_a_fault_in_the_air() -> None:
         assert state(phase, before).hand_commands(CLOSURE) == asked, (phase, before)
 
 
-def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
+def test_arm_is_implausible_by_any_of_the_faults() -> None:
     frozen, dead = failed("arm_frozen", seconds=0.4), failed("fingertip_dead", finger="A")
     stopped = Fault("arm_safety_stop", ARM, "arm stopped by its safety system")
     named = failed("detector_failed", how="KeyError: 'arm_frozen'")
@@ -70,7 +70,7 @@ def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
          ("the arm does not report: whether it has stopped is unknown",)),
     ],
 )  # fmt: skip
-def test_arm_that_is_not_seen_to_stand_is_missing(
+def test_arm_that_is_not_confirmed_stopped_is_unconfirmed(
     changes: dict[str, object], said: tuple[str, ...]
 ) -> None:
     assert state(State.FAULT, State.LIFT).unconfirmed_arm(later(**changes), OLD_NS) == said
@@ -91,7 +91,7 @@ def test_arm_that_is_not_seen_to_stand_is_missing(
         (State.START, {"gripper": gripper(detections=MOVING)}, True),
     ],
 )
-def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
+def test_hand_is_safe_once_its_status_confirms_the_command(
     before: State, changes: dict[str, object], safe: bool
 ) -> None:
     fault = state(State.FAULT, before)
@@ -101,13 +101,13 @@ def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
     )
 
 
-def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
+def test_hand_status_of_the_first_step_confirms_nothing() -> None:
     at_rest = seen(ENTERED_NS)
     assert not state(State.FAULT, State.BRACE).hand_is_safe(at_rest)
     assert state(State.STOPPED, State.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
 
 
-def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
+def test_unreachable_hand_is_reported_to_keep_its_position() -> None:
     safe = state(State.FAULT, State.LIFT)
     assert "does not report" in safe.unconfirmed_hand(later(gripper_lost=True))[0]
     refusing = msgspec.structs.replace(gripper(fault=13), active=False)
@@ -116,7 +116,7 @@ def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> Non
     assert safe.unconfirmed_hand(warning) == ("the hand has not reached its safe state",)
 
 
-def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
+def test_half_done_closing_is_finished_when_a_person_stops_the_run() -> None:
     half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, half_closed=True)
     assert half.hand_commands(CLOSURE) == (CLOSURE,)
 
@@ -136,19 +136,19 @@ def unsafe(t_ns: int, **changes: object) -> Observation:
     return seen(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
 
 
-def test_what_is_missing_is_asked_for_again_once_the_time_between_two_requests_is_over() -> None:
+def test_unconfirmed_parts_are_requested_again_after_the_repeat_time() -> None:
     for t_ns, asked in ((99_999_999, False), (100_000_000, True)):
         assert bool(supervisor().step(unsafe(t_ns))) is asked
 
 
-def test_safe_state_is_given_up_once_its_time_is_over() -> None:
+def test_supervision_of_a_safe_state_ends_after_its_time() -> None:
     for t_ns, over in ((2_999_999_999, False), (3_000_000_000, True)):
         supervised = supervisor()
         supervised.step(unsafe(t_ns))
         assert supervised.over is over
 
 
-def test_arm_is_not_heard_once_its_state_is_older_than_it_may_be() -> None:
+def test_stale_arm_state_is_unconfirmed() -> None:
     for old_ns, heard in ((100_000_000, True), (100_000_001, False)):
         supervised = supervisor()
         supervised.step(later(arm=arm(LATER_NS - old_ns)))

@@ -21,7 +21,7 @@ def handlers() -> list[object]:
     return [signal.getsignal(number) for number in SIGNALS]
 
 
-def test_handlers_are_given_back() -> None:
+def test_handlers_are_restored() -> None:
     before = handlers()
     with signals.taken():
         assert all(now is not then for now, then in zip(handlers(), before, strict=True))
@@ -30,7 +30,7 @@ def test_handlers_are_given_back() -> None:
 
 @pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.usefixtures("taken")
-def test_signal_is_raised_at_once_where_nothing_defers_it(number: signal.Signals) -> None:
+def test_signal_outside_deferred_is_raised_at_once(number: signal.Signals) -> None:
     with pytest.raises(Interruption):
         signal.raise_signal(number)
     assert signals.number() == number
@@ -50,7 +50,7 @@ def test_deferred_signal_is_raised_at_the_next_check_and_only_once() -> None:
 
 
 @pytest.mark.usefixtures("taken")
-def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_key_is_not(
+def test_deferred_signal_after_five_seconds_is_raised_but_key_repeat_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with signals.deferred():
@@ -64,7 +64,7 @@ def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_ke
 
 
 @pytest.mark.usefixtures("taken")
-def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
+def test_immediate_wait_is_interrupted_but_not_its_clean_up() -> None:
     unwound = False
     with signals.deferred():
         with pytest.raises(Interruption), signals.immediate():
@@ -78,7 +78,7 @@ def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
 
 
 @pytest.mark.usefixtures("taken")
-def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
+def test_a_signal_that_ended_a_trial_ends_the_caller_too() -> None:
     signals.raise_if_received()
     with pytest.raises(Interruption):
         signal.raise_signal(signal.SIGTERM)
@@ -87,7 +87,7 @@ def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() ->
 
 
 @pytest.mark.usefixtures("taken")
-def test_what_is_sealed_is_not_interrupted_by_a_check_within() -> None:
+def test_check_raises_nothing_while_checks_are_ignored() -> None:
     with signals.deferred():
         with signals.deferred(ignore_checks=True):
             signal.raise_signal(signal.SIGTERM)
@@ -96,7 +96,7 @@ def test_what_is_sealed_is_not_interrupted_by_a_check_within() -> None:
             signals.check()
 
 
-def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
+def test_keyboard_interrupt_of_python_has_a_cause() -> None:
     assert signals.cause(KeyboardInterrupt()) == "stopped by hand"
     assert "SIGHUP" in signals.cause(Interruption(signal.SIGHUP))
 
@@ -153,7 +153,7 @@ def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
     assert guarded(how) == (0, "terminated (SIGTERM) while the program hung\n")
 
 
-def test_key_that_is_held_down_cuts_the_stop_that_it_asked_for_once() -> None:
+def test_held_key_interrupts_the_requested_stop_only_once() -> None:
     assert guarded("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
 
 

@@ -36,9 +36,7 @@ def going_down(**settings: Any) -> Driver:
 
 
 @pytest.mark.parametrize(("fraction", "factor"), [(1.0, 1), (0.8, 1.25), (0.5, 2), (0.1, 10)])
-def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
-    fraction: float, factor: float
-) -> None:
+def test_lowering_time_out_scales_with_the_arm_speed(fraction: float, factor: float) -> None:
     d = going_down(phase_timeout_s=1.0)
     lasted_s = seconds_in(d, State.DESCEND, fraction, 0.1)
     assert lasted_s == pytest.approx(factor, abs=0.011)
@@ -46,7 +44,7 @@ def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
     assert d.controller.arm_delay_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
 
 
-def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
+def test_slow_arm_does_not_extend_time_outs_of_the_fingers() -> None:
     d = Driver(phase_timeout_s=1.0)
     d.until(State.BRACE)
     began_ns = d.t_ns
@@ -57,7 +55,7 @@ def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
 
 
 @pytest.mark.parametrize("phase", [State.BASELINE, State.LIFT])
-def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> None:
+def test_no_lift_with_a_speed_slider_below_half(phase: State) -> None:
     d = Driver()
     d.until(phase)
     assert d.step(arm=slow(d, 0.5, 0.0, moving=False)).state is phase
@@ -72,7 +70,7 @@ def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> N
     assert any(isinstance(c, HoldFingers) for c in d.commands) == (phase is State.BASELINE)
 
 
-def test_arm_that_its_slider_lets_stand_on_the_way_down_is_a_fault_that_names_it() -> None:
+def test_arm_halted_by_its_slider_while_lowering_is_a_fault() -> None:
     d = going_down()
     lasted_s = seconds_in(d, State.DESCEND, 0.9 * LEAST_PACE, 0.1)
     assert lasted_s == pytest.approx(HALTED_NS * 1e-9, abs=0.011)

@@ -130,7 +130,7 @@ class Bench:
         return self.step.decide(told(of, **changes)).observation
 
 
-def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
+def test_detector_gets_the_counts_and_the_controller_its_output() -> None:
     b = Bench()
     seen = b.decide(frame(-1))
     assert [np.unique(h).tolist() for h in b.ears.inputs] == [[-1]]
@@ -142,7 +142,7 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
 
 
 @pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])
-def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase: State) -> None:
+def test_counts_relative_to_an_earlier_tare_are_ignored(phase: State) -> None:
     b = Bench(Told(phase))
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
     b.controller.state = State.FAULT  # before this run took its own
@@ -152,14 +152,14 @@ def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase
 
 
 @pytest.mark.parametrize("end", [State.FAULT, State.STOPPED, State.LOST])
-def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: State) -> None:
+def test_force_is_still_estimated_in_the_safe_state_after_a_tare(end: State) -> None:
     b = Bench(Told(State.TARE))
     b.decide(frame(-9))
     b.controller.state = end
     assert b.decide(frame(-1)).measured_n == (6.0, 6.0, 6.0)
 
 
-def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
+def test_saturated_taxels_count_in_measured_but_not_in_responsive_force() -> None:
     seen = Bench().decide(railed(frame(-1)))
     assert (seen.measured_n, seen.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
 
@@ -183,7 +183,7 @@ class Stubborn(Ears):
             raise ZeroDivisionError("nothing to forget")
 
 
-def test_a_detector_that_cannot_forget_is_a_fault_and_not_asked_until_it_can() -> None:
+def test_a_detector_whose_reset_fails_is_a_fault_and_unused_until_a_reset_succeeds() -> None:
     b = Bench(ears=Stubborn(2))
     failed = "detector_failed: ZeroDivisionError: nothing to forget"
     for of in (frame(-1, stale=True), frame(-1), frame(-1, stale=True)):
@@ -195,9 +195,7 @@ def test_a_detector_that_cannot_forget_is_a_fault_and_not_asked_until_it_can() -
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
 
 
-def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_the_next_step() -> (
-    None
-):
+def test_a_failed_reset_by_the_controller_is_a_fault_of_the_next_step() -> None:
     b = Bench(Told(State.TARE, reset_detector=True), Stubborn(1))
     assert b.decide(frame(-1)).faults == ()
     assert lines(b.decide(frame(-1)).faults).startswith("detector_failed: ZeroDivisionError")
@@ -227,7 +225,7 @@ def guarded_step(driver: Driver) -> GraspStep:
     return GraspStep(Ears(), driver.controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
 
 
-def test_without_a_further_step_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
+def test_fallback_of_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
     step = guarded_step(Driver().lift())
     fallback = step.fallback(gripper())
     assert isinstance(fallback, CloseFast)
@@ -238,13 +236,13 @@ def test_without_a_further_step_a_hand_that_may_hold_an_object_closes_as_the_gua
 
 
 @pytest.mark.parametrize("phase", [State.SHAPE, State.BRACE, State.CLOSE, State.SETTLE])
-def test_without_a_further_step_a_hand_with_the_object_on_the_table_stays(phase: State) -> None:
+def test_fallback_with_the_object_on_the_table_holds(phase: State) -> None:
     driver = Driver()
     driver.until(phase)
     assert guarded_step(driver).fallback(gripper()) == HoldFingers()
 
 
-def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() -> None:
+def test_no_fallback_before_and_after_a_run() -> None:
     driver = Driver(keep=True, hold_s=0.1)
     assert guarded_step(driver).fallback(gripper()) is None
     driver.lift()
@@ -261,7 +259,7 @@ def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     assert seen.frame is not None and seen.frame.stale
 
 
-def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> None:
+def test_before_the_first_frame_there_is_no_slip_no_force_and_no_fault() -> None:
     b = Bench(Told(State.START))
     seen = b.decide(None)
     assert b.ears.inputs == []
@@ -278,7 +276,7 @@ def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
     assert b.gate.first_grasps == []
 
 
-def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so() -> None:
+def test_first_grasp_of_the_guard_has_the_force_just_measured() -> None:
     b = Bench(Told(first_grasp=True))
     b.decide(frame(-1))
     b.decide(frame(-2))
@@ -286,19 +284,19 @@ def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so(
     assert not any(isinstance(heard, str) for heard in b.ears.inputs)
 
 
-def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_to_be() -> None:
+def test_first_grasp_of_the_guard_has_the_actual_positions() -> None:
     b = Bench(Told(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(51, 55, 54), requested=(55, 55, 55)))
     assert b.gate.first_grasps == [((51, 55, 54), (6.0,) * 3)]
 
 
-def test_guard_is_anchored_no_further_than_fingers_were_told_but_for_a_count_beside_it() -> None:
+def test_first_grasp_is_at_most_one_count_beyond_the_commanded_positions() -> None:
     b = Bench(Told(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(60, 56, 57), requested=(55, 55, 55)))
     assert b.gate.first_grasps == [((55, 56, 55), (6.0,) * 3)]
 
 
-def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -> None:
+def test_implausible_codes_do_not_change_the_measured_force() -> None:
     b = Bench()
     b.decide(frame(-1))
     dead = frame(-2)
@@ -308,7 +306,7 @@ def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -
     assert seen.measured_n == (6.0,) * 3
 
 
-def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
+def test_last_close_is_the_admitted_closing() -> None:
     controller = cast(GraspController, Told(State.LIFT, CloseFast(60.0, *ANY_CLOSE)))
     step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
     assert step.decide(told(frame(-1))).observation.last_close is None
@@ -317,7 +315,7 @@ def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
     assert (closed.force_cap_n, closed.closing) == (10.0, (True, False, False))
 
 
-def test_checks_are_those_that_the_step_was_given() -> None:
+def test_step_uses_the_given_checks() -> None:
     inactive = msgspec.structs.replace(gripper(), active=False)
     guard, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
     for checks, found in ((CHECKS, True), ({}, False)):
@@ -339,7 +337,7 @@ def test_report_mode_records_an_implausible_value_and_stops_for_a_lost_link() ->
     assert [fault.code for fault in seen.faults] == ["gripper_inactive"]
 
 
-def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
+def test_monitors_get_the_admitted_commands_and_the_arm_state() -> None:
     heard: list[object] = []
 
     class Noting(Monitors):
@@ -353,7 +351,7 @@ def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
     assert heard == [((LET, RISE), given.arm)]
 
 
-def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:
+def test_gripper_commands_are_admitted_by_the_force_just_measured() -> None:
     b = Bench(Told(State.LIFT, CLOSE, RISE))
     b.decide(frame(-1))
     result = b.step.decide(told(frame(-2), 2 * TICK))
@@ -380,12 +378,12 @@ def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatc
     assert states == [given.gripper, later]
 
 
-def test_without_a_further_step_a_hand_of_which_nothing_is_asked_is_left_alone() -> None:
+def test_no_fallback_if_the_safe_state_does_not_command_the_hand() -> None:
     assert Bench().step.fallback(gripper()) is None
 
 
 @pytest.mark.parametrize("command", [RISE, StopArm(2.0)])
-def test_arm_commands_pass_as_they_are(command: Command) -> None:
+def test_arm_commands_pass_unchanged(command: Command) -> None:
     b = Bench()
     assert b.step.admit(command, gripper()) is command
     assert b.gate.asked == []
@@ -417,7 +415,7 @@ FAILURES = [
 
 
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_is_silent_and_a_fault_by_name(
+def test_failing_detector_gives_zeros_and_a_named_fault(
     answer: Callable[[], Any], says: str
 ) -> None:
     seen = Bench(ears=Ears(answer)).decide(frame(-1))
@@ -429,7 +427,7 @@ def test_detector_that_fails_is_silent_and_a_fault_by_name(
 
 @pytest.mark.parametrize("phase", [State.OPEN, State.RETREAT, State.SET_DOWN])
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_with_the_hand_open_is_silent_and_no_fault(
+def test_failing_detector_with_an_open_hand_gives_zeros_and_no_fault(
     answer: Callable[[], Any], says: str, phase: State
 ) -> None:
     b = Bench(Told(phase), Ears(answer))
@@ -448,13 +446,13 @@ def motion_after(answer: NDArray[np.float64], tell: Callable[[], Motion | None])
     return step.decide(told(frame(-1))).observation
 
 
-def test_kind_of_slip_is_asked_for_only_where_slip_is_heard() -> None:
+def test_kind_of_slip_is_read_only_when_slip_is_likely() -> None:
     assert motion_after(SURE, lambda: MOTION).motion == MOTION
     assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
     assert Bench().decide(frame(-1)).motion is None  # of a detector that cannot tell
 
 
-def test_controller_is_told_all_that_the_step_was_told() -> None:
+def test_controller_gets_all_inputs_of_the_step() -> None:
     changes: dict[str, Any] = {
         "pending": True, "errors": LOST, "gripper_lost": True, "set_down": True,
         "stop": STOP, "late_ns": 3, "took_ns": 4,
@@ -480,9 +478,7 @@ def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
 
 
 @pytest.mark.parametrize(("mode", "newtons"), [("stop", 6.0), ("report", 600.0)])
-def test_report_mode_leaves_the_force_estimate_to_the_guard_as_it_is(
-    mode: Any, newtons: float
-) -> None:
+def test_report_mode_does_not_change_the_force_estimate(mode: Any, newtons: float) -> None:
     monitors = Monitors(MonitorSettings(mode=mode))
     step = GraspStep(Ears(), cast(GraspController, Told()), cast(ForceGuard, Gate()), monitors)
     step.decide(told(frame(-1)))

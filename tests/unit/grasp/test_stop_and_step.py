@@ -42,7 +42,7 @@ def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
     ]  # fmt: skip
 
 
-def test_slip_that_comes_back_is_answered_by_another_step() -> None:
+def test_recurring_slip_leads_to_another_step() -> None:
     d = over(stepping())
     for _ in range(3):
         rises(d, 0.022, 0.9)
@@ -52,7 +52,7 @@ def test_slip_that_comes_back_is_answered_by_another_step() -> None:
     assert told(d, CloseFast) == []
 
 
-def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands() -> None:
+def test_margin_is_added_with_the_arm_stopped_once_the_force_has_carried_the_object() -> None:
     d = over(stepping(margin_steps=2))
     rises(d, 0.025)
     assert d.controller.state is State.LIFT
@@ -65,7 +65,7 @@ def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands(
     assert len(told(d, MoveArm)) == 1
 
 
-def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_closure() -> None:
+def test_slip_that_outlasts_a_step_leads_to_the_closing() -> None:
     d = stepping()
     for _ in range(24):
         d.climb(0.9)
@@ -79,7 +79,7 @@ def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_cl
     assert d.controller.state is State.LIFT
 
 
-def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
+def test_slip_in_the_air_leads_to_the_closing() -> None:
     high = stepping(0.031)
     assert told(high, MoveFingers) == []
     assert len(told(high, CloseFast)) == 1
@@ -91,7 +91,7 @@ def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
     assert len(told(top, CloseFast)) == 1
 
 
-def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None:
+def test_thumb_latched_at_the_cap_by_a_step_gets_no_further_command() -> None:
     d = over(stepping(margin_steps=0))
     d.commands.clear()
     for _ in range(2):
@@ -109,7 +109,7 @@ def held_by(end: int, **settings: object) -> Driver:
 
 
 @pytest.mark.parametrize(("end", "targets"), [(57, [57]), (56, [])])
-def test_step_that_the_thumb_may_not_take_whole_is_one_closing_to_its_last_count(
+def test_a_step_beyond_the_thumb_limit_becomes_a_closing_to_that_limit(
     end: int, targets: list[int]
 ) -> None:
     d = held_by(end, stiffness=Stiffness(0.75)).slip()
@@ -118,7 +118,7 @@ def test_step_that_the_thumb_may_not_take_whole_is_one_closing_to_its_last_count
 
 
 @pytest.mark.parametrize(("changes", "hand"), [({"errors": LOST}, 1), ({"stop": STOP}, 0)])
-def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
+def test_during_a_step_a_fault_closes_the_hand_and_a_stop_keeps_it(
     changes: dict[str, str], hand: int
 ) -> None:
     d = stepping()
@@ -149,38 +149,38 @@ def steps(response: StopAndStep, obs: Observation) -> bool:
     return any(isinstance(c, MoveFingers) for c in commands)
 
 
-def test_steps_are_taken_as_often_as_may_be_tried() -> None:
+def test_number_of_steps_is_limited() -> None:
     response = alone()
     assert [steps(response, at()) for _ in range(6)] == [True] * 5 + [False]
 
 
 @pytest.mark.parametrize("height_m", [0.029, 0.031])
-def test_no_step_is_taken_from_the_height_on_that_ends_them(height_m: float) -> None:
+def test_no_step_above_the_height_limit(height_m: float) -> None:
     assert steps(alone(height_m), at()) == (height_m < 0.03)
 
 
 @pytest.mark.parametrize("brake_mps2", [0.2, 0.19])
-def test_arm_may_take_all_the_time_of_a_step_to_stop(brake_mps2: float) -> None:
+def test_arm_may_take_the_whole_step_time_to_stop(brake_mps2: float) -> None:
     """At 0.05 m/s."""
     assert steps(alone(slip_stop_mps2=brake_mps2), at(moving=True)) == (brake_mps2 == 0.2)
 
 
 @pytest.mark.parametrize(("thumb", "end"), [(252, 254), (253, 255), (254, 255)])
-def test_thumb_that_force_alone_ends_goes_as_far_as_fingers_close(thumb: int, end: int) -> None:
+def test_without_a_thumb_limit_a_step_may_close_fully(thumb: int, end: int) -> None:
     response = alone(margin_steps=2)
     assert steps(response, at(thumb))
     (margin,) = response.follow_up(at(thumb), rising=False)
     assert isinstance(margin, MoveFingers) and margin.targets_counts == (end, 55, 55)
 
 
-def test_thumb_that_is_as_far_as_it_goes_takes_no_step_and_gets_no_margin() -> None:
+def test_thumb_at_its_limit_takes_no_step_and_gets_no_margin() -> None:
     response = alone()
     assert steps(response, at(254))
     assert response.follow_up(at(255), rising=False) == ()
     assert not steps(response, at(255))
 
 
-def test_margin_is_due_once_the_arm_has_risen_so_far_and_once_only() -> None:
+def test_margin_is_due_once_after_the_arm_has_risen_far_enough() -> None:
     response = alone(margin_steps=1)
     assert response.follow_up(at(), rising=False) == ()
     assert steps(response, at())

@@ -16,7 +16,7 @@ GLIMPSE = view.TickView(
 )
 
 
-def test_lines_are_drawn_by_another_process_until_the_run_ends(tmp_path: Path) -> None:
+def test_lines_are_printed_by_another_process_until_the_run_ends(tmp_path: Path) -> None:
     drawn = tmp_path / "screen"
     with drawn.open("wb") as screen, ViewerProcess(view, screen.fileno()) as viewer:
         viewer.show_waiting(view.Begin(panel=False))
@@ -41,7 +41,7 @@ def show_until_lost(viewer: ViewerProcess) -> None:
         viewer.show(GLIMPSE)
 
 
-def test_viewer_that_stands_still_costs_pictures_and_nothing_else(viewer: ViewerProcess) -> None:
+def test_blocked_viewer_loses_only_messages(viewer: ViewerProcess) -> None:
     os.kill(viewer.pid, signal.SIGSTOP)
     show_until_lost(viewer)
     assert viewer.lost > 0

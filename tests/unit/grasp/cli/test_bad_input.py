@@ -88,7 +88,7 @@ def wrong(kind: Any) -> list[str]:
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_a_setting_that_cannot_be_is_refused_in_one_line(
+def test_an_invalid_setting_is_refused_in_one_line(
     data: st.DataObject, tmp_path: Path, capsys: Capture
 ) -> None:
     way, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
@@ -101,7 +101,7 @@ def test_a_setting_that_cannot_be_is_refused_in_one_line(
     refused(["config", *words], capsys)
 
 
-def test_files_settings_and_words_that_cannot_be_used_are_refused_before_anything_is_written(
+def test_invalid_files_settings_and_arguments_are_refused_before_anything_is_written(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     work, empty, file = tmp_path / "work", tmp_path / "empty", tmp_path / "lab.toml"
@@ -126,7 +126,7 @@ def test_a_refusal_in_json_is_one_object(capsys: Capture) -> None:
     assert set(json.loads(out)["error"]) == {"kind", "message", "remedy"}
 
 
-def test_names_that_no_file_can_have_are_refused(
+def test_invalid_file_names_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)

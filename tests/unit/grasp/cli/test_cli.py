@@ -52,7 +52,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert "run" in done.stdout
 
 
-def test_taps_are_shown_counted_and_left_as_runs(
+def test_taps_are_displayed_counted_and_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = call(
@@ -88,7 +88,7 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
     assert answer["result"]["outcome"] == "fault"
 
 
-def test_folder_that_cannot_be_made_is_told_before_the_run(
+def test_folder_that_cannot_be_made_is_refused_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -98,7 +98,7 @@ def test_folder_that_cannot_be_made_is_told_before_the_run(
     assert "--runs" in answer["error"]["message"]
 
 
-def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+def test_full_disk_does_not_stop_the_lift_and_leaves_no_partial_file(tmp_path: Path) -> None:
     def small_files() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
@@ -114,7 +114,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_path: Path) -> None:
+def test_ctrl_c_stops_the_arm_keeps_the_grip_and_reports_their_final_state(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -137,7 +137,7 @@ def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_pat
     assert "Traceback" not in err
 
 
-def test_settings_are_shown_with_where_they_are_from(
+def test_settings_are_printed_with_their_source(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / "mine.toml"
@@ -151,7 +151,7 @@ def test_settings_are_shown_with_where_they_are_from(
     assert ends["drift"] == "default"
 
 
-def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_moves(
+def test_invalid_options_are_refused_with_a_remedy_before_anything_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, says in (
@@ -172,7 +172,7 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_field(
+def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "no runs" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
@@ -211,7 +211,7 @@ def test_failed_trial_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture
     assert code == 1 and "FAILED: cap reached" in out
 
 
-def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_are_printed_with_their_allowed_values(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call("config", "guard", capsys=capsys)
     assert code == 0 and "force_limit_n = 10.0  # float" in out
     _, table = run_json(capsys, "config", "--set", "guard.tip_mass_kg=0.3")

@@ -40,7 +40,7 @@ def test_every_detector_gets_one_json_object(
         assert {"accuracy", "auc", "delay_ms_p50"} <= set(sheet["intervals"])  # type: ignore[arg-type]
 
 
-def test_an_evaluation_says_which_weights_and_rule_it_is_of(
+def test_an_evaluation_states_its_weights_and_rule(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As the result of a run with them does."""
@@ -66,7 +66,7 @@ def test_an_evaluation_says_which_weights_and_rule_it_is_of(
     assert len(others) == 5
 
 
-def test_a_tuned_rule_is_toml_that_the_next_run_takes(
+def test_a_tuned_rule_is_toml_that_a_run_accepts(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "12"]) == 0
@@ -78,7 +78,7 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert sheet["false_events_per_min_hand"] <= 12.0  # type: ignore[operator]
 
 
-def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
+def test_a_budget_too_small_for_the_recorded_rest_is_refused(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tune = ["detector", "tune", "energy", "--data", str(data), "--budget"]
@@ -91,9 +91,7 @@ def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
     assert main([*tune, "12"]) == 0
 
 
-def test_a_card_says_what_the_weights_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_card_describes_the_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_network(tmp_path, "gru", seed=7)
     (found,) = answers(capsys, "detector", "card", str(path), "--json")
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")

@@ -14,7 +14,7 @@ from tests.calibrations import PRESSED
 PRESSES = "--set " + " --set ".join(PRESSED)
 
 
-def test_dry_run_without_an_address_is_refused_as_the_verb_is(
+def test_dry_run_without_an_address_is_refused_like_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     new = tmp_path / "new.toml"
@@ -33,7 +33,7 @@ def test_dry_run_without_an_address_is_refused_as_the_verb_is(
         assert not new.exists()
 
 
-def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
+def test_dry_run_of_a_stop_queries_no_device_also_with_json(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     typed = ["arm", "stop", "--dry-run", "--set", "ur.host=127.0.0.1"]
@@ -48,7 +48,7 @@ def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
 HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
 
 
-def test_refusal_without_confirmation_says_what_would_move(
+def test_refusal_without_confirmation_states_the_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, would in (
@@ -75,7 +75,7 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
         assert "is for real devices" in capsys.readouterr().err
 
 
-def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first() -> None:
+def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:
     """It looks at the hand once all devices are opened."""
     cell, hand = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
     arm = Check("arm program", "fail", "")

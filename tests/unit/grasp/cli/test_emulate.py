@@ -18,7 +18,7 @@ from scenarios.campaign.config import load_config
 ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # nobody else's here
 
 
-def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None:
+def test_an_address_beyond_loopback_needs_its_option_and_is_numeric() -> None:
     for host, beyond, told in (
         *(
             (host, False, "is no loopback address")
@@ -38,7 +38,7 @@ def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None
     check_address(None, False)
 
 
-def test_a_port_that_is_taken_is_told_before_anything_is_compiled() -> None:
+def test_a_used_port_is_refused_before_anything_is_compiled() -> None:
     with socket.create_server((ADDRESS, 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(LinkLost, match="in use") as caught:
@@ -105,7 +105,9 @@ def said(
     return cell, [line.removeprefix("cell: ") for line in answers]
 
 
-def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_typed_actions_become_requests_to_the_cell(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = "place\nhome\nlook\ntap side\nfault gripper_delay seconds=0.2 times=3\n"
     cell, answers = said(typed, lines, capsys)
     verbs = [request["verb"] for request in cell.asked]
@@ -116,7 +118,7 @@ def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixtur
     assert answers.count("done") == 4
 
 
-def test_what_is_not_known_is_told_with_what_is(
+def test_an_unknown_action_is_refused_with_the_known_ones(
     typed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = "dance\ntap below\nplace it\nfault dance\npress A pad\nplace\n"

@@ -53,7 +53,7 @@ def test_ctrl_c_at_any_import_ends_with_130_and_no_traceback(
     assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").glob("*/recording*"))
 
 
-def test_after_the_command_ctrl_c_is_python_s_own_again() -> None:
+def test_after_the_command_ctrl_c_has_python_s_handler_again() -> None:
     code = (
         "import signal, sys; from grasp.cli.entry import main, _quit\n"
         "assert signal.getsignal(signal.SIGINT) is _quit\n"

@@ -20,7 +20,7 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     os.close(writing)
 
 
-def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
+def test_lines_are_returned_one_by_one_once_complete(typed: int) -> None:
     person = TerminalOperator()
     os.write(typed, b"12")
     assert person.poll() is None
@@ -28,7 +28,7 @@ def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
     assert [person.poll(), person.poll(), person.poll()] == ["12.5", "l", None]
 
 
-def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) -> None:
+def test_ended_input_is_refused_before_the_first_question(typed: int) -> None:
     person = TerminalOperator()
     person.expect()
     os.write(typed, b"early\n")
@@ -40,7 +40,7 @@ def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) ->
         person.expect()
 
 
-def test_what_was_typed_before_a_question_is_no_answer(
+def test_input_before_a_question_is_discarded(
     typed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     person = TerminalOperator()

@@ -35,7 +35,7 @@ def test_a_page_that_cannot_be_written_changes_no_verdict(
     assert "no page of seed 0" in capsys.readouterr().err
 
 
-def test_the_page_stands_beside_the_recording_and_is_made_again(
+def test_the_page_is_next_to_the_recording_and_can_be_rewritten(
     runs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = only(runs) / "report.html"
@@ -45,7 +45,7 @@ def test_the_page_stands_beside_the_recording_and_is_made_again(
     assert page.stat().st_mode & 0o777 == 0o600
 
 
-def test_what_is_no_page_of_ours_is_not_written_over(
+def test_other_files_are_not_overwritten_by_a_page(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "index.html"

@@ -37,7 +37,7 @@ def told(
     return [line for line in capsys.readouterr().err.splitlines() if " by: " in line]
 
 
-def test_every_run_on_real_devices_tells_the_source_of_each_calibration(
+def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

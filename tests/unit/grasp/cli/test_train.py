@@ -51,7 +51,7 @@ def training(monkeypatch: pytest.MonkeyPatch) -> Training:
     ("words", "told", "logged"),
     [([], ["run"], ""), (["--resume"], ["resume mine.checkpoint", "run"], "step 20\n")],
 )
-def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_checkpoint(
+def test_training_and_its_log_start_again_unless_resumed_and_leave_no_checkpoint(
     words: list[str], told: list[str], logged: str, tmp_path: Path, training: Training,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -64,7 +64,7 @@ def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_check
     assert "accuracy on validation 0.900" in capsys.readouterr().out
 
 
-def test_weights_that_are_there_are_not_written_over_unless_told_to(
+def test_existing_weights_are_overwritten_only_with_force(
     tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mine.onnx"
@@ -79,7 +79,7 @@ def test_weights_that_are_there_are_not_written_over_unless_told_to(
     assert "mine.toml is for other weights" in capsys.readouterr().err
 
 
-def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_purpose(
+def test_an_unfinished_training_is_continued_or_restarted_only_on_request(
     tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "mine.checkpoint").write_text("of an hour ago")
@@ -91,7 +91,7 @@ def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_
     assert main([*words, "--force"]) == 0
 
 
-def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on(
+def test_an_interrupted_training_states_its_checkpoint_and_how_to_continue(
     tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -109,7 +109,7 @@ def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on
     assert (tmp_path / "mine.checkpoint").is_file() and not (tmp_path / "mine.onnx").exists()
 
 
-def test_no_network_is_trained_on_a_data_set_that_is_not_all_there(
+def test_no_network_is_trained_on_an_incomplete_data_set(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(train, "need", lambda *_: None)

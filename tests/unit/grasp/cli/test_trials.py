@@ -20,7 +20,7 @@ LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
 CLOSED = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
 
 
-def test_series_that_was_complete_says_so_and_why_it_failed(
+def test_resuming_a_complete_series_reports_its_failure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["run", "lift", "--rig", "simulated", "--trials", "1", *DEAF]
@@ -48,7 +48,7 @@ def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     monkeypatch.setattr(trial_series, "run", told)
 
 
-def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_on(
+def test_trial_that_leaves_a_closed_hand_is_reported_with_release_and_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     altered(monkeypatch, end=CLOSED)

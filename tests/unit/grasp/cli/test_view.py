@@ -25,7 +25,7 @@ def drawn(width: int, seen: view.TickView = SLIPPING) -> list[str]:
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 200])
-def test_bars_are_whole_whatever_the_width(width: int) -> None:
+def test_bars_fit_into_any_width(width: int) -> None:
     lines = drawn(width)
     assert len(lines) == 5
     assert all(len(line) <= width for line in lines)
@@ -68,7 +68,7 @@ def verdict(**changes: object) -> SimpleNamespace:
     return SimpleNamespace(**(told | changes))
 
 
-def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out() -> None:
+def test_verdict_of_a_lost_object_ends_with_arm_hand_and_release_command() -> None:
     closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
     said = live.verdict(verdict(end=closed))
     assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
@@ -96,7 +96,7 @@ class Seen:
 @pytest.mark.parametrize(
     ("brief", "phases", "shown"), [(True, "aaabb", 0), (False, "aaabb", 2), (False, "a" * 101, 3)]
 )
-def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registrations(
+def test_one_trial_shows_phases_and_a_series_only_registrations(
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = Seen()

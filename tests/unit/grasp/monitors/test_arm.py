@@ -75,7 +75,7 @@ def test_arm_start_s(value: float) -> None:
 
 
 @pytest.mark.parametrize("told", [True, False])
-def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_noticed(told: bool) -> None:
+def test_arm_at_its_target_that_reports_motion_is_detected(told: bool) -> None:
     """Else only the time-out of a phase would end a run in which its flag sticks."""
     watched = Watched(arm_start_s=0.3)
     moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.39, 0.41)]
@@ -86,13 +86,13 @@ def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_noticed(told: 
     assert watched.see(moving[2]) == "arm_frozen"
 
 
-def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
+def test_an_arm_that_moves_without_a_command_deviates() -> None:
     watched = Watched()
     assert watched.see(at(0.0, 0.0)) == ""
     assert watched.see(at(0.1, 0.004)) == "arm_wrong_way"
 
 
-def test_an_arm_that_must_brake_first_is_not_astray() -> None:
+def test_an_arm_that_must_brake_first_does_not_deviate() -> None:
     watched = sent_up()
     rising = at(1.0, 0.1, speed_mps=0.1)
     assert watched.see(rising) == ""
@@ -126,13 +126,13 @@ def assert_never_blamed(
                 model.move_l(goal_m, speed_mps, ramp_mps2, now_ns)
 
 
-def test_an_arm_that_is_turned_round_on_its_way_is_never_blamed() -> None:
+def test_an_arm_that_reverses_passes_all_checks() -> None:
     for speed_mps, ramp_mps2 in ((0.005, 0.5), (0.03, 3.0), (0.1, 0.05), (0.4, 0.5), (0.4, 3.0)):
         for delay_ms, phase_ms in ((0, 3), (280, 0), (280, 7)):
             assert_never_blamed((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
 
 
-def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_blamed() -> None:
+def test_an_arm_that_overshoots_a_target_too_near_to_brake_passes_all_checks() -> None:
     """It comes nearer first, and turns round only then."""
     for speed_mps, ramp_mps2 in ((0.1, 0.05), (0.25, 0.3), (0.25, 3.0), (0.4, 0.5)):
         for share, aside_m in ((0.0, 0.0), (0.1, 0.02), (0.6, 0.0), (0.9, 0.002), (0.99, 0.02)):
@@ -141,7 +141,7 @@ def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_blamed() -> 
 
 
 @pytest.mark.parametrize("ramp_mps2", [0.3, 0.5, 3.0])
-def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_noticed(
+def test_an_arm_that_overshoots_more_than_braking_explains_is_detected(
     ramp_mps2: float,
 ) -> None:
     """Told to go 0.1 mm further at 0.25 m/s, it may brake after 0.25 s, and stray by 2 mm."""
@@ -157,14 +157,14 @@ def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_noticed(
     assert (gone(room_m - 1e-5), gone(room_m + 1e-5)) == ("", "arm_wrong_way")
 
 
-def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
+def test_a_stopped_arm_may_be_at_any_position() -> None:
     watched = sent_up()
     watched.see(at(0.5, 0.05))
     watched.command(StopArm(1.0), at(0.5, 0.05))
     assert watched.see(at(5.0, 0.05)) == ""
 
 
-def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
+def test_a_pending_command_does_not_change_the_expected_motion() -> None:
     watched = sent_up()
     assert watched.see(at(0.5, 0.0), True) == ""
     assert watched.see(at(0.6, 0.0)) == ""
@@ -181,7 +181,7 @@ def stopped_and_gone(m: float, moving: bool = False) -> str:
     return watched.see(said)
 
 
-def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
+def test_motion_after_a_reported_standstill_is_detected() -> None:
     assert stopped_and_gone(AT_TARGET_M - 1e-5) == ""
     assert stopped_and_gone(AT_TARGET_M + 1e-5) == "arm_wrong_way"
     assert stopped_and_gone(AT_TARGET_M + 1e-5, moving=True) == ""
@@ -203,12 +203,12 @@ def told_to_stop(m: float) -> str:
     return ""
 
 
-def test_arm_that_obeys_no_stop_is_noticed_though_it_stays_on_its_way() -> None:
+def test_arm_that_ignores_a_stop_on_its_line_is_detected() -> None:
     """0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
     assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_wrong_way")
 
 
-def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
+def test_an_arm_may_continue_only_until_the_stop_has_arrived() -> None:
     def gone(m: float) -> str:
         watched = sent_up(arm_start_s=0.2)
         seen = [
@@ -224,14 +224,14 @@ def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> 
 
 
 @pytest.mark.parametrize("way", ["back", "aside"])
-def test_an_arm_keeps_to_its_line(way: str) -> None:
+def test_deviation_from_the_line_is_detected_beyond_its_limit(way: str) -> None:
     def gone(m: float) -> str:
         return told_up(at(0.1, -m) if way == "back" else at(0.1, 0.01, aside_m=m))
 
     assert (gone(OFF_LINE_M - 1e-5), gone(OFF_LINE_M + 1e-5)) == ("", "arm_wrong_way")
 
 
-def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand() -> None:
+def test_an_arm_may_stop_only_at_its_target() -> None:
     def standing(away_m: float) -> str:
         states = (at(0.1, 0.01 - away_m), at(0.6, 0.01 - away_m))
         return told_up(*states, by_m=0.01)
@@ -240,7 +240,7 @@ def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_no_number_is_noticed_and_nothing_else_is_concluded_from_it(value: float) -> None:
+def test_nan_is_detected_and_skips_the_other_checks(value: float) -> None:
     watched = sent_up()
     for broken in ({"position_m": (value, Y, Z)}, {"speed_fraction": value}):
         state = msgspec.structs.replace(at(0.1, 0.0), **broken)
@@ -252,7 +252,7 @@ def paced(fraction: float, state: ArmState) -> ArmState:
 
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
-def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction: float) -> None:
+def test_time_until_frozen_scales_with_the_speed_slider(fraction: float) -> None:
     def begins(after_s: float) -> str:
         watched = Watched(arm_start_s=0.25)
         assert watched.see(paced(fraction, at(0.0, 0.0))) == ""
@@ -263,7 +263,7 @@ def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction
     assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
 
 
-def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> None:
+def test_an_arm_whose_slider_is_raised_again_gets_the_start_time() -> None:
     watched = sent_up(arm_start_s=0.25)
     assert watched.see(paced(0.0, at(0.2, 0.0))) == ""
     assert watched.see(paced(0.0, at(1.0, 0.0))) == ""
@@ -273,7 +273,7 @@ def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> Non
 
 
 @pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen
-def test_arm_that_reports_motion_and_standing_by_turns_is_noticed(stopped: bool) -> None:
+def test_arm_that_alternates_between_motion_and_standstill_is_detected(stopped: bool) -> None:
     def found(every: int) -> bool:
         watched, said = Watched(), []
         for i in range(120):

@@ -58,20 +58,20 @@ def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
     assert failed_at(slow) == "gripper_silent"
 
 
-def test_silence_and_stillness_last_longer_than_they_may_and_not_just_as_long() -> None:
+def test_limits_of_silence_and_standstill_are_exclusive() -> None:
     half = [gripper(round(i * 1e8), fresh=i == 0) for i in range(6)]
     assert failed_at(half, echo_s=0.5) == ""
     assert failed_at([moving(0.0, 55), moving(0.5, 55)], finger_start_s=0.5) == "gripper_stands"
 
 
-def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
+def test_hand_that_moves_in_the_first_status_gets_the_start_time() -> None:
     first = moving(100.0, 55)
     assert failed_at([first]) == ""
     assert failed_at([first, moving(100.19, 55)], finger_start_s=0.2) == ""
     assert failed_at([first, moving(100.2, 55)], finger_start_s=0.2) == "gripper_stands"
 
 
-def test_each_answer_begins_the_time_and_the_looks_anew() -> None:
+def test_each_fresh_status_restarts_time_and_read_count() -> None:
     answers = (0, 4, 9)  # four looks between them at most
     looks = [gripper(i * 120_000_000, fresh=i in answers) for i in range(15)]
     assert failed_at(looks[:14]) == ""
@@ -80,13 +80,13 @@ def test_each_answer_begins_the_time_and_the_looks_anew() -> None:
     assert failed_at(often, echo_s=0.2) == ""
 
 
-def test_finger_that_begins_to_move_from_rest_has_the_time_of_a_start() -> None:
+def test_finger_that_starts_from_rest_gets_the_start_time() -> None:
     resting = [gripper(0), gripper(TICK)]
     starting = [moving(0.02, 55), moving(0.15, 55)]
     assert failed_at([*resting, *starting]) == ""
 
 
-def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
+def test_first_outdated_status_is_not_counted() -> None:
     looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
     assert failed_at(looks[:5]) == ""
     assert failed_at(looks) == "gripper_silent"
@@ -96,9 +96,7 @@ def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
     ("fault", "active", "said"),
     [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
 )
-def test_a_hand_that_says_that_it_refuses_is_not_called_silent(
-    fault: int, active: bool, said: str
-) -> None:
+def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, said: str) -> None:
     looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
     assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == said
 
@@ -123,7 +121,7 @@ def pressing(t_s: float, current_ma: int) -> GripperState:
     return msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
 
 
-def test_a_finger_that_presses_creeps_and_may_keep_its_count_for_longer() -> None:
+def test_a_pressing_finger_may_keep_its_count_for_longer() -> None:
     def after(s: float, current_ma: int = PRESSING_MA) -> str:
         return failed_at([pressing(0.0, current_ma), pressing(s, current_ma)])
 
@@ -140,7 +138,7 @@ def touching(t_s: float, position: int, fresh: bool = True) -> GripperState:
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_finger_that_reports_contact_stands(way: int) -> None:
+def test_a_finger_in_contact_must_not_move(way: int) -> None:
     def after(counts: int) -> str:
         return failed_at([touching(0.1 * k, 55 + way * k) for k in range(counts + 1)])
 
@@ -161,7 +159,7 @@ def test_no_finger_is_faster_than_twice_full_speed() -> None:
 
 
 @pytest.mark.parametrize("first_took_ns", [0, 200_000_000])
-def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one(
+def test_a_late_status_allows_more_motion_but_no_larger_jump(
     first_took_ns: int,
 ) -> None:
     def leap(counts: int, took_s: float) -> str:
@@ -176,12 +174,12 @@ def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one
     assert (leap(38, 0.09), leap(39, 0.09)) == ("", "gripper_impossible")
 
 
-def test_leap_is_one_however_long_the_run_has_lasted() -> None:
+def test_a_jump_is_detected_at_any_time_of_a_run() -> None:
     at_ns = 10**12
     assert failed_at([gripper(at_ns), gripper(at_ns + TICK, (200, 55, 55))]) == "gripper_impossible"
 
 
-def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_own_text() -> None:
+def test_an_inactive_hand_is_a_fault_unless_it_reports_one_itself() -> None:
     lost = msgspec.structs.replace(gripper(), active=False)
     assert failed_at([lost]) == "gripper_inactive"
     assert failed_at([msgspec.structs.replace(lost, fault=14)]) == ""
@@ -198,7 +196,7 @@ def flickering(every: int, asked_every: int = 1000) -> set[str]:
     return found
 
 
-def test_hand_that_reports_motion_and_standing_by_turns_is_noticed_unless_it_is_commanded() -> None:
+def test_alternating_motion_reports_are_detected_unless_commanded() -> None:
     for every in (2, 5, 10):
         assert "gripper_flickers" in flickering(every)
     assert flickering(13) == flickering(5, asked_every=20) == {""}
