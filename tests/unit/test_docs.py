@@ -1,4 +1,4 @@
-"""Links in the documents lead somewhere, and their commands are of this program."""
+"""Links in the documents have targets, and their commands exist."""
 
 import re
 import shlex
@@ -16,7 +16,7 @@ def test_links_between_documents_have_targets() -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Of its headings, as the site and Git's web pages make them."""
+    """Link anchors of a page's headings, as the site and Git hosts make them."""
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     heads = (re.sub(r"[^\w\s-]", "", head) for head in re.findall(r"^#+ (.+)$", text, re.MULTILINE))
     return {re.sub(r"[-\s]+", "-", head.strip().lower()) for head in heads}

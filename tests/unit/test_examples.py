@@ -1,4 +1,4 @@
-"""Every script and notebook of `examples` runs as it stands, from anywhere."""
+"""Every script and notebook of `examples` runs unchanged, from any folder."""
 
 import json
 import runpy
@@ -27,7 +27,7 @@ def test_example_scripts_run_and_print(
 
 
 def run_notebook(path: Path) -> list[Any]:
-    """What the last expression of each cell gives, as a kernel would show it."""
+    """Run a notebook; returns the output of each cell's last expression."""
     import ast
 
     names: dict[str, Any] = {"__name__": "__main__"}

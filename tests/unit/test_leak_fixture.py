@@ -1,4 +1,4 @@
-"""The rules of conftest.py hold: a planted leak fails its test, a clean test passes."""
+"""The leak fixture of conftest.py: a planted leak fails its test, a clean test passes."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""A detector of one's own runs wherever a packaged one does, and nowhere by itself."""
+"""User detectors run wherever packaged ones do, and only if they are named."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,7 @@ def mine(tmp_path: Path) -> str:
     return f"{path}:Tremble"
 
 
-def told(capsys: Capture) -> dict[str, object]:
+def expected(capsys: Capture) -> dict[str, object]:
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return found
 
@@ -33,7 +33,7 @@ def test_user_detector_in_a_lift_its_replay_and_its_page(
 ) -> None:
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", mine, "--json"]
     assert main([*words, "--runs", str(tmp_path / "runs")]) == 0
-    result = told(capsys)
+    result = expected(capsys)
     assert result["detector"] == mine
     run = str(Path(str(result["recording"])).parent)
     assert main(["replay", run, "--check", "--detector", mine]) == 0
@@ -49,9 +49,9 @@ def test_a_recording_does_not_run_code_that_was_not_named(
     folder = grasp.lift(detector=mine, runs=tmp_path / "runs").folder
     Path(mine.rpartition(":")[0]).write_text("raise RuntimeError('it was run')")
     assert main(["replay", str(folder), "--check"]) == 2
-    said = capsys.readouterr().err
-    assert "code that no replay runs by itself" in said
-    assert "it was run" not in said
+    output = capsys.readouterr().err
+    assert "code that no replay runs by itself" in output
+    assert "it was run" not in output
     with pytest.raises(UsageError, match="no replay runs by itself"):
         grasp.replay(folder)
 
@@ -60,7 +60,7 @@ def test_user_detector_scores_recordings(mine: str, tmp_path: Path, capsys: Capt
     csv = str(stroke_csv(tmp_path / "s.csv"))
     words = ["--set", "own.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
-    assert told(capsys)["detector"] == mine
+    assert expected(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
     assert "Tremble on" in capsys.readouterr().out
 
@@ -92,7 +92,7 @@ def test_hash_depends_on_code_and_settings_but_not_on_the_path(mine: str, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("x = = 1", "SyntaxError"),
         ("raise RuntimeError('no')", "RuntimeError: no"),
@@ -101,7 +101,7 @@ def test_hash_depends_on_code_and_settings_but_not_on_the_path(mine: str, tmp_pa
 )
 @pytest.mark.parametrize("verb", ["run", "campaign"])
 def test_errors_of_a_user_detector_are_one_line_in_every_command(
-    verb: str, text: str, told: str, tmp_path: Path, capsys: Capture
+    verb: str, text: str, expected: str, tmp_path: Path, capsys: Capture
 ) -> None:
     file = tmp_path / "mine.py"
     file.write_text(text)
@@ -113,9 +113,9 @@ def test_errors_of_a_user_detector_are_one_line_in_every_command(
         "campaign": ["campaign", "run", str(tmp_path / "c.toml"), "--out", runs],
     }
     assert main(lines[verb]) == 2
-    said = capsys.readouterr().err
-    assert told in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert expected in output
+    assert "Traceback" not in output
     assert not any(Path(runs).glob("*"))
 
 
@@ -126,7 +126,7 @@ def test_user_detector_that_fails_in_the_air_ends_in_the_safe_state(
     file.write_text(WHOLE.replace("self.n += 1", "self.n += 1\n        if self.n > 60: 1 / 0"))
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", f"{file}:Mine"]
     assert main([*words, "--runs", str(tmp_path), "--json"]) == 4
-    result = told(capsys)["result"]
+    result = expected(capsys)["result"]
     assert isinstance(result, dict)
     assert result["outcome"] == "fault"
     assert result["bug"] is None

@@ -1,4 +1,4 @@
-"""What is installed is the four packages and the configuration, and the lock files are whole."""
+"""The wheel contains only the packages and the configuration; the lock files are complete."""
 
 import re
 import subprocess
@@ -81,13 +81,13 @@ def test_cluster_pins_match_the_others() -> None:
 
 @pytest.mark.parametrize("lock", ["base", "dev", "cluster"])
 def test_lock_names_every_requirement(lock: str) -> None:
-    wanted = list(PROJECT["dependencies"])
+    expected = list(PROJECT["dependencies"])
     if lock == "dev":
-        wanted += [*PROJECT["optional-dependencies"]["charts"]]
-        wanted += [*PROJECT["optional-dependencies"]["dev"]]
+        expected += [*PROJECT["optional-dependencies"]["charts"]]
+        expected += [*PROJECT["optional-dependencies"]["dev"]]
     if lock == "cluster":
-        wanted += PROJECT["optional-dependencies"]["cluster"]
-    assert {normal(requirement) for requirement in wanted} <= pins(lock).keys()
+        expected += PROJECT["optional-dependencies"]["cluster"]
+    assert {normal(requirement) for requirement in expected} <= pins(lock).keys()
     assert "hatchling" in pins(lock)  # the editable install builds with it
 
 

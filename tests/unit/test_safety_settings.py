@@ -93,7 +93,7 @@ LEAST: list[tuple[str, tuple[Any, ...], Callable[[Any, Any], bool], float]] = [
 ]  # fmt: skip
 
 # setting, two values of it, and what of the behaviour must equal it, within a tolerance
-SEEN: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
+OBSERVED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
     ("DriverSettings.write_interval_s", (0.02, 0.05), on_driver.between_writes_s, 0.0015),
     ("DriverSettings.refresh_hz", (100, 200),
      lambda v: 200 if on_driver.reads_before_a_write(v, 0.007) else 100, 0),
@@ -163,9 +163,9 @@ def test_lower_limits_take_effect_at_the_setting() -> None:
 
 
 def test_observed_value_equals_the_setting() -> None:
-    for name, values, seen, within in SEEN:
+    for name, values, observed, within in OBSERVED:
         for value in values:
-            assert seen(value) == (pytest.approx(value, abs=within) if within else value), name
+            assert observed(value) == (pytest.approx(value, abs=within) if within else value), name
 
 
 # what of the behaviour equals a constant, its value, and a tolerance
@@ -185,8 +185,8 @@ CONSTANTS: list[tuple[Callable[[], float], float, float]] = [
 
 
 def test_constants_take_effect_at_their_values() -> None:
-    for number, (seen, value, within) in enumerate(CONSTANTS):
-        assert seen() == pytest.approx(value, abs=within), number
+    for number, (observed, value, within) in enumerate(CONSTANTS):
+        assert observed() == pytest.approx(value, abs=within), number
 
 
 @pytest.mark.parametrize("gap_s", [0.08, 0.12])

@@ -1,4 +1,4 @@
-"""Objects kept for testing: graspable, named by whoever wants them, and met by nothing else."""
+"""Held-out test objects: found by name, and used by no list, default or tuning."""
 
 import re
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_held_out_objects_are_in_no_list_and_are_found_by_name() -> None:
 
 
 def test_held_out_objects_are_not_named_in_code_or_configuration() -> None:
-    """A default, a chart, a calibration or a tuning that did would have to say so somewhere."""
+    """A default, chart, calibration or tuning that used them would have to name them."""
     sources = [
         path for room in ("grasp", "drivers", "detector", "scenarios", "scripts", "studies")
         for path in (ROOT / room).rglob("*.py")

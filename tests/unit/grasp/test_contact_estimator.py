@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasp.contact_estimator import ContactEstimator, Stiffness
-from tests.unit.grasp.builders import seen
+from tests.unit.grasp.builders import observation
 
 TICK = 10_000_000
 CONTACT_N = 0.3
@@ -14,12 +14,12 @@ WEAK = (0.1, 0.1, 0.1)
 
 
 def after(
-    *forces_n: tuple[float, float, float], airborne: bool = True, **told: object
+    *forces_n: tuple[float, float, float], airborne: bool = True, **changes: object
 ) -> ContactEstimator:
-    """One sample each."""
+    """Contact estimate after these samples, in N for fingers A, B and C."""
     contact = ContactEstimator(CONTACT_N)
     for n, force_n in enumerate(forces_n):
-        contact.update(seen(n * TICK, measured_n=force_n, **told), airborne)
+        contact.update(observation(n * TICK, measured_n=force_n, **changes), airborne)
     return contact
 
 
@@ -51,7 +51,7 @@ def test_longest_gap_is_measured_only_in_the_air(airborne: bool, gap_ns: int) ->
 
 
 def test_grip_force_follows_a_step_within_its_time_constant() -> None:
-    """The thumb bears what all fingers measure, half of it."""
+    """The thumb's force is half the sum of all fingers."""
     assert after(*[GRIP] * 4).grip_n == pytest.approx(1.05, abs=0.01)
     assert after(*[GRIP] * 40).grip_n == pytest.approx(2.5, abs=0.02)
 
@@ -59,7 +59,7 @@ def test_grip_force_follows_a_step_within_its_time_constant() -> None:
 def test_overload_starts_when_force_leaves_the_limit() -> None:
     contact = after(GRIP)
     for n in range(1, 5):
-        contact.update(seen(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
+        contact.update(observation(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
     assert contact.overload_ns == 4 * TICK
 
 

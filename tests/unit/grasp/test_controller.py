@@ -259,7 +259,7 @@ def test_arm_is_clear_only_once_the_hand_rests_and_the_arm_is_up() -> None:
 
 
 def released() -> Driver:
-    """The hand has just been told to open, where the lift began."""
+    """Driver whose hand was just commanded to open, at the height where the lift began."""
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
     d.until(State.DESCEND)

@@ -1,4 +1,4 @@
-"""Faults and people who stop: what the controller asks for then, and for how long."""
+"""Safe states of the controller: commands after faults and stops, and their duration."""
 
 import pytest
 

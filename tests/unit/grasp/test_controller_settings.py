@@ -1,4 +1,4 @@
-"""What a grasp is told beforehand: its defaults, and what an answer has no use for."""
+"""Settings of the controller: defaults, and settings that a slip response does not use."""
 
 import msgspec
 

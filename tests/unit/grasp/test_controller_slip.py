@@ -1,4 +1,4 @@
-"""Slip, lost contact and the hold: what the controller answers, and when it stops answering."""
+"""Slip, lost contact and hold: responses of the controller, and when they end."""
 
 import msgspec
 import pytest

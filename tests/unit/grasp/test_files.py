@@ -1,4 +1,4 @@
-"""Files that are whole or not there, private, or held by one process."""
+"""Atomic writing, private folders and lock files."""
 
 import os
 from pathlib import Path

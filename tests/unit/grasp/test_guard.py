@@ -1,4 +1,4 @@
-"""The force guard: what it lets through, sampled densely around the limit."""
+"""The force guard: admitted commands, sampled densely around the limit."""
 
 import math
 
@@ -32,20 +32,20 @@ def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> Close
     return CloseFast(force_n, ALL, (limit, limit, limit), speed)
 
 
-@pytest.mark.parametrize("asked_n", AROUND_THE_LIMIT)
-def test_no_force_above_the_limit_is_admitted(asked_n: float) -> None:
-    admitted = guard().admit(close(asked_n), gripper(), NO_FORCE)
+@pytest.mark.parametrize("requested_n", AROUND_THE_LIMIT)
+def test_no_force_above_the_limit_is_admitted(requested_n: float) -> None:
+    admitted = guard().admit(close(requested_n), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
-    assert admitted.force_cap_n == min(asked_n, 10.0)
-    moved = guard().admit(MoveFingers((60, 60, 60), 0.05, asked_n), gripper(), NO_FORCE)
+    assert admitted.force_cap_n == min(requested_n, 10.0)
+    moved = guard().admit(MoveFingers((60, 60, 60), 0.05, requested_n), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers)
-    assert moved.force_n == min(asked_n, 10.0)
+    assert moved.force_n == min(requested_n, 10.0)
 
 
 def test_first_stage_of_a_closing_stays_one() -> None:
     for more in (False, True):
-        asked = msgspec.structs.replace(close(), first_stage=more)
-        admitted = guard().admit(asked, gripper(), NO_FORCE)
+        requested = msgspec.structs.replace(close(), first_stage=more)
+        admitted = guard().admit(requested, gripper(), NO_FORCE)
         assert isinstance(admitted, CloseFast)
         assert admitted.first_stage is more
 
@@ -107,17 +107,17 @@ def test_with_travel_bound_nothing_closes_before_a_first_grasp_is_known() -> Non
     first_n=st.floats(0, 12),
     stiffness=st.floats(600, 10_000),
     target=st.integers(0, 255),
-    anchor=st.integers(0, 200),
+    position=st.integers(0, 200),
 )
 def test_no_target_is_beyond_the_position_of_the_force_limit(
-    first_n: float, stiffness: float, target: int, anchor: int
+    first_n: float, stiffness: float, target: int, position: int
 ) -> None:
     g = guard(travel_bound=True, contact_stiffness_npm=stiffness, cap_mode="each_motor")
-    g.set_first_grasp((anchor, anchor, anchor), (first_n, first_n, first_n))
+    g.set_first_grasp((position, position, position), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     for limit in admitted.limits_counts:
-        travel_m = max(0, limit - anchor) * 0.00077
+        travel_m = max(0, limit - position) * 0.00077
         assert first_n + stiffness * travel_m <= max(10.0, first_n) + 1e-9
         assert limit <= target
 
@@ -165,22 +165,22 @@ def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
         ForceGuard(GuardSettings(), 10.0, RIGID, math.nextafter(fastest_mps, 1.0))
 
 
-def speed(g: ForceGuard, targets: Counts3, asked_mps: float = 0.11) -> float:
-    moved = g.admit(MoveFingers(targets, asked_mps, 10.0), gripper(), FIRST_N)
-    closed = g.admit(CloseFast(10.0, ALL, targets, asked_mps), gripper(), FIRST_N)
+def speed(g: ForceGuard, targets: Counts3, requested_mps: float = 0.11) -> float:
+    moved = g.admit(MoveFingers(targets, requested_mps, 10.0), gripper(), FIRST_N)
+    closed = g.admit(CloseFast(10.0, ALL, targets, requested_mps), gripper(), FIRST_N)
     assert isinstance(moved, MoveFingers) and isinstance(closed, CloseFast)
     assert moved.speed_mps == closed.speed_mps
     return moved.speed_mps
 
 
-def anchored(**changes: object) -> ForceGuard:
+def after_first_grasp(**changes: object) -> ForceGuard:
     g = guard(**changes)
     g.set_first_grasp((55, 55, 55), FIRST_N)
     return g
 
 
 def test_speed_is_limited_equally_for_moves_and_closings() -> None:
-    g = anchored()
+    g = after_first_grasp()
     reach = g.safe_travel(gripper(), FIRST_N)
     assert reach is not None and reach[0] == 58
     slow = g.closing_speed_mps
@@ -189,7 +189,7 @@ def test_speed_is_limited_equally_for_moves_and_closings() -> None:
 
 
 def test_fingers_that_do_not_close_do_not_limit_the_speed() -> None:
-    g = anchored()
+    g = after_first_grasp()
     admitted = g.admit(CloseFast(10.0, ALL, (58, 255, 255), 0.11), gripper(), FIRST_N)
     assert isinstance(admitted, CloseFast)
     assert admitted.speed_mps == 0.11
@@ -206,7 +206,7 @@ def test_before_the_first_grasp_only_free_motion_is_fast() -> None:
 
 
 def test_each_motor_mode_has_no_safe_travel() -> None:
-    assert anchored(cap_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
+    assert after_first_grasp(cap_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
 
 
 @given(
@@ -227,14 +227,14 @@ def test_safe_travel_keeps_the_limit_and_with_margins_the_overshoot(
 
 
 def test_safe_travel_is_useful_on_the_can() -> None:
-    assert anchored().safe_travel(gripper(), FIRST_N) == (58, 58, 58)
+    assert after_first_grasp().safe_travel(gripper(), FIRST_N) == (58, 58, 58)
     soft = ForceGuard(GuardSettings(), 10.0, Stiffness(0.55))
     soft.set_first_grasp((53, 54, 54), FIRST_N)
     assert soft.safe_travel(gripper(), FIRST_N) == (64, 66, 66)
 
 
 def test_unexplained_rise_of_force_reduces_the_safe_travel() -> None:
-    g = anchored()
+    g = after_first_grasp()
     assert g.safe_travel(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
     assert g.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
     closed = gripper(positions=(57, 55, 55))
@@ -250,7 +250,7 @@ def test_thumb_limit_is_known_only_with_travel_bound_and_a_thumb_that_closes_alo
     changes: dict[str, object], end: int | None
 ) -> None:
     assert guard(travel_bound=True).thumb_limit_counts is None  # no first grasp is known yet
-    assert anchored(**changes).thumb_limit_counts == end
+    assert after_first_grasp(**changes).thumb_limit_counts == end
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
@@ -300,8 +300,8 @@ def test_impossible_overshoot_is_refused_with_the_least_possible_one() -> None:
 
 
 def test_safe_travel_with_an_unexplained_force_ends_at_the_limit() -> None:
-    assert anchored().safe_travel(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
-    generous = anchored(overshoot_n=5.0)  # what the limit alone allows decides
+    assert after_first_grasp().safe_travel(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
+    generous = after_first_grasp(overshoot_n=5.0)  # what the limit alone allows decides
     assert generous.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
 
 

@@ -1,4 +1,4 @@
-"""Where no step can be taken any more: each device is made safe by itself, and seen to be."""
+"""Abort where no step is possible: each device is commanded separately until it confirms."""
 
 from typing import Any
 

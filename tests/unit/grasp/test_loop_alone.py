@@ -1,4 +1,4 @@
-"""The loop with devices, step and clock of a test: what goes where, when, and is told of it."""
+"""The control loop with fake devices, step and clock: commands, their order and their times."""
 
 import signal
 from typing import Any
@@ -41,11 +41,11 @@ def test_each_command_reaches_its_device_with_its_arguments_in_order() -> None:
         ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03),
         ("open", 0.11), ("hold",), ("arm", (0.1, 0.2, 0.3), 0.04, 0.6), ("stop", 3.0), ("rest",),
     ]  # fmt: skip
-    told = bench.ticks[1].issued
+    inputs = bench.ticks[1].issued
     assert bench.ticks[0].issued == ()
     step_ns = 10**9 + 10 * MS
-    assert told[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
-    assert [one.applied for one in told] == [
+    assert inputs[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
+    assert [one.applied for one in inputs] == [
         "applied move_to", "applied close_fast", "applied open", "applied hold", None, None, None
     ]  # fmt: skip
     assert bench.loop.timing.gripper_commands_ns == [(step_ns, step_ns + 2 * MS)] * 4
@@ -58,8 +58,8 @@ def test_gripper_is_polled_right_after_a_command() -> None:
     bench.decides = [(MOVE,)]
     bench.loop.tick()
     bench.loop.tick()
-    sent = bench.told.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
-    assert bench.told[sent + 1] == ("gripper poll", 10**9 + 12 * MS, 10**9 + 12 * MS)
+    sent = bench.calls.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
+    assert bench.calls[sent + 1] == ("gripper poll", 10**9 + 12 * MS, 10**9 + 12 * MS)
 
 
 @pytest.mark.parametrize(("delay_s", "polled"), [(0.001, 1), (0.001000001, 2)])
@@ -89,7 +89,7 @@ def test_refusal_is_passed_to_the_next_step_once_and_stored_by_device(
     for _ in range(3):
         bench.loop.tick()
     said, fault = f"{refused.kind}: not now", Fault.of(device, refused)
-    assert [told.errors for told in bench.inputs] == [(), (fault,), ()]
+    assert [inputs.errors for inputs in bench.inputs] == [(), (fault,), ()]
     assert bench.ticks[1].issued[0].refused == said
     assert bench.ticks[1].issued[0].applied is None
     assert bench.loop.errors == {device: fault}
@@ -100,7 +100,7 @@ def test_gripper_is_lost_until_it_responds_again() -> None:
     for error in (None, LinkLost("gone", "look"), Refused("hot", "wait"), None):
         bench.raises = {} if error is None else {"gripper poll": error}
         bench.loop.tick()
-    assert [told.gripper_lost for told in bench.inputs] == [False, True, True, False]
+    assert [inputs.gripper_lost for inputs in bench.inputs] == [False, True, True, False]
 
 
 def test_step_gets_pending_commands_lateness_and_last_duration() -> None:
@@ -109,13 +109,13 @@ def test_step_gets_pending_commands_lateness_and_last_duration() -> None:
     bench.loop.tick()
     bench.loop.tick()
     bench.loop.tick()
-    assert [told.pending for told in bench.inputs] == [False, True, False]
-    assert [told.t_ns for told in bench.inputs] == [10**9 + n * 10 * MS for n in (1, 2, 3)]
+    assert [inputs.pending for inputs in bench.inputs] == [False, True, False]
+    assert [inputs.t_ns for inputs in bench.inputs] == [10**9 + n * 10 * MS for n in (1, 2, 3)]
     decide = bench.step.decide
 
-    def slowly(told: Any) -> Any:
+    def slowly(inputs: Any) -> Any:
         bench.clock.sleep_until_ns(bench.clock.now_ns + 27 * MS)
-        return decide(told)
+        return decide(inputs)
 
     bench.step.decide = slowly
     bench.loop.tick()
@@ -143,12 +143,12 @@ def test_run_ends_with_its_controller_or_at_its_deadline() -> None:
     assert bench.inputs == []
     late = Bench(stop_s=0.2)
     late.loop.run(0.05)
-    said = [told.stop and told.stop.code for told in late.inputs]
+    said = [inputs.stop and inputs.stop.code for inputs in late.inputs]
     assert said == [None] * 5 + ["run_timeout"] * 20
     excused = Bench(stop_s=0.2)
     excused.controller.arm_delay_ns = 30_000_000.0  # by an arm that is slowed down
     excused.loop.run(0.05)
-    assert [told.stop is not None for told in excused.inputs][:9] == [False] * 8 + [True]
+    assert [inputs.stop is not None for inputs in excused.inputs][:9] == [False] * 8 + [True]
 
 
 @pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])
@@ -214,12 +214,12 @@ def test_a_signal_ends_a_run_between_two_ticks() -> None:
     bench = Bench()
     decide = bench.step.decide
 
-    def struck(told: Any) -> Any:
+    def signalled(inputs: Any) -> Any:
         if len(bench.inputs) == 3:
             signal.raise_signal(signal.SIGTERM)
-        return decide(told)
+        return decide(inputs)
 
-    bench.step.decide = struck
+    bench.step.decide = signalled
     with signals.taken(), pytest.raises(signals.Interruption):
         bench.loop.run(1.0)
     assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"

@@ -1,4 +1,4 @@
-"""Recordings: what goes in comes out, the same bytes each time, whatever the disk does."""
+"""Recordings: written messages are read back, with equal bytes each time; full disks; damage."""
 
 import math
 import os
@@ -23,7 +23,7 @@ class Side(IntEnum):
 
 
 class Finger(msgspec.Struct, frozen=True):
-    """One finger."""
+    """Values of one finger."""
 
     force_n: float
     side: Side
@@ -85,7 +85,7 @@ def test_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
 
 @pytest.fixture
 def file_limit() -> Iterator[int]:
-    """Files end at 16 KiB, as a disk that runs full in the middle of a run."""
+    """Limit files to 16 KiB, like a disk that becomes full during a run."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     limit = 16 * 1024
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
@@ -157,9 +157,9 @@ def test_other_files_are_refused_with_a_remedy(tmp_path: Path, content: bytes | 
 
 def test_nan_in_an_arm_state_survives_recording() -> None:
     nan = math.nan
-    said = ArmState(
+    recorded = ArmState(
         1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5, sampled_ns=7
     )  # fmt: skip
-    message = msgspec.json.decode(msgspec.json.encode(arm_message(said)), type=ArmMessage)
+    message = msgspec.json.decode(msgspec.json.encode(arm_message(recorded)), type=ArmMessage)
     assert message.position_m == (0.1, None, 0.3)
-    assert repr(recorded_arm(message)) == repr(said)
+    assert repr(recorded_arm(message)) == repr(recorded)

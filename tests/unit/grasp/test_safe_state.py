@@ -1,4 +1,4 @@
-"""What a safe state asks of arm and hand, and what it says it has not seen."""
+"""Safe states: commands to arm and hand, and unconfirmed parts."""
 
 import msgspec
 import pytest
@@ -14,7 +14,7 @@ from grasp.observation import Observation
 from grasp.safe_state import SafeState, SafeStateSupervisor
 from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
-from tests.unit.grasp.builders import LOST, arm, gripper, seen
+from tests.unit.grasp.builders import LOST, arm, gripper, observation
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
@@ -29,7 +29,7 @@ def state(phase: State, before: State, *faults: Fault) -> SafeState:
 
 
 def later(**changes: object) -> Observation:
-    return seen(LATER_NS, **changes)
+    return observation(LATER_NS, **changes)
 
 
 HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
@@ -45,8 +45,8 @@ HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
 
 
 def test_hand_closes_only_in_a_fault_in_the_air() -> None:
-    for phase, before, asked in HANDS:
-        assert state(phase, before).hand_commands(CLOSURE) == asked, (phase, before)
+    for phase, before, expected in HANDS:
+        assert state(phase, before).hand_commands(CLOSURE) == expected, (phase, before)
 
 
 def test_arm_is_implausible_by_any_of_the_faults() -> None:
@@ -60,7 +60,7 @@ def test_arm_is_implausible_by_any_of_the_faults() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "expected_text"),
     [
         ({}, ()),
         ({"arm": arm(LATER_NS, moving=True)}, ("the arm still moves",)),
@@ -71,9 +71,9 @@ def test_arm_is_implausible_by_any_of_the_faults() -> None:
     ],
 )  # fmt: skip
 def test_arm_that_is_not_confirmed_stopped_is_unconfirmed(
-    changes: dict[str, object], said: tuple[str, ...]
+    changes: dict[str, object], expected_text: tuple[str, ...]
 ) -> None:
-    assert state(State.FAULT, State.LIFT).unconfirmed_arm(later(**changes), OLD_NS) == said
+    assert state(State.FAULT, State.LIFT).unconfirmed_arm(later(**changes), OLD_NS) == expected_text
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_hand_is_safe_once_its_status_confirms_the_command(
 
 
 def test_hand_status_of_the_first_step_confirms_nothing() -> None:
-    at_rest = seen(ENTERED_NS)
+    at_rest = observation(ENTERED_NS)
     assert not state(State.FAULT, State.BRACE).hand_is_safe(at_rest)
     assert state(State.STOPPED, State.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
 
@@ -133,12 +133,12 @@ def supervisor(since_ns: int = 0) -> SafeStateSupervisor:
 
 
 def unsafe(t_ns: int, **changes: object) -> Observation:
-    return seen(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
+    return observation(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
 
 
 def test_unconfirmed_parts_are_requested_again_after_the_repeat_time() -> None:
-    for t_ns, asked in ((99_999_999, False), (100_000_000, True)):
-        assert bool(supervisor().step(unsafe(t_ns))) is asked
+    for t_ns, expected in ((99_999_999, False), (100_000_000, True)):
+        assert bool(supervisor().step(unsafe(t_ns))) is expected
 
 
 def test_supervision_of_a_safe_state_ends_after_its_time() -> None:
@@ -149,8 +149,8 @@ def test_supervision_of_a_safe_state_ends_after_its_time() -> None:
 
 
 def test_stale_arm_state_is_unconfirmed() -> None:
-    for old_ns, heard in ((100_000_000, True), (100_000_001, False)):
+    for old_ns, fresh in ((100_000_000, True), (100_000_001, False)):
         supervised = supervisor()
         supervised.step(later(arm=arm(LATER_NS - old_ns)))
-        told = any("the arm does not report" in missing for missing in supervised.unconfirmed)
-        assert told is not heard
+        reported_missing = any("the arm does not report" in text for text in supervised.unconfirmed)
+        assert reported_missing is not fresh

@@ -1,4 +1,4 @@
-"""The way down: an object that slipped stands before the arm is where the lift began."""
+"""Set-down: an object that slipped touches the table before the arm is where the lift began."""
 
 from typing import Any
 
@@ -8,13 +8,13 @@ from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
 from grasp.states import State
 from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
-from tests.unit.grasp.safety_probes import bears, near, probed, tightened
+from tests.unit.grasp.safety_probes import grip_forces, near, probed, tightened
 
 SURE = "grasp.set_down.MAX_RISE_SHARE"  # of a grip that may tighten without an answer
 
 HOME_M = 0.4
-GRIP = bears(3.0)
-TIGHTER = bears(3.5)
+GRIP = grip_forces(3.0)
+TIGHTER = grip_forces(3.5)
 
 
 def moves(d: Driver) -> list[MoveArm]:
@@ -46,7 +46,7 @@ def test_grip_that_tightens_above_the_expected_height_stops_the_arm_too() -> Non
 
 
 def probed_high_up(steps: Any, monkeypatch: pytest.MonkeyPatch) -> Driver:
-    """Where no object can stand yet the grip tightens, and then a step down does this to it."""
+    """Probe above the greatest height at which the object can stand, with this result."""
     monkeypatch.setattr(SURE, 1.0)
     d = Driver(hold_s=0.1).lift()
     d.height_m = 0.2
@@ -65,11 +65,11 @@ def test_fast_descent_continues_where_no_object_can_stand_yet(
     assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
 
 
-@pytest.mark.parametrize("steps", [bears(3.2), bears(2.8)], ids=["tighter", "looser"])
+@pytest.mark.parametrize("steps", [grip_forces(3.2), grip_forces(2.8)], ids=["tighter", "looser"])
 def test_no_release_where_no_object_can_stand_after_any_probe(
     steps: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As codes that drift or swing make of it."""
+    """The change is then caused by drift or oscillation."""
     d = probed_high_up(steps, monkeypatch)
     assert d.controller.machine.log[-1].cause == "no object can stand yet"
     assert not any(isinstance(c, OpenFingers) for c in d.commands)
@@ -80,10 +80,10 @@ def test_no_release_where_no_object_can_stand_after_any_probe(
 def test_step_is_shorter_where_the_grip_tightened_much_while_the_arm_braked(
     braked_m: float, step_m: float
 ) -> None:
-    """By 0.7 N beyond what stopped it: three times what tells is 0.24 N."""
+    """Rise of 0.7 N beyond the threshold; the probe aims at 0.24 N, three times CHECK_N."""
     d = tightened(3.0)
     d.height_m -= braked_m
-    d.until_next(measured_n=bears(3.0))
+    d.until_next(measured_n=grip_forces(3.0))
     assert d.height_m - step_m == pytest.approx(moves(d)[-1].position_m[2] - HOME_M, abs=1e-5)
 
 
@@ -133,7 +133,7 @@ def test_probe_without_a_change_continues_the_descent(
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
     assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
     d.height_m = 0.0
-    d.until(State.OPEN, measured_n=bears(2.6))
+    d.until(State.OPEN, measured_n=grip_forces(2.6))
 
 
 def test_inconclusive_probes_end_with_hand_and_height_kept(
@@ -160,12 +160,12 @@ def test_stop_while_lowering_is_repeated_until_the_arm_has_stopped() -> None:
     d = tightened(3.5)
     d.commands.clear()
     for _ in range(35):
-        d.step(measured_n=bears(3.5), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+        d.step(measured_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     assert d.controller.state is State.FEEL
     assert [type(c) for c in d.commands] == [StopArm] * 3
     d.commands.clear()
     for _ in range(15):
-        d.step(measured_n=bears(3.5), arm=arm(d.t_ns + TICK, 0.02))
+        d.step(measured_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02))
     assert not any(isinstance(c, StopArm) for c in d.commands)
 
 
@@ -173,9 +173,9 @@ def test_stop_while_lowering_is_repeated_until_the_arm_has_stopped() -> None:
 def test_no_probe_without_contact(probes: bool) -> None:
     d = tightened(3.5)
     if probes:
-        d.until_next(measured_n=bears(3.5))
+        d.until_next(measured_n=grip_forces(3.5))
     d.commands.clear()
     for _ in range(10):
-        d.step(measured_n=bears(0.0))
+        d.step(measured_n=grip_forces(0.0))
     assert d.controller.state is State.LOST
     assert moves(d) == []

@@ -1,4 +1,4 @@
-"""Settings: layers, violations and what their errors say."""
+"""Settings: layers, violations and their error messages."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignment", "key", "says"),
+    ("assignment", "key", "expected"),
     [
         ("guard.force_limt_n=9", "guard.force_limt_n", "force_limit_n"),
         ("guard.force_limit_n=900", "guard.force_limit_n", "<= 60"),
@@ -38,13 +38,13 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
     ],
 )
 def test_violation_names_source_key_and_what_is_allowed(
-    assignment: str, key: str, says: str
+    assignment: str, key: str, expected: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
         lift(assignment)
     assert caught.value.file == "--set"
     assert caught.value.key == key
-    assert says in f"{caught.value.message} {caught.value.allowed}"
+    assert expected in f"{caught.value.message} {caught.value.allowed}"
 
 
 def test_unknown_object_is_refused_with_the_known_ones() -> None:

@@ -1,4 +1,4 @@
-"""Signals: raised at once, at the next check, or late; taken by the command line alone."""
+"""Signals: raised at once, at the next check, or late; handled only by the command line."""
 
 import signal
 import subprocess

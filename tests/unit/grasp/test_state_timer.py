@@ -1,4 +1,4 @@
-"""An arm that its speed slider slows down is waited for, and does not lift."""
+"""Effects of the arm's speed slider: scaled time-outs, no lift below half speed."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
 def slow(d: Driver, fraction: float, height_m: float, moving: bool = True) -> ArmState:
-    """The arm in the coming step."""
+    """The arm's state in the next step."""
     state = arm(d.t_ns + TICK, height_m, moving=moving)
     return msgspec.structs.replace(state, speed_fraction=fraction)
 
 
 def seconds_in(d: Driver, phase: State, fraction: float, height_m: float) -> float:
-    """Until it ends, with the arm on its way all the time."""
+    """Duration of a phase while the arm moves all the time, s."""
     assert d.controller.state is phase
     began_ns = d.t_ns
     while d.controller.state is phase:

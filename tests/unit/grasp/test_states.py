@@ -11,13 +11,13 @@ from grasp.states import TRANSITIONS, DottedState, State, StateMachine, Trigger,
 PAGE = Path(__file__).parents[3] / "docs" / "architecture.md"
 
 
-class Drawn(HierarchicalGraphMachine):
+class DiagramState(HierarchicalGraphMachine):
     state_cls = DottedState
 
 
 def diagram() -> str:
-    """The table as `transitions` draws it in Mermaid."""
-    machine = Drawn(
+    """The table as a Mermaid diagram of `transitions`."""
+    machine = DiagramState(
         initial=State.START.value, graph_engine="mermaid", title="title: States of a grasp",
         **definition(),
     )  # fmt: skip
@@ -53,5 +53,5 @@ def test_a_transition_is_logged_with_its_time_and_cause() -> None:
 
 
 def test_diagram_in_the_documentation_matches_the_table() -> None:
-    drawn = f"```mermaid\n{diagram()}\n```"
-    assert drawn in PAGE.read_text(), f"put this into {PAGE.name}:\n{drawn}"
+    diagram_states = f"```mermaid\n{diagram()}\n```"
+    assert diagram_states in PAGE.read_text(), f"put this into {PAGE.name}:\n{diagram_states}"

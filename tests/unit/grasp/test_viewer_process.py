@@ -17,12 +17,12 @@ GLIMPSE = view.TickView(
 
 
 def test_lines_are_printed_by_another_process_until_the_run_ends(tmp_path: Path) -> None:
-    drawn = tmp_path / "screen"
-    with drawn.open("wb") as screen, ViewerProcess(view, screen.fileno()) as viewer:
+    output = tmp_path / "screen"
+    with output.open("wb") as screen, ViewerProcess(view, screen.fileno()) as viewer:
         viewer.show_waiting(view.Begin(panel=False))
         viewer.show(GLIMPSE)
         viewer.show_waiting(view.LogLine("one run is over"))
-    first, second = drawn.read_text().splitlines()
+    first, second = output.read_text().splitlines()
     assert "lift" in first and "A  1.0" in first
     assert second == "one run is over"
     assert viewer.lost == 0

@@ -1,4 +1,4 @@
-"""Input that makes no sense to a verb: one line with a remedy, exit code 2, nothing written."""
+"""Invalid input gives one line with a remedy and exit code 2, and nothing is written."""
 
 import json
 from collections.abc import Iterator
@@ -47,7 +47,7 @@ release --rig zzz
 
 
 def refused(words: list[str], capsys: Capture) -> str:
-    """The one line that is told."""
+    """The single line on standard error."""
     code = main(words)
     out, err = capsys.readouterr()
     assert (code, out) == (2, ""), (words, err[-500:])
@@ -57,7 +57,7 @@ def refused(words: list[str], capsys: Capture) -> str:
 
 
 def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """All settings in a type, with what they may be."""
+    """All settings of a type, with their declarations."""
     if isinstance(kind, inspect.Metadata):
         yield from leaves(kind.type, way)
     elif isinstance(kind, inspect.UnionType):
@@ -72,7 +72,7 @@ def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
 
 
 def wrong(kind: Any) -> list[str]:
-    """What such a setting cannot be, as TOML: another type, no number, a number out of bounds."""
+    """Invalid values of a setting as TOML: another type, NaN, a number out of bounds."""
     found = ["{ a = 1 }", "[[[]]]", "1979-05-27", "nan"]
     if isinstance(kind, inspect.IntType | inspect.FloatType):
         step = 1 if isinstance(kind, inspect.IntType) else 1e-3

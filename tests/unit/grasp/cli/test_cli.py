@@ -1,4 +1,4 @@
-"""The command as a user meets it: output, exit codes, errors with their remedy."""
+"""The command line: output, exit codes, errors with their remedy."""
 
 import json
 import re
@@ -78,24 +78,24 @@ def test_taps_are_displayed_counted_and_recorded(
 def test_safety_stop_exits_with_4_and_reports_the_result_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, answer = run_json(
+    code, result = run_json(
         capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.grip_counts=[75,75,75]",
         "--set", "controller.preshape_margin_counts=30",
     )  # fmt: skip
-    assert code == answer["exit_code"] == 4
-    assert answer["error"]["kind"] == "safety_stop"
-    assert "stopped on contact" in answer["error"]["message"]
-    assert answer["result"]["outcome"] == "fault"
+    assert code == result["exit_code"] == 4
+    assert result["error"]["kind"] == "safety_stop"
+    assert "stopped on contact" in result["error"]["message"]
+    assert result["result"]["outcome"] == "fault"
 
 
 def test_folder_that_cannot_be_made_is_refused_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
+    code, result = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
     assert code == 2
-    assert answer["error"]["kind"] == "usage"
-    assert "--runs" in answer["error"]["message"]
+    assert result["error"]["kind"] == "usage"
+    assert "--runs" in result["error"]["message"]
 
 
 def test_full_disk_does_not_stop_the_lift_and_leaves_no_partial_file(tmp_path: Path) -> None:
@@ -143,8 +143,8 @@ def test_settings_are_printed_with_their_source(
     mine = tmp_path / "mine.toml"
     mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
     words = ("config", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
-    said = call(*words, capsys=capsys)[1].splitlines()
-    ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in said if " = " in line}
+    output = call(*words, capsys=capsys)[1].splitlines()
+    ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in output if " = " in line}
     assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"
     assert ends["release"] == f"from {mine}"
     assert ends["threshold"] == "from --set"
@@ -154,7 +154,7 @@ def test_settings_are_printed_with_their_source(
 def test_invalid_options_are_refused_with_a_remedy_before_anything_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for words, says in (
+    for words, expected in (
         ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
@@ -168,7 +168,7 @@ def test_invalid_options_are_refused_with_a_remedy_before_anything_moves(
         ("lift --config /no/such/file.toml", "no such file"),
     ):
         code, _, err = call("run", *words.split(), "--runs", str(tmp_path), capsys=capsys)
-        assert (code, err.count("\n")) == (2, 1) and says in err, words
+        assert (code, err.count("\n")) == (2, 1) and expected in err, words
         assert list(tmp_path.iterdir()) == []
 
 

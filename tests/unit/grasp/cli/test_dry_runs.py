@@ -1,4 +1,4 @@
-"""Dry runs of a lab's verbs in JSON: one object, nobody asked, nothing written."""
+"""Dry runs of device commands in JSON: one object, no question, nothing written."""
 
 import json
 from pathlib import Path
@@ -28,8 +28,8 @@ def test_dry_run_without_an_address_is_refused_like_the_command(
         ("arm stop", "ur: host"),
     ):
         assert main([*words.replace("NEW", str(new)).split(), "--dry-run"]) == 2, words
-        said = capsys.readouterr()
-        assert said.out == "" and missing in said.err, words
+        output = capsys.readouterr()
+        assert output.out == "" and missing in output.err, words
         assert not new.exists()
 
 
@@ -63,8 +63,8 @@ def test_refusal_without_confirmation_states_the_motion(
         ),
     ):
         assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2, words
-        said = capsys.readouterr().err
-        assert f"would {would}" in said and "--confirm-motion" in said, words
+        output = capsys.readouterr().err
+        assert f"would {would}" in output and "--confirm-motion" in output, words
 
 
 def test_dry_run_is_refused_on_a_rig_without_real_devices(
@@ -76,7 +76,7 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
 
 
 def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:
-    """It looks at the hand once all devices are opened."""
+    """The hand is checked after all devices are opened."""
     cell, hand = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
     arm = Check("arm program", "fail", "")
     for against, code in (([], 0), ([hand], 4), ([arm], 3), ([hand, arm], 3), ([cell, arm], 4)):

@@ -1,4 +1,4 @@
-"""No failure ends with the code of success, whatever somebody's library raises."""
+"""No failure ends with the exit code of success, whatever exception a library raises."""
 
 import sys
 from asyncio import CancelledError
@@ -29,8 +29,8 @@ def test_an_unexpected_exception_is_an_internal_error(
         monkeypatch.setattr(recordings, "runs", raises)
         for more in ([], ["--json"]):
             assert main(["runs", *more]) == 5, raised
-            told = capsys.readouterr()
-            assert type(raised).__name__ in (told.out if more else told.err)
+            error = capsys.readouterr()
+            assert type(raised).__name__ in (error.out if more else error.err)
 
 
 def test_a_bug_in_the_scoring_leaves_no_result_and_is_reported(

@@ -1,4 +1,4 @@
-"""Help in groups with examples that can be typed, and words that a shell completes."""
+"""Help in sections, valid examples, and shell completion."""
 
 import os
 import shlex
@@ -53,7 +53,7 @@ def test_every_command_is_in_one_section_of_the_help(capsys: pytest.CaptureFixtu
 
 
 def completed(line: str, folder: Path) -> list[str]:
-    """What a shell is offered at the end of a line."""
+    """Completions that a shell gets at the end of a line."""
     out = folder / "out"
     program = "import sys; from grasp.cli.main import main; sys.exit(main())"
     done = subprocess.run(

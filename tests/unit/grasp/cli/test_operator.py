@@ -1,4 +1,4 @@
-"""Asking and listening at a terminal: nothing that is typed keeps the caller waiting."""
+"""Questions at a terminal: input never blocks the caller."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from grasp.cli.lab import TerminalOperator
 
 @pytest.fixture
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Where to write what is typed."""
+    """Descriptor to which tests write typed input."""
     reading, writing = os.pipe()
     with os.fdopen(reading) as standard_input:
         monkeypatch.setattr(sys, "stdin", standard_input)

@@ -35,12 +35,12 @@ def test_every_number_of_the_command_line_has_bounds() -> None:
 
 
 def test_invalid_values_are_refused_with_the_allowed_range(capsys: Capture) -> None:
-    for words, says in (
+    for words, expected in (
         ("run lift --trials 0", "1 to 10000"),
         ("run acquire --speed 9", "0.004 to 0.2"),
     ):
         assert main(words.split()) == 2, words
-        assert says in capsys.readouterr().err, words
+        assert expected in capsys.readouterr().err, words
 
 
 def test_a_path_that_cannot_be_written_is_a_usage_error(tmp_path: Path, capsys: Capture) -> None:
@@ -59,8 +59,8 @@ def test_a_path_that_cannot_be_written_is_a_usage_error(tmp_path: Path, capsys: 
             places += [] if kind is options.folder_to_fill else [tmp_path / name]
             for place in places:
                 assert main([*leaf.prog.split()[1:], option, str(place)]) == 2
-                told = capsys.readouterr().err
-                assert f"argument {option}: '{place}': " in told and told.count("\n") == 1
+                message = capsys.readouterr().err
+                assert f"argument {option}: '{place}': " in message and message.count("\n") == 1
                 asked += 1
     assert asked > 30
     assert sorted(tmp_path.rglob("*")) == before

@@ -1,4 +1,4 @@
-"""Under --json standard output holds JSON alone, whoever else prints."""
+"""With --json standard output contains only JSON, whatever else prints."""
 
 import json
 import math
@@ -38,8 +38,8 @@ def test_with_json_only_the_result_is_on_standard_output(tmp_path: Path) -> None
 
 
 def test_nan_and_infinity_become_null() -> None:
-    said = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
-    assert json_line(said) == '{"p90":null,"all":[1,[null,2.5]],"word":"Infinity"}'
+    output = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
+    assert json_line(output) == '{"p90":null,"all":[1,[null,2.5]],"word":"Infinity"}'
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")

@@ -1,4 +1,4 @@
-"""`grasp report` as a user meets it: where the page goes, and what stands in its way."""
+"""`grasp report`: path of the page, and files that it must not overwrite."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ LIFT = ("run", "lift", "--rig", "simulated", "--detector", "energy", "--pace", "
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a lift that was asked for its page."""
+    """Folder of a lift that was run with --report."""
     folder = tmp_path_factory.mktemp("runs")
     assert main([*LIFT, "--runs", str(folder), "--report"]) in (0, 1)
     return folder

@@ -1,4 +1,4 @@
-"""Weights of one's own that are heard by a rule which was made for others."""
+"""Warnings of user weights with a decision rule that was tuned for other weights."""
 
 import shutil
 from pathlib import Path
@@ -22,11 +22,11 @@ def lab(tmp_path: Path) -> str:
 def test_printed_settings_warn_of_a_rule_tuned_for_other_weights(lab: str, capsys: Capture) -> None:
     for more in ([], ["--json"]):
         assert main([*SHOW, "--set", f"network.weights={lab}", *more]) == 0
-        said = capsys.readouterr().err
-        assert PACKAGED in said and f"tune tcn --set network.weights={lab} --data DIR" in said
+        output = capsys.readouterr().err
+        assert PACKAGED in output and f"tune tcn --set network.weights={lab} --data DIR" in output
     assert main([*SHOW, "--detector", lab]) == 0
-    said = capsys.readouterr().err
-    assert "no rule that was tuned for it" in said and f"tune {lab} --data DIR" in said
+    output = capsys.readouterr().err
+    assert "no rule that was tuned for it" in output and f"tune {lab} --data DIR" in output
     assert main(["config", "gripper", "--set", f"network.weights={lab}"]) == 0
     assert capsys.readouterr().err == ""
 

@@ -1,5 +1,4 @@
-"""Where the figures of a lab's calibrations come from: in their files, with a note, and told by
-every run on real devices."""
+"""Sources of calibrations: stored in their files with a note, and printed by every run."""
 
 from pathlib import Path
 from typing import Any
@@ -25,10 +24,10 @@ serial = "any"
 """
 
 
-def told(
+def output(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
 ) -> list[str]:
-    """What a run says of sources before it opens anything."""
+    """Lines about sources that a run prints before it opens a device."""
     begun: list[Any] = []
     monkeypatch.setattr(run, "run_trials", lambda *asked: begun.append(asked) or 0)
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
@@ -47,12 +46,12 @@ def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
     Path("force.toml").write_text('[source]\ncounts_per_newton = "a kitchen scale"\n')
     Path("rule.toml").write_text('[source]\nrule = "a hold of three minutes"\n')
     manual = "calibration 'hand' has force byte 0 press with 16 N, by: a load cell, in May"
-    assert told(monkeypatch, capsys) == [f"grasp: {manual}"]
+    assert output(monkeypatch, capsys) == [f"grasp: {manual}"]
     both = ("--config", "force.toml", "--config", "rule.toml")
-    assert told(monkeypatch, capsys, *both)[1:] == [
+    assert output(monkeypatch, capsys, *both)[1:] == [
         "grasp: counts a newton by: a kitchen scale",
         "grasp: rule on slip by: a hold of three minutes",
     ]
     Path("hand.toml").write_text(hand.format(9.0) + "pressed_bytes = [0]\npresses = 10\n")
-    (weak,) = told(monkeypatch, capsys)
+    (weak,) = output(monkeypatch, capsys)
     assert "9 N, less than the manual's 15 N, by: a load cell, in May" in weak

@@ -1,4 +1,4 @@
-"""`grasp detector train`, without what computes: what it is asked for."""
+"""`grasp detector train` with a fake training: options, files and messages."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from grasp.cli.main import main
 
 
 class Card(msgspec.Struct):
-    """Of a network."""
+    """Card of a network, reduced."""
 
     parameters: int
     steps: int
@@ -22,23 +22,23 @@ class Card(msgspec.Struct):
 
 
 class Training:
-    """In place of one: what it was told."""
+    """Fake training that records its calls."""
 
     def __init__(self) -> None:
-        self.told: list[str] = []
+        self.calls: list[str] = []
         self.step, self.settings, self.stands_still = 2, SimpleNamespace(steps=2), False
 
     def resume(self, checkpoint: Path) -> None:
-        self.told.append(f"resume {checkpoint.name}")
+        self.calls.append(f"resume {checkpoint.name}")
 
     def run(self, minutes: float | None, checkpoint: Path, tell: Any) -> None:
         checkpoint.write_text("how far it is")
-        self.told.append("run")
+        self.calls.append("run")
 
 
 @pytest.fixture
 def training(monkeypatch: pytest.MonkeyPatch) -> Training:
-    """What `grasp detector train` runs and exports, without torch."""
+    """Fake training and export of `grasp detector train`, without torch."""
     made = Training()
     monkeypatch.setattr(train, "need", lambda *_: None)
     monkeypatch.setattr(train, "_prepare", lambda _: (made, []))
@@ -48,17 +48,17 @@ def training(monkeypatch: pytest.MonkeyPatch) -> Training:
 
 
 @pytest.mark.parametrize(
-    ("words", "told", "logged"),
+    ("words", "calls", "logged"),
     [([], ["run"], ""), (["--resume"], ["resume mine.checkpoint", "run"], "step 20\n")],
 )
 def test_training_and_its_log_start_again_unless_resumed_and_leave_no_checkpoint(
-    words: list[str], told: list[str], logged: str, tmp_path: Path, training: Training,
+    words: list[str], calls: list[str], logged: str, tmp_path: Path, training: Training,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "mine.log").write_text("step 20\n")
     out = tmp_path / "mine.onnx"
     assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out), *words]) == 0
-    assert training.told == told
+    assert training.calls == calls
     assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
     assert (tmp_path / "mine.log").read_text() == logged
     assert "accuracy on validation 0.900" in capsys.readouterr().out
@@ -73,9 +73,9 @@ def test_existing_weights_are_overwritten_only_with_force(
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(out)]
     assert main(words) == 2
     assert f"{out} exists already" in capsys.readouterr().err
-    assert training.told == [] and out.read_text() == "of last week"
+    assert training.calls == [] and out.read_text() == "of last week"
     assert main([*words, "--force"]) == 0
-    assert training.told == ["run"]
+    assert training.calls == ["run"]
     assert "mine.toml is for other weights" in capsys.readouterr().err
 
 
@@ -87,7 +87,7 @@ def test_an_unfinished_training_is_continued_or_restarted_only_on_request(
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 2
     assert "mine.checkpoint is of an unfinished training" in capsys.readouterr().err
-    assert training.told == [] and (tmp_path / "mine.log").read_text() == "its first hour"
+    assert training.calls == [] and (tmp_path / "mine.log").read_text() == "its first hour"
     assert main([*words, "--force"]) == 0
 
 
@@ -104,8 +104,8 @@ def test_an_interrupted_training_states_its_checkpoint_and_how_to_continue(
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 130
     told = f"interrupted at step 120 of 2000, saved in {tmp_path / 'mine.checkpoint'} (to continue"
-    said = capsys.readouterr().err
-    assert told in said and "with --resume" in said
+    output = capsys.readouterr().err
+    assert told in output and "with --resume" in output
     assert (tmp_path / "mine.checkpoint").is_file() and not (tmp_path / "mine.onnx").exists()
 
 

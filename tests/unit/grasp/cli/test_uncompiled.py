@@ -1,4 +1,4 @@
-"""Commands of a lab's devices work where nothing can be compiled, or kept once it is."""
+"""Device commands work where nothing can be compiled or cached."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What a person sees of a run fits the terminal."""
+"""The terminal view of a run: panel, lines and verdict."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ SLIPPING = view.TickView(
 )  # fmt: skip
 
 
-def drawn(width: int, seen: view.TickView = SLIPPING) -> list[str]:
+def output(width: int, seen: view.TickView = SLIPPING) -> list[str]:
     console = Console(width=width, force_terminal=True, color_system=None)
     with console.capture() as capture:
         console.print(view.panel(seen, console.width))
@@ -26,7 +26,7 @@ def drawn(width: int, seen: view.TickView = SLIPPING) -> list[str]:
 
 @pytest.mark.parametrize("width", [60, 80, 100, 200])
 def test_bars_fit_into_any_width(width: int) -> None:
-    lines = drawn(width)
+    lines = output(width)
     assert len(lines) == 5
     assert all(len(line) <= width for line in lines)
     assert not any("…" in line for line in lines[1:])
@@ -70,9 +70,9 @@ def verdict(**changes: object) -> SimpleNamespace:
 
 def test_verdict_of_a_lost_object_ends_with_arm_hand_and_release_command() -> None:
     closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
-    said = live.verdict(verdict(end=closed))
-    assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
-    assert said.endswith(
+    output = live.verdict(verdict(end=closed))
+    assert output.startswith("\nFAILED: dropped  (can, seed 3)\n")
+    assert output.endswith(
         "  lost: contact lost on the way down\n  the arm stands; the hand is closed\n"
         "  to let go, run `grasp release`"
     )
@@ -80,8 +80,8 @@ def test_verdict_of_a_lost_object_ends_with_arm_hand_and_release_command() -> No
     assert opened.endswith("  the arm stands; the hand is open")
 
 
-class Seen:
-    """In place of what draws: what it was given."""
+class FakeView:
+    """Fake viewer that records its messages."""
 
     def __init__(self) -> None:
         self.taken: list[view.Message] = []
@@ -99,7 +99,7 @@ class Seen:
 def test_one_trial_shows_phases_and_a_series_only_registrations(
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = Seen()
+    seen = FakeView()
     monkeypatch.setattr(view, "Lines", lambda: seen)
     monkeypatch.setattr(view, "tick_view", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)

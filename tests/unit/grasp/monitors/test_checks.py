@@ -1,4 +1,4 @@
-"""All plausibility checks together: when each is asked, and what of it ends a run."""
+"""All plausibility checks together: the states in which they apply, and report mode."""
 
 import math
 
@@ -99,18 +99,18 @@ def test_report_mode_ends_a_run_only_for_vital_checks() -> None:
 
 def test_data_of_an_inactive_hand_are_plausible_and_of_a_jumping_one_not() -> None:
     assert not implausible([failed("gripper_inactive")], GRIPPER)
-    leapt = failed("gripper_impossible", finger="A", how="leapt")
-    assert implausible([failed("gripper_inactive"), leapt], GRIPPER)
-    assert not implausible([leapt], ARM)
+    jumped = failed("gripper_impossible", finger="A", how="leapt")
+    assert implausible([failed("gripper_inactive"), jumped], GRIPPER)
+    assert not implausible([jumped], ARM)
 
 
 @pytest.mark.parametrize(
-    "answer", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
+    "output", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
                np.array([-0.1, 0.0, 0.0]), np.array([None] * 3), np.array(["0.1"] * 3),
                np.array([0.1j] * 3)],
 )  # fmt: skip
-def test_output_other_than_one_probability_a_finger_is_refused(answer: object) -> None:
-    fault = invalid_probabilities(answer)
+def test_output_other_than_one_probability_a_finger_is_refused(output: object) -> None:
+    fault = invalid_probabilities(output)
     assert fault is not None and fault.code == "detector_failed"
 
 

@@ -1,4 +1,4 @@
-"""Gripper status that cannot be: each limit takes effect where its name says, on both sides."""
+"""Plausibility checks of the gripper: each limit takes effect at its value."""
 
 from typing import Any
 
@@ -33,13 +33,13 @@ def codes_of(h: GripperHistory, s: MonitorSettings) -> str:
 
 
 def failed_at(states: list[GripperState], **settings: Any) -> str:
-    """Checks that fail at the last of these, and none before it."""
-    history, limits, said = GripperHistory(), MonitorSettings(**settings), []
+    """Codes that fail at the last state; asserts that none fails before."""
+    history, limits, codes = GripperHistory(), MonitorSettings(**settings), []
     for state in states:
         history.update(state)
-        said.append(codes_of(history, limits))
-    assert not any(said[:-1])
-    return said[-1]
+        codes.append(codes_of(history, limits))
+    assert not any(codes[:-1])
+    return codes[-1]
 
 
 @pytest.mark.parametrize("value", [0.1, 0.5])
@@ -52,7 +52,7 @@ def test_echo_s(value: float) -> None:
 
 
 def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
-    """Few looks, each a long step after the last, say nothing of a hand that needs two of them."""
+    """Few status reads far apart prove nothing about a hand that needs two of them."""
     slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(6)]
     assert failed_at(slow[:5]) == ""
     assert failed_at(slow) == "gripper_silent"
@@ -93,12 +93,12 @@ def test_first_outdated_status_is_not_counted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "active", "said"),
+    ("fault", "active", "codes"),
     [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
 )
-def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, said: str) -> None:
+def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, codes: str) -> None:
     looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
-    assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == said
+    assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == codes
 
 
 def moving(t_s: float, position: int, asked: int = 90) -> GripperState:
@@ -137,10 +137,10 @@ def touching(t_s: float, position: int, fresh: bool = True) -> GripperState:
     return gripper(round(t_s * 1e9), (position, 55, 55), TOUCHING, fresh, requested=asked)
 
 
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_finger_in_contact_must_not_move(way: int) -> None:
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_finger_in_contact_must_not_move(direction: int) -> None:
     def after(counts: int) -> str:
-        return failed_at([touching(0.1 * k, 55 + way * k) for k in range(counts + 1)])
+        return failed_at([touching(0.1 * k, 55 + direction * k) for k in range(counts + 1)])
 
     assert (after(CONTACT_COUNTS), after(CONTACT_COUNTS + 1)) == ("", IMPOSSIBLE)
 
@@ -186,7 +186,7 @@ def test_an_inactive_hand_is_a_fault_unless_it_reports_one_itself() -> None:
 
 
 def flickering(every: int, asked_every: int = 1000) -> set[str]:
-    """What fails of a hand that reports by turns that it moves and that it stands."""
+    """Codes that fail for a hand that alternately reports motion and standstill."""
     history, found = GripperHistory(), set()
     for tick in range(120):
         says = Detection.MOVING if tick // every % 2 else Detection.AT_TARGET
