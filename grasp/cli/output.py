@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
-from drivers.errors import UnreadError
+from drivers.errors import OutputClosedError
 
 CLOSED = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a closed terminal
 PROGRESS_LINES = 10  # without a terminal: a line for each tenth
@@ -125,8 +125,8 @@ def open_standard_streams() -> None:
 
 
 class _Stream:
-    """Stream that raises UnreadError (standard output) or nothing (standard error) if it has no
-    reader, so that this is not mistaken for an error of a device."""
+    """Stream whose missing reader is not mistaken for an error of a device: standard output then
+    raises OutputClosedError, and standard error raises nothing."""
 
     def __init__(self, stream: TextIO, silent: bool) -> None:
         self._stream, self._silent = stream, silent
@@ -147,7 +147,7 @@ class _Stream:
             if error.errno not in CLOSED:
                 raise
             if not self._silent:
-                raise UnreadError(*error.args) from None
+                raise OutputClosedError(*error.args) from None
             return None
 
 

@@ -2,7 +2,7 @@
 
 The checks are pure functions of the inputs of a step, made before the controller's step. A check
 that fails gives a ``Fault``, on which the controller enters the safe state. Delays and margins of
-the checks: docs/faults.md.
+the checks: docs/force-limit.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,7 +30,7 @@ REMEDIES = {
     FINGERTIPS: "look at the fingertips, their cable and their board, then run `grasp doctor`",
     DETECTOR: "choose another detector (--detector), or end what else this computer does",
     LOOP: "this computer stood still: end what else it does, then start the run again "
-    "(docs/real-time.md)",
+    "(docs/first-day.md)",
 }
 TRUTHFUL_CODES = frozenset({"gripper_inactive"})  # faults of devices whose data are still correct
 Fails = Callable[[Any, MonitorSettings], Data]

@@ -1,6 +1,6 @@
 """RunMonitor: conditions that end a run: faults, old states, overforce, a slow arm, time-outs."""
 
-from drivers.interfaces import LEAST_SPEED_FRACTION
+from drivers.interfaces import MIN_SPEED_FRACTION
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
@@ -50,8 +50,8 @@ class RunMonitor:
     def _slow_arm(self, obs: Observation, state: State) -> Fault | None:
         fraction = obs.arm.speed_fraction
         slider = f"the arm's speed slider is at {100.0 * fraction:.3g} %"
-        if state in RISING_STATES and fraction < LEAST_SPEED_FRACTION:
-            text = f"{slider}; a lift needs at least {100.0 * LEAST_SPEED_FRACTION:g} %"
+        if state in RISING_STATES and fraction < MIN_SPEED_FRACTION:
+            text = f"{slider}; a lift needs at least {100.0 * MIN_SPEED_FRACTION:g} %"
         elif self._timer.arm_halted:
             text = f"{slider}, so its motion does not end"
         else:
