@@ -1,7 +1,7 @@
-"""How a fingertip moves while it slips: auxiliary outputs on the state of a network.
+"""Auxiliary outputs of a network: speed, direction and rotation of a slipping fingertip.
 
-The network was trained for slip alone. The outputs lie beside its weights as `NAME.heads.json` and
-leave them as they are, so the probability of slip is the same without them, bit for bit.
+They are computed from the state of a network that was trained for slip only, and stored beside its
+weights as `NAME.auxiliary.json`. The slip probability is the same with and without them.
 """
 
 import math
@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from detector.network_file import REINSTALL, LoadedNetwork, is_packaged
 from drivers.errors import BadFile, UsageError
 
-SECTORS = 8  # of directions
+SECTORS = 8  # directions that are distinguished
 SECTOR_DEG = 360 // SECTORS
-SUFFIX = ".heads.json"
-CHANGES = "state1"  # that a network keeps, newest last
-SUMMARY = "state0"  # all that a recurrent network keeps
-FOUND = "state2"  # of a gated tcn: what all its blocks found in the latest samples, newest last
-HELD = 14  # samples of it
-LARGEST_BYTES = 500_000  # ours are a thirtieth of it
+SUFFIX = ".auxiliary.json"
+CHANGES_STATE = "state1"  # latest changes of the counts, newest last
+HIDDEN_STATE = "state0"  # hidden state of a recurrent network
+FEATURES_STATE = "state2"  # of a gated tcn: sum of the outputs of all blocks, newest last
+FEATURE_SAMPLES = 14  # samples in FEATURES_STATE
+MAX_FILE_BYTES = 500_000  # the packaged files have a thirtieth of it
 OUTPUTS = 2 + SECTORS  # logarithm of the speed, log-odds of turning, scores of the directions
-ENERGY_SAMPLES, LEAST_ENERGY = 10, 0.1  # counts a sample: a tenth of what a taxel at rest has
+ENERGY_SAMPLES, MIN_ENERGY = 10, 0.1  # counts a sample: a tenth of the energy of a taxel at rest
 COUNTS_SCALE = 130.0
 REMEDY = "train it again (`python -m studies slip_types --train` in the source), or remove it"
 Float32s = NDArray[np.float32]
@@ -33,40 +33,40 @@ Counts = NDArray[np.int16] | Float32s
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """Of each fingertip, mean of the last 50 ms; meaningful while it slips."""
+    """Estimated motion of each fingertip, mean of the last 50 ms; valid only while it slips."""
 
     speed_mps: list[float]
     direction_deg: list[int]  # one of eight, from the fingertip's x to its y
-    turning: list[float]  # probability that it turns more than it slides
+    turning: list[float]  # probability that rotation exceeds translation
 
     @property
     def hand_mps(self) -> float:
-        """Median speed of the fingers."""
+        """Median speed of the fingers, m/s."""
         return sorted(self.speed_mps)[len(self.speed_mps) // 2]
 
 
 class Dense(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One layer: outputs are ``weight`` (outputs, inputs) times inputs, and ``bias``."""
+    """Dense layer: ``weight`` (outputs, inputs) times inputs, plus ``bias``."""
 
     weight: list[list[float]]
     bias: list[float]
 
 
 class OutputsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Two layers with a SELU between, and where they come from."""
+    """Two layers with a SELU between them, and their provenance."""
 
     format: Literal[1] = 1
-    network: str  # SHA-256 of the weights file that they were trained on, whose state they read
+    network: str  # SHA-256 of the weights file of the network whose state they read
     data_digest: str
     seed: int
     commit: str
     samples: int
-    scores: dict[str, tuple[float, float, float]]  # of the split `test`, with 95 % intervals
+    scores: dict[str, tuple[float, float, float]]  # on the split `test`, with 95 % intervals
     layers: tuple[Dense, Dense]
 
 
 class AuxiliaryOutputs:
-    """A file of them, ready to be asked."""
+    """Evaluates the two layers of a file."""
 
     def __init__(self, file: OutputsFile) -> None:
         self.file = file
@@ -76,13 +76,13 @@ class AuxiliaryOutputs:
         ]
 
     def outputs(self, inputs: Float32s) -> Float32s:
-        """(..., OUTPUTS) of inputs (..., width)."""
+        """Outputs (..., OUTPUTS) for inputs (..., width)."""
         (w1, b1), (w2, b2) = self.layers
         out: Float32s = selu(inputs @ w1 + b1) @ w2 + b2
         return out
 
     def motion(self, states: Mapping[str, Float32s], counts: Counts) -> Motion:
-        """Of the states that the frame (fingers, taxels) led to."""
+        """Motion from a frame (fingers, taxels) and the network's states after that frame."""
         out = self.outputs(inputs_of(states, counts)).astype(np.float64)
         return Motion(
             np.exp(out[:, 0]).tolist(),
@@ -93,56 +93,59 @@ class AuxiliaryOutputs:
 
 def inputs_of(states: Mapping[str, Float32s], counts: Counts) -> Float32s:
     """Inputs of the first layer (n, width): a summary of the network's states (n, numbers), the
-    frame (n, taxels) that led to them, and the energy of the last 100 ms of changes."""
-    latest = abs(states[CHANGES][:, -ENERGY_SAMPLES * counts.shape[1] :])
-    energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(LEAST_ENERGY))
-    if FOUND in states:  # a gated tcn: its features of now, and the greatest of those it holds
-        found = states[FOUND].reshape(len(states[FOUND]), HELD, -1)
-        summary: tuple[Float32s, ...] = (found[:, -1], found.max(axis=1))
+    frame (n, taxels) that caused them, and the energy of the last 100 ms."""
+    latest = abs(states[CHANGES_STATE][:, -ENERGY_SAMPLES * counts.shape[1] :])
+    energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(MIN_ENERGY))
+    if FEATURES_STATE in states:  # a gated tcn: latest features, and the maximum of each
+        features = states[FEATURES_STATE].reshape(len(states[FEATURES_STATE]), FEATURE_SAMPLES, -1)
+        summary: tuple[Float32s, ...] = (features[:, -1], features.max(axis=1))
     else:
-        summary = (states[SUMMARY],)
+        summary = (states[HIDDEN_STATE],)
     return np.concatenate([*summary, counts / np.float32(COUNTS_SCALE), energy], axis=1)
 
 
-def width_of(loaded: LoadedNetwork) -> int:
-    """How many numbers that is; raises UsageError of a network that keeps no such state."""
-    if not {SUMMARY, CHANGES} <= loaded.states.keys():
-        raise UsageError(f"{loaded.card.name} keeps no state", "give a network that streams")
-    if math.prod(loaded.states.get(FOUND, (HELD,))) % HELD:
-        raise UsageError(f"{loaded.card.name} holds other samples", f"give one of {HELD} and now")
+def input_width(loaded: LoadedNetwork) -> int:
+    """Width of the inputs of that network. Raises UsageError for a network without that state."""
+    if not {HIDDEN_STATE, CHANGES_STATE} <= loaded.states.keys():
+        raise UsageError(f"{loaded.card.name} has no state", "give a streaming network")
+    if math.prod(loaded.states.get(FEATURES_STATE, (FEATURE_SAMPLES,))) % FEATURE_SAMPLES:
+        raise UsageError(
+            f"{loaded.card.name} keeps its features for another number of samples",
+            f"give a network with {FEATURE_SAMPLES} samples in {FEATURES_STATE}",
+        )
     one = {name: np.zeros((1, *shape), np.float32) for name, shape in loaded.states.items()}
     return len(inputs_of(one, np.zeros((1, loaded.taxels), np.float32))[0])
 
 
 def selu(x: Float32s) -> Float32s:
-    """Klambauer et al. 2017."""
+    """Scaled exponential linear unit (Klambauer et al. 2017)."""
     scale, alpha = np.float32(1.0507009873554805), np.float32(1.6732632423543772)
     out: Float32s = scale * np.where(x > 0, x, alpha * np.expm1(np.minimum(x, 0)))
     return out
 
 
 def outputs_path(weights: Path) -> Path:
-    """Where the auxiliary outputs of a weights file lie, if it has any."""
+    """Path of the auxiliary outputs of a weights file."""
     return weights.with_name(weights.stem + SUFFIX)
 
 
 def read_outputs(weights: Path, digest: str, loaded: LoadedNetwork) -> AuxiliaryOutputs | None:
-    """Auxiliary outputs beside a network's weights, if it has any; raises BadFile for a damaged
-    file, and for one of another network (another ``digest``)."""
+    """Auxiliary outputs beside a network's weights; None without a file. Raises BadFile for a
+    damaged file and for one of another network (another ``digest``)."""
     path = outputs_path(weights)
     remedy = REINSTALL if is_packaged(weights) else REMEDY
     if not path.exists():
         return None
     try:
         with path.open("rb") as opened:
-            file = msgspec.json.decode(opened.read(LARGEST_BYTES), type=OutputsFile)
-        made = AuxiliaryOutputs(file)
-    except (OSError, ValueError, RecursionError) as error:  # also layers that are no rectangles
+            file = msgspec.json.decode(opened.read(MAX_FILE_BYTES), type=OutputsFile)
+        outputs = AuxiliaryOutputs(file)
+    except (OSError, ValueError, RecursionError) as error:  # ValueError: also ragged layers
         raise BadFile(path, f"holds no auxiliary outputs: {error}", remedy) from None
     if file.network != digest:
-        raise BadFile(path, f"is of another network than {weights.name}", remedy)
-    width, hidden = width_of(loaded), len(file.layers[0].bias)
-    shapes = [array.shape for layer in made.layers for array in layer]
+        raise BadFile(path, f"belongs to another network than {weights.name}", remedy)
+    width, hidden = input_width(loaded), len(file.layers[0].bias)
+    shapes = [array.shape for layer in outputs.layers for array in layer]
     if shapes != [(width, hidden), (hidden,), (hidden, OUTPUTS), (OUTPUTS,)]:
-        raise BadFile(path, f"does not lead from {width} to {OUTPUTS} numbers", remedy)
-    return made
+        raise BadFile(path, f"has not {width} inputs and {OUTPUTS} outputs", remedy)
+    return outputs

@@ -1,4 +1,4 @@
-"""Decision rules: when do probabilities, sample by sample, amount to a registered slip event?"""
+"""Decision rules that turn slip probabilities, sample by sample, into registered slip events."""
 
 import math
 from typing import Annotated, Literal
@@ -8,12 +8,12 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-MOST_LOG_ODDS = 7.0  # one sample in a thousand: no detector is calibrated beyond that
-LEAST_PROBABILITY = 1.0 / (1.0 + math.exp(MOST_LOG_ODDS))
+MAX_LOG_ODDS = 7.0  # an error in a thousand samples: no detector is calibrated beyond that
+MIN_PROBABILITY = 1.0 / (1.0 + math.exp(MAX_LOG_ODDS))
 
 
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How much evidence makes an event, and how many quiet samples end it."""
+    """Evidence that starts a slip event, and quiet samples that end it."""
 
     # count samples above threshold (paper), or add up log-odds (Page 1954)
     kind: Literal["consecutive", "cusum"] = "consecutive"
@@ -36,20 +36,21 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 3  # assumed
 
     @property
-    def unread(self) -> frozenset[str]:
-        """The settings that this kind of rule has no use for."""
+    def unused(self) -> frozenset[str]:
+        """Settings that this kind of rule does not use."""
         return frozenset({"drift", "limit"} if self.kind == "consecutive" else {"consecutive"})
 
 
 class DecisionRule:
-    """When slip is registered, and on which fingers.
+    """Registers slip events, and on which fingers.
 
-    ``consecutive``: after so many samples in a row above the threshold. ``cusum``: when the sum of
-    log-odds beyond the drift, never below zero, exceeds the limit (Page's test). After ``release``
-    samples in a row at or below the threshold on all fingers the event ends, and the sums restart.
+    ``consecutive``: an event starts after so many samples in a row above the threshold. ``cusum``:
+    it starts when the sum of log-odds minus drift, never below zero, exceeds the limit (Page's
+    test). It ends after ``release`` samples in a row at or below the threshold on all fingers;
+    sums then restart.
 
-    With fusion ``mean`` one rule decides on the mean log-odds of all fingers; the one with the
-    highest probability registers.
+    With fusion ``mean`` the rule uses the mean log-odds of all fingers, and the event is assigned
+    to the finger with the highest probability.
     """
 
     def __init__(self, settings: RuleSettings, fingers: int) -> None:
@@ -60,18 +61,18 @@ class DecisionRule:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
-        self.registered = False  # between registration and release
+        """Clear all state."""
+        self.registered = False  # True from registration to release
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Samples are left out here: runs and sums restart, what is registered stays so."""
+        """Restart runs and sums after a gap in the samples; a registered event continues."""
         self._runs = [0] * self._deciding
         self._sums = np.zeros(self._deciding)
         self._quiet = 0
 
     def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take (fingers,) probabilities; give which fingers (fingers,) register slip now."""
+        """Take (fingers,) probabilities; return the fingers (fingers,) that register slip now."""
         p = mean_probability(probabilities[None])[0] if self._mean else probabilities
         above: list[bool] = (p > self.threshold).tolist()
         self._quiet = 0 if any(above) else self._quiet + 1
@@ -99,10 +100,10 @@ class DecisionRule:
 
 
 def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-odds, limited to what a detector can be believed."""
+    """Log-odds, limited to +-MAX_LOG_ODDS; 0 for NaN."""
     # np.clip takes three times as long for a handful of numbers
-    known = np.where(np.isnan(probabilities), 0.5, probabilities)  # no number: no evidence
-    p = np.minimum(np.maximum(known, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
+    known = np.where(np.isnan(probabilities), 0.5, probabilities)
+    p = np.minimum(np.maximum(known, MIN_PROBABILITY), 1.0 - MIN_PROBABILITY)
     odds: NDArray[np.float64] = np.log(p / (1.0 - p))
     return odds
 
@@ -117,18 +118,18 @@ def mean_probability(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
 def registered_events(
     probabilities: NDArray[np.float64], settings: RuleSettings
 ) -> NDArray[np.intp]:
-    """Events (m, 2) of a whole stream (n, fingers), as `DecisionRule` would register them: the
-    sample that registered slip and the one that released it, n if none did."""
+    """Events (m, 2) that `DecisionRule` registers in a whole stream (n, fingers): the sample of
+    registration and the sample of release, n if it was never released."""
     return events_of(fused(probabilities, settings), settings)
 
 
 def fused(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
-    """What decides of (n, fingers): each finger, or (n, 1) the mean of their log-odds."""
+    """Probabilities that the rule compares: (n, fingers), or (n, 1) for the mean log-odds."""
     return mean_probability(probabilities) if settings.fusion == "mean" else probabilities
 
 
 def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.intp]:
-    """`registered_events` of probabilities that are fused already, where the rule asks for it."""
+    """`registered_events` for the result of `fused`."""
     above = np.greater(probabilities, settings.threshold)
     quiet = _quiet(above, settings.release)
     if settings.kind == "cusum":
@@ -141,31 +142,31 @@ def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDA
 
 
 def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
-    """Sums (n, fingers) of the rule `cusum`; they do not depend on its limit."""
+    """Sums (n, fingers) of the rule `cusum`, independent of its limit."""
     quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
     evidence = log_odds(probabilities) - settings.drift
     sums = np.zeros_like(evidence)
     edges = np.flatnonzero(np.diff(quiet, prepend=True, append=True))
-    for first, after in edges.reshape(-1, 2):  # stretches in which no sum restarts
+    for first, after in edges.reshape(-1, 2):  # intervals without a restart
         total = np.cumsum(evidence[first:after], axis=0)
         sums[first:after] = total - np.minimum(np.minimum.accumulate(total, axis=0), 0.0)
     return sums
 
 
 def _any(fingers: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Samples (n,) on which any of (n, fingers) is true."""
+    """Samples (n,) in which any of (n, fingers) is true."""
     some: NDArray[np.bool_] = np.logical_or.reduce(fingers, axis=1)
     return some
 
 
 def _quiet(above: NDArray[np.bool_], release: int) -> NDArray[np.bool_]:
-    """Samples (n,) up to which all fingers have been below for long enough."""
+    """Samples (n,) that end a run of at least ``release`` samples below on all fingers."""
     quiet: NDArray[np.bool_] = _run_lengths(~_any(above)[:, None])[:, 0] >= release
     return quiet
 
 
 def _run_lengths(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """How many flags in a row, along the first axis, end at each place of (n, fingers)."""
+    """Length of the run of True that ends at each sample of (n, fingers)."""
     position = np.arange(1, len(flags) + 1)[:, None]
     last_off = np.maximum.accumulate(np.where(flags, 0, position), axis=0)
     lengths: NDArray[np.intp] = position - last_off
@@ -173,9 +174,9 @@ def _run_lengths(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def _first_of_each(these: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Where one of these (n,) comes first, or first since one of the others."""
+    """Indices of the first True in ``these`` (n,), and of the first after each of ``others``."""
     marked = np.flatnonzero(these | others)
     kind = these[marked]
     first = kind & ~np.concatenate([[False], kind[:-1]])
-    begins: NDArray[np.intp] = marked[first]
-    return begins
+    starts: NDArray[np.intp] = marked[first]
+    return starts

@@ -1,8 +1,8 @@
-"""The one-number detector that every network has to beat: how much do the taxels change?
+"""Energy detector, the baseline of the networks: mean absolute change of the taxels.
 
-A fingertip that slides is shaken at every frequency that 100 Hz can show, a fingertip at rest is
-not (Grover, Nadeau, Grebe and Kelly 2022 published a recording of both). So the energy of a finger
-is the mean absolute change from frame to frame, over its taxels and a short window, in counts.
+A sliding fingertip vibrates at all frequencies up to 50 Hz, a fingertip at rest does not (recorded
+by Grover, Nadeau, Grebe and Kelly 2022). The energy of a finger is the mean absolute change from
+frame to frame over its taxels and a short window, in counts.
 """
 
 from operator import sub
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from drivers.interfaces import KIT_TAXELS
 
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
-STEEPNESS = 4.0  # log-odds gained per e-fold of a formula's figure; assumed
+STEEPNESS = 4.0  # log-odds gained when the energy or power grows by a factor of e; assumed
 
 
 class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long the detector looks, and which change reads as slip."""
+    """Window and threshold of the energy detector."""
 
     window: Annotated[
         int, Meta(ge=1, le=100, description="changes averaged, samples of 10 ms; assumed")
@@ -33,9 +33,9 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class EnergyDetector:
     """Mean absolute change as a probability.
 
-    After a reset the first frame has no change, and until the window is full the changes still to
-    come count as zero: slip may be found up to a window late, and a reset never raises an alarm. A
-    repeated frame (a missed sample) is a change of zero like any other.
+    The first frame after a reset has no change. Until the window is full, missing changes count
+    as zero: detection may be late by one window, and a reset never causes an alarm. A repeated
+    frame (a missed sample) is a change of zero.
     """
 
     name = "energy"
@@ -44,7 +44,7 @@ class EnergyDetector:
     def __init__(self, settings: EnergySettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self.fingers = fingers
-        self.memory = settings.window + 1  # samples that its changes are made of
+        self.memory = settings.window + 1  # samples between which the changes are taken
         self._shape = (fingers, taxels)
         self._per_energy = settings.window * taxels
         self.reset()
@@ -61,7 +61,7 @@ class EnergyDetector:
         return [total / self._per_energy for total in self._sums]
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         # for 18 numbers plain integers are quicker than arrays, and they cannot overflow
@@ -78,7 +78,7 @@ class EnergyDetector:
 
 
 def probability_of(energy_counts: float, threshold_counts: float) -> float:
-    """Logistic in the log of the energy: 0 for none, exactly 0.5 at the threshold."""
+    """Logistic function of the logarithm of the energy: 0 at 0, exactly 0.5 at the threshold."""
     if energy_counts == 0.0:
         return 0.0
     ratio: float = (threshold_counts / energy_counts) ** STEEPNESS
@@ -86,7 +86,7 @@ def probability_of(energy_counts: float, threshold_counts: float) -> float:
 
 
 def energy_series(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
-    """Energies (n, fingers) of a recording (n, fingers, taxels), as the detector streams them."""
+    """Energies (n, fingers) of a recording (n, fingers, taxels), equal to the streamed ones."""
     changes = np.abs(np.diff(counts.astype(np.int64), axis=0, prepend=counts[:1])).sum(axis=2)
     total = np.cumsum(changes, axis=0)
     total[window:] -= total[:-window].copy()

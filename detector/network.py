@@ -1,7 +1,7 @@
-"""Networks at run time: ONNX Runtime, one thread, all fingertips in one call, nothing allocated.
+"""Networks at run time: ONNX Runtime, one thread, all fingertips in one call, no allocation.
 
-The state of a streaming network lies in two sets of arrays that take turns as input and output,
-bound once by address, so an update copies 18 numbers in and 3 out.
+A streaming network has two sets of state arrays that alternate as input and output. They are bound
+once by address, so an update copies 18 numbers in and 3 out.
 """
 
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ Float32s = NDArray[np.float32]
 
 
 class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which weights a network runs with."""
+    """Weights of a network."""
 
     weights: Annotated[
         str, Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name")
@@ -37,10 +37,10 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class StreamingNetwork:
-    """A causal network with explicit state.
+    """Causal network with explicit state.
 
-    A reset clears the state, as if no sample had ever been seen, and the first frame after it has
-    no change. A repeated frame (a missed sample) is a frame like any other.
+    A reset clears the state; the first frame after it has no change. A repeated frame (a missed
+    sample) is processed like any other.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class StreamingNetwork:
         self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
         self._takes_previous = loaded.previous
-        # two frames and two sets of states: what one call wrote, the next one reads
+        # two frames and two sets of states: each call reads what the one before wrote
         self._frames = [np.zeros(self._shape, np.float32) for _ in range(2)]
         self._states = [
             {name: np.zeros((fingers, *shape), np.float32) for name, shape in loaded.states.items()}
@@ -64,7 +64,7 @@ class StreamingNetwork:
         self.reset()
 
     def _bind(self, turn: int) -> Any:
-        """Reads the frame and states of this turn, writes the states of the other."""
+        """Binding that reads the frame and states of this turn and writes those of the other."""
         binding = self._session.io_binding()
         _bind_input(binding, "counts", self._frames[turn])
         if self._takes_previous:
@@ -83,7 +83,7 @@ class StreamingNetwork:
             state.fill(0.0)
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         turn = self._turn
@@ -96,16 +96,16 @@ class StreamingNetwork:
         return self._probability.astype(np.float64)
 
     def motion(self) -> Motion | None:
-        """How the fingertips move at the latest frame; None without one, or auxiliary outputs."""
+        """Estimated motion at the latest frame; None without a frame or auxiliary outputs."""
         if self._outputs is None or not self._started:
             return None
         return self._outputs.motion(self._states[self._turn], self._frames[1 - self._turn])
 
 
 class WindowedNetwork:
-    """A network that is given the whole window for each frame.
+    """Network that processes a whole window for each frame.
 
-    Until a window has passed since the reset, the first frame stands for what came before it.
+    Until the window is full after a reset, the first frame is repeated.
     """
 
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
@@ -123,7 +123,7 @@ class WindowedNetwork:
         self._window.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
         self._session.run_with_iobinding(self._binding)
         return self._probability.astype(np.float64)
@@ -140,7 +140,7 @@ def _bind_output(binding: Any, name: str, array: Float32s) -> None:
 def run_network(
     loaded: LoadedNetwork, fingers: int, outputs: AuxiliaryOutputs | None = None
 ) -> StreamingNetwork | WindowedNetwork:
-    """The detector of a loaded file, reset."""
+    """Detector of a loaded network file, reset."""
     if loaded.card.mode == "stream":
         return StreamingNetwork(loaded, fingers, outputs)
     return WindowedNetwork(loaded, fingers)
@@ -149,9 +149,11 @@ def run_network(
 def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from its weights and the outputs beside them; raises BadFile, and UsageError for
-    fingertips of another layout, for two files, and for weights whose card names another network
-    than the packaged one under whose rule they would run."""
+    """Detector from a weights file and the auxiliary outputs beside it.
+
+    Raises BadFile for a bad file. Raises UsageError for another layout, for two weights files, and
+    for the name of a packaged network with weights of another one: its rule would not fit.
+    """
     if settings.weights and is_weights(name):
         both = f"{name} and network.weights={settings.weights}"
         raise UsageError(f"{both} are two files of weights", "name one")
@@ -164,7 +166,7 @@ def load_network(
             f"the rule of {name!r} is not tuned for it: `--detector {loaded.card.name}` with these "
             "weights, or `--detector FILE.onnx` and a rule of its own",
         )
-    if is_weights(chosen):  # two files may say the same name of themselves
+    if is_weights(chosen):  # the names in the cards of two files may be equal
         card = msgspec.structs.replace(loaded.card, name=path.name)
         loaded = msgspec.structs.replace(loaded, card=card)
     check_layout(name, loaded.taxels, taxels)

@@ -1,7 +1,6 @@
-"""Trained networks as files: ONNX, and in the file's metadata a card of what it is and where from.
+"""Network files: ONNX, with a card in the metadata that describes the network and its training.
 
-Nothing in a file is ever unpickled or executed but the graph, by ONNX Runtime, once card and shapes
-have been checked.
+Nothing is unpickled. ONNX Runtime executes the graph after card and shapes were checked.
 """
 
 import hashlib
@@ -15,19 +14,18 @@ import numpy as np
 from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
 
-FORMAT = 2  # 1 had no checksum
-READ = (1, FORMAT)
-NO_CHECKSUM = "0" * 64  # stands in the card while the checksum is made
+FORMAT = 2  # 1: without checksum
+READABLE_FORMATS = (1, FORMAT)
+NO_CHECKSUM = "0" * 64  # placeholder in the card while the checksum is computed
 CARD_KEY = "grasp"
 SUFFIX = ".onnx"
-LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
-# Key under which a tensor names another file that holds its values (TensorProto.external_data)
-OTHER_FILE = b"\x0a\x08location"
+MAX_FILE_BYTES = 4_000_000  # the packaged files have a tenth of a megabyte
+# Key under which a tensor names an external file with its values (TensorProto.external_data)
+EXTERNAL_DATA_KEY = b"\x0a\x08location"
 WEIGHTS = Path(__file__).parent / "weights"
 
 REINSTALL = "install `grasp` again"
-# SHA-256 of the packaged ones: whole, and each itself
-PACKAGED = {
+PACKAGED_SHA256 = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
     "gru": "28cca7646b5bcb489bf2acce6f80901c73ba41c50d5ae75471c457476cece696",
     "tcn": "f5a262c4ccc4d21705dd59a20ae650aa160697c3b3adb7bf927ac90c78c56818",
@@ -39,21 +37,21 @@ Shape = tuple[int, ...]
 
 
 class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
-    """What a weights file says of itself."""
+    """Description in a weights file."""
 
     format: int
     name: str
-    mode: Mode  # a frame and a state at a time, or a whole window
-    # samples that a `window` graph takes; for `stream` how many before the newest play a part,
+    mode: Mode  # one frame and a state, or a whole window
+    # `window`: samples of the input. `stream`: samples before the newest that affect the output,
     # 0: unbounded
     window: int
     threshold: float = 0.5  # probability above which a sample is slip
-    parameters: int = 0  # 0: a file without a card, which is called as it lies there
+    parameters: int = 0  # 0: a file without a card; its name is that of the file
     mean_counts: tuple[float, ...]  # of each taxel
     std_counts: tuple[float, ...] = ()
     change_scale_counts: float = 1.0
-    temperature: float = 1.0  # already applied in the graph, as is the shift to the true share of
-    shift: float = 0.0  # slip
+    temperature: float = 1.0  # calibration, already applied in the graph
+    shift: float = 0.0  # of the log-odds to the true share of slip, already applied
     data_digest: str = ""
     label: str = ""
     augmentation: str = ""
@@ -63,25 +61,25 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     steps: int = 0
     training_minutes: float = 0.0
     validation: dict[str, float] = {}
-    sha256: str = ""  # of the file, with NO_CHECKSUM in its place
+    sha256: str = ""  # of the file with NO_CHECKSUM in this field
 
 
 class LoadedNetwork(msgspec.Struct, frozen=True):
-    """A checked file: its card, an ONNX Runtime session, and whether it takes the frame before."""
+    """A checked network file: its card and an ONNX Runtime session."""
 
     card: NetworkCard
     session: Any
-    states: dict[str, Shape]  # of a finger
-    previous: bool
+    states: dict[str, Shape]  # state shapes of one finger, by input name
+    previous: bool  # True: the previous frame is an input too
 
     @property
     def taxels(self) -> int:
-        """Of the fingertips that it was trained on."""
+        """Taxels of a fingertip that the network was trained for."""
         return len(self.card.mean_counts)
 
 
 def check_layout(name: str, made_for: int, taxels: int) -> None:
-    """Raises UsageError when a detector for fingertips of so many taxels meets others."""
+    """Raise UsageError if a detector was made for another number of taxels per fingertip."""
     if made_for != taxels:
         raise UsageError(
             f"detector {name!r} was made for fingertips of {made_for} taxels, not of {taxels}",
@@ -90,58 +88,58 @@ def check_layout(name: str, made_for: int, taxels: int) -> None:
 
 
 def is_weights(word: str) -> bool:
-    """Whether a word is the path of a weights file rather than a name."""
+    """Whether a word is the path of a weights file, not a name."""
     return word.endswith(SUFFIX)
 
 
 def weights_path(weights: str) -> Path:
-    """A packaged network's name, or the path of a file that ends in .onnx."""
+    """Path of the weights: a packaged network's name, or a path that ends in .onnx."""
     return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{SUFFIX}"
 
 
 def packaged_networks() -> tuple[str, ...]:
-    """Names of the networks that come with the project."""
-    return tuple(PACKAGED)
+    """Names of the packaged networks."""
+    return tuple(PACKAGED_SHA256)
 
 
 def is_packaged(path: Path) -> bool:
-    """Whether a file is that of a network that comes with the project."""
-    return path.parent == WEIGHTS and path.stem in PACKAGED
+    """Whether a file is that of a packaged network."""
+    return path.parent == WEIGHTS and path.stem in PACKAGED_SHA256
 
 
 def weights_digest(path: Path) -> str:
-    """SHA-256 of the file, whatever it is called; of what cannot be read, its path instead."""
+    """SHA-256 of the file's content; the path if the file cannot be read."""
     try:
         return hashlib.sha256(_content(path)).hexdigest()
     except BadFile:
-        return str(path)  # the error is reported where the network is loaded
+        return str(path)  # loading the network reports the error
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load, check and try a weights file (docs/extending.md); raises BadFile for anything else."""
+    """Load a weights file, check it and run it once (docs/extending.md). Raises BadFile."""
     content = _content(path)
-    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
-        raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
-    if OTHER_FILE in content:
+    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED_SHA256[path.stem]:
+        raise BadFile(path, "damaged: it differs from the packaged file", REINSTALL)
+    if EXTERNAL_DATA_KEY in content:
         raise _bad(path, "takes data from other files, which is not allowed")
     try:
         loaded = _loaded(path, _session(content))
-        told = loaded.card.sha256
-        has_sum = told or loaded.card.format >= FORMAT
-        if has_sum and (not told or _checksum(content, told) != told):
-            raise _bad(path, "damaged: it is not what its checksum says")
+        stored = loaded.card.sha256
+        has_sum = stored or loaded.card.format >= FORMAT
+        if has_sum and (not stored or _checksum(content, stored) != stored):
+            raise _bad(path, "damaged: its checksum does not match")
         for fingers in (1, FINGERS):
-            _try(path, loaded, fingers)
+            _test_run(path, loaded, fingers)
     except BadFile:
         raise
-    except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
-        problem = f"damaged, or no ONNX graph that can run ({type(error).__name__})"
+    except Exception as error:  # onnxruntime has its own exception class for each kind of damage
+        problem = f"damaged, or not an ONNX graph that can run ({type(error).__name__})"
         raise _bad(path, problem) from None
     return loaded
 
 
-def sealed(model: Any, card: NetworkCard) -> bytes:
-    """The file of an `onnx.ModelProto` with that card, and its checksum."""
+def with_checksum(model: Any, card: NetworkCard) -> bytes:
+    """Content of the file of an `onnx.ModelProto` with that card and a checksum."""
     del model.metadata_props[:]
     open_card = msgspec.structs.replace(card, sha256=NO_CHECKSUM)
     model.metadata_props.add(key=CARD_KEY, value=msgspec.json.encode(open_card).decode())
@@ -149,34 +147,34 @@ def sealed(model: Any, card: NetworkCard) -> bytes:
     return content.replace(NO_CHECKSUM.encode(), _checksum(content, NO_CHECKSUM).encode())
 
 
-def _checksum(content: bytes, written: str) -> str:
-    """Of a file in which ``written`` stands for it."""
-    return hashlib.sha256(content.replace(written.encode(), NO_CHECKSUM.encode())).hexdigest()
+def _checksum(content: bytes, stored: str) -> str:
+    """SHA-256 of the content with the ``stored`` checksum replaced by NO_CHECKSUM."""
+    return hashlib.sha256(content.replace(stored.encode(), NO_CHECKSUM.encode())).hexdigest()
 
 
 def _content(path: Path) -> bytes:
-    """No more of the file than a network may have."""
+    """Content of the file. Raises BadFile beyond MAX_FILE_BYTES."""
     try:
         with path.open("rb") as file:
-            content = file.read(LARGEST_BYTES + 1)
+            content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise _bad(path, f"cannot be read: {error.strerror}") from None
-    if len(content) > LARGEST_BYTES:
-        raise _bad(path, f"more than {LARGEST_BYTES} bytes: no network of this project")
+    if len(content) > MAX_FILE_BYTES:
+        raise _bad(path, f"more than {MAX_FILE_BYTES} bytes: not a slip detection network")
     return content
 
 
 def _session(content: bytes) -> Any:
-    # versions from 1.29 on report each session to their maker, over the Internet
+    # from version 1.29 on, each session is reported over the Internet by default
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
+    import onnxruntime as ort  # noqa: PLC0415 (`energy` starts faster without it)
 
-    ort.set_default_logger_severity(4)  # an exception says it already
+    ort.set_default_logger_severity(4)  # an exception has the same message
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # without the fallback to other providers, which it announces on standard output
+    # without the fallback to other providers, which prints to standard output
     return ort.InferenceSession(
         content, options, providers=["CPUExecutionProvider"], enable_fallback=0
     )
@@ -188,53 +186,55 @@ def _loaded(path: Path, session: Any) -> LoadedNetwork:
         fingers, *shape = each.shape or [1]
         fixed = all(isinstance(n, int) and n > 0 for n in shape)
         if each.type != "tensor(float)" or isinstance(fingers, int) or not fixed:
-            wanted = "float (fingers, ...) with all axes but the first fixed"
-            raise _bad(path, f"input {each.name!r} is {each.type} {each.shape}, not {wanted}")
+            expected = "float (fingers, ...) with all axes but the first fixed"
+            raise _bad(path, f"input {each.name!r} is {each.type} {each.shape}, not {expected}")
         inputs[each.name] = tuple(shape)
     card = _card(path, session, inputs.get("counts", ()))
     frame: Shape = (len(card.mean_counts),)
-    known = {"counts": frame if card.mode == "stream" else (card.window, *frame)}
+    by_card = {"counts": frame if card.mode == "stream" else (card.window, *frame)}
     states = {}
     if card.mode == "stream":
         states = {name: shape for name, shape in inputs.items() if name.startswith("state")}
-        known |= states | ({"previous": frame} if "previous" in inputs else {})
-    if inputs != known:
-        raise _bad(path, f"inputs are {inputs}, not {known} as its card says")
+        by_card |= states | ({"previous": frame} if "previous" in inputs else {})
+    if inputs != by_card:
+        raise _bad(path, f"inputs are {inputs}, not {by_card} as in its card")
     return LoadedNetwork(card, session, states, "previous" in inputs)
 
 
-def _try(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
-    """A graph that cannot run, or gives no probability, is found here and not in a lift."""
-    fed = {
+def _test_run(path: Path, loaded: LoadedNetwork, fingers: int) -> None:
+    """Run the graph on zeros. Raises BadFile for outputs that are not probabilities and states."""
+    feeds = {
         each.name: np.zeros((fingers, *each.shape[1:]), np.float32)
         for each in loaded.session.get_inputs()
     }
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
-    p, *states = loaded.session.run(names, fed)
+    p, *states = loaded.session.run(names, feeds)
     if p.shape != (fingers,) or p.dtype != np.float32 or not ((p >= 0.0) & (p <= 1.0)).all():
-        raise _bad(path, f"gives {p}, not a probability a finger")
+        raise _bad(path, f"returns {p}, not a probability per finger")
     for name, state in zip(loaded.states, states, strict=True):
-        if state.shape != fed[name].shape or not np.isfinite(state).all():
-            raise _bad(path, f"{name} does not come out as it went in")
+        if state.shape != feeds[name].shape or not np.isfinite(state).all():
+            raise _bad(path, f"next_{name} is not finite, or has another shape than {name}")
 
 
 def _card(path: Path, session: Any, counts: Shape) -> NetworkCard:
-    """The card in the file; where it has none, what the shape of ``counts`` says: (taxels,) is a
-    frame at a time, (samples, taxels) a window."""
+    """The card in the file. Without one, the shape of ``counts`` determines the mode: (taxels,) is
+    a stream, (samples, taxels) a window."""
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
         if len(counts) not in (1, 2):
-            raise _bad(path, "no card, and no input `counts` of a frame or a window")
+            raise _bad(path, "no card, and no input `counts` with a frame or a window")
+        mode: Mode = "stream" if len(counts) == 1 else "window"
         return NetworkCard(
-            format=READ[0], name=path.stem, mode="stream" if len(counts) == 1 else "window",
+            format=READABLE_FORMATS[0], name=path.stem, mode=mode,
             window=counts[0] if len(counts) == 2 else 0, mean_counts=(0.0,) * counts[-1],
         )  # fmt: skip
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
     except msgspec.DecodeError as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
-    if card.format not in READ:
-        raise _bad(path, f"format {card.format}, this version reads {READ[0]} to {FORMAT}")
+    if card.format not in READABLE_FORMATS:
+        known = f"{READABLE_FORMATS[0]} to {FORMAT}"
+        raise _bad(path, f"format {card.format}, this version reads {known}")
     return card
 
 
@@ -243,5 +243,5 @@ def _bad(path: Path, problem: str) -> BadFile:
         return BadFile(path, f"{problem}; it is part of `grasp`", REINSTALL)
     return BadFile(
         path, problem,
-        "give one that `grasp detector train` wrote, or whose tensors are as in docs/extending.md",
+        "give a file of `grasp detector train`, or one with the tensors of docs/extending.md",
     )  # fmt: skip

@@ -1,8 +1,8 @@
-"""Detectors from the power spectrum, after Holweg et al. 1996: as the paper ran it, and a fair one.
+"""Spectral detectors after Holweg et al. 1996: the paper's version and a fairer one.
 
-The paper's adds the standardised taxels up first and sums the power of one second from 1 to 50 Hz.
-It reached 57.4 %. The fair one takes amplitudes from 5 to 50 Hz in the last 0.2 s, taxel by taxel,
-as the authors' own analysis of vibration does.
+`psd` (the paper's; accuracy 57.4 % there) sums the standardised taxels first and takes their power
+from 1 to 50 Hz over one second. `psd-fair` takes the amplitude of each taxel from 5 to 50 Hz over
+the last 0.2 s, like the authors' analysis of vibration.
 """
 
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from detector.energy import STEEPNESS
 from detector.network_file import check_layout
 from drivers.interfaces import KIT_TAXELS
 
-# Of the published detector, from the authors' configuration
+# The published detector, from the authors' configuration
 PAPER_WINDOW = 100
 MEAN_COUNTS = (-120.24, -59.29, -14.26, -19.77, -55.34, -60.12)
 STD_COUNTS = (182.70, 146.50, 80.06, 86.97, 140.52, 143.61)
@@ -24,23 +24,23 @@ FAIR_WINDOW = 21  # the authors' own analysis
 
 
 class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How much power reads as slip."""
+    """Threshold of `psd`."""
 
     threshold_power: Annotated[
         float, Meta(ge=1.0, le=1e6, description="power above which a window is slip")
-    ] = 11000.0  # of the authors' configuration
+    ] = 11000.0  # the authors' configuration
 
 
 class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How much vibration reads as slip."""
+    """Threshold of `psd-fair`."""
 
     threshold_counts: Annotated[
         float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5")
-    ] = 150.0  # assumed: between the authors' clip at rest (59) and slipping (373)
+    ] = 150.0  # assumed: between the authors' recording at rest (59) and slipping (373)
 
 
 class SampleWindow:
-    """The last samples (fingers, length, taxels); the first one stands for those before it."""
+    """Sliding window (fingers, length, taxels); until it is full, the first sample is repeated."""
 
     def __init__(self, fingers: int, length: int, taxels: int, dtype: type = np.float64) -> None:
         self._shape = (fingers, taxels)
@@ -62,7 +62,7 @@ class SampleWindow:
 
 
 class PsdDetector:
-    """Power of the taxels' sum over a second, 1-50 Hz."""
+    """Power of the sum of all taxels over one second, 1-50 Hz."""
 
     name = "psd"
     threshold = 0.5
@@ -75,7 +75,7 @@ class PsdDetector:
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
         common = ((self._window.samples - np.array(MEAN_COUNTS)) / np.array(STD_COUNTS)).sum(axis=2)
         power = np.square(np.abs(np.fft.rfft(common, axis=1)[:, 1:])).sum(axis=1)
@@ -83,7 +83,7 @@ class PsdDetector:
 
 
 class PsdFairDetector:
-    """Amplitudes of all taxels from the lowest frequency of the window to 50 Hz."""
+    """Amplitude of every taxel, 5-50 Hz, over the last 0.2 s."""
 
     name = "psd-fair"
     threshold = 0.5
@@ -95,7 +95,7 @@ class PsdFairDetector:
         self.reset = self._window.reset
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); return (fingers,) probabilities."""
         self._window.add(counts)
         spectra = np.abs(np.fft.rfft(self._window.samples, axis=1)[:, 1:])
         amplitude = spectra.sum(axis=(1, 2)) / (FAIR_WINDOW - 1)
@@ -103,7 +103,7 @@ class PsdFairDetector:
 
 
 def _probability(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Logistic in the log of the values (n,), 0.5 at the threshold, 0 for nothing at all."""
+    """Logistic function of the logarithm of the values (n,): 0.5 at the threshold, 0 at 0."""
     odds = (values / threshold) ** STEEPNESS
     probabilities: NDArray[np.float64] = odds / (1.0 + odds)
     return probabilities

@@ -1,8 +1,7 @@
-"""Tactile recordings with labels: the one owner of their file format.
+"""Labelled tactile recordings, and their file format (docs/data-formats.md).
 
 A recording is one ``.npz`` file: the arrays of ``_ARRAYS`` and ``header``, a JSON text. Plain CSV
-of one fingertip is read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in
-docs/data-formats.md.
+of one fingertip can be read too: ``t_s,p0,...,p5,slip`` and optionally ``slip_true``.
 """
 
 import math
@@ -20,33 +19,33 @@ from numpy.typing import NDArray
 from drivers.errors import BadFile
 from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 
-GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
+GAP_PERIODS = 1.5  # a longer time between two samples means that samples were missed
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
-MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
-RATE_SAMPLES = 20  # from which a rate can be judged
-MOVED_M = 0.001  # further than this has moved
+MAX_RATE_FACTOR = 1.2  # period of a CSV over the period of 10 ms, or its inverse
+RATE_SAMPLES = 20  # fewer do not determine a rate
+MOVED_M = 0.001  # a larger displacement has the label `moved`
 
 LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
 
 
-class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Something done to a held object, and what came of it."""
+class AppliedDisturbance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A disturbance of a held object, and the displacement that it caused."""
 
     t_s: float
     kind: str
     direction: str
     impulse_n_s: float = 0.0  # of an impact, shove or touch
-    furthest_m: float = 0.0  # from where it was before, while it lasted
-    moved_m: float = 0.0  # for good
+    furthest_m: float = 0.0  # largest displacement
+    moved_m: float = 0.0  # lasting displacement
 
 
 class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What was done, and all that is needed to do it again."""
+    """Conditions of a recording, sufficient to reproduce it."""
 
     set: Literal["slide", "disturbances"]
     split: Split
@@ -56,23 +55,24 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     spin_radps: float  # commanded; 0 for a translation
     direction: str  # degrees in the fingertip's plane, "0" to "315", or "cw", "ccw"; empty: none
     seed: int
-    cause: str = ""  # of a `disturbances`: what shook the signal
+    cause: str = ""  # of the set `disturbances`: what changes the signal
     layout: str = ""  # of the taxels, by its name or path; empty: the kit's
-    files: dict[str, str] = {}  # of one's own that it was made with, and a fingerprint of each
-    part: str = ""  # of a data set that draws from several sets of ranges
-    parameters: dict[str, float] = {}  # physical ones drawn for it, units in the names
-    object: dict[str, float | str | bool | list[int]] = {}  # what the hand holds
-    acts: tuple[Act, ...] = ()  # in the order of time
+    files: dict[str, str] = {}  # the user's files that it was made with, with their digests
+    part: str = ""  # of a data set with several parts
+    parameters: dict[str, float] = {}  # random settings of this recording, units in the names
+    object: dict[str, float | str | bool | list[int]] = {}  # held object
+    # in the order of time; `acts` in files
+    disturbances: tuple[AppliedDisturbance, ...] = msgspec.field(default=(), name="acts")
     commit: str = ""
 
 
 class Recording(msgspec.Struct, frozen=True, eq=False):
-    """Labelled frames at the times at which they came; nothing is resampled, arrays are read-only.
+    """Labelled frames at their measured times, not resampled; arrays are read-only.
 
-    ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
-    0.2 rad/s); ``slip_true`` says that the contact itself slides; ``moved_m`` is how far what is
-    touched lies from where it last rested against the fingertips (docs/detectors.md). What nobody
-    knows or measured is None.
+    ``slip`` is the label of the labelling rule (in the paper: the fingertip moves faster than
+    3 mm/s or 0.2 rad/s). ``slip_true`` is True while the contact itself slides. ``moved_m`` is the
+    distance of the touched object from its last position at rest against the fingertips
+    (docs/detectors.md). Unknown quantities are None.
     """
 
     t_s: NDArray[np.float64]  # (n,)
@@ -88,12 +88,13 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     moved_m: NDArray[np.float32] | None = None  # (n,)
 
     def label(self, name: LabelName) -> NDArray[np.bool_]:
-        """(n,) by that name; ``moved``: further than MOVED_M. Raises BadFile for a lacking one."""
+        """Label (n,) of that name; ``moved``: ``moved_m`` above MOVED_M. Raises BadFile if the
+        recording does not have it."""
         moved = None if self.moved_m is None else self.moved_m > MOVED_M
-        found = {"slip": self.slip, "slip_true": self.slip_true, "moved": moved}[name]
-        if found is None:
-            raise BadFile(self.source, f"has no {name}", "judge it by another label")
-        return found
+        label = {"slip": self.slip, "slip_true": self.slip_true, "moved": moved}[name]
+        if label is None:
+            raise BadFile(self.source, f"has no {name}", "use another label")
+        return label
 
     @property
     def fingers(self) -> int:
@@ -101,30 +102,30 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def taxels(self) -> int:
-        """Of a finger."""
+        """Taxels per finger."""
         return int(self.counts.shape[2])
 
 
 def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Samples lost between each two neighbours: (n,) times in seconds to (n - 1,)."""
+    """Missed samples between neighbours (n - 1,), from times (n,) in seconds."""
     periods = np.diff(t_s) / PERIOD_S
     lost = np.maximum(np.rint(periods).astype(np.intp) - 1, 1)
     return np.where(periods > GAP_PERIODS, lost, 0)
 
 
 def read(path: Path | str, labelled: bool = True) -> Recording:
-    """Read a recording, ``.npz`` or CSV by its suffix; raises BadFile. Where no label is asked for,
-    a CSV without one is read as if nothing slipped."""
+    """Read a recording, ``.npz`` or CSV by its suffix. Raises BadFile. With ``labelled`` False, a
+    CSV may lack the label, which is then static throughout."""
     path = Path(path)
-    if path.is_char_device():  # which may never end
-        raise BadFile(path, "is no file", "give the path of a recording")
+    if path.is_char_device():  # reading it may never end
+        raise BadFile(path, "is not a file", "give the path of a recording")
     return _read_npz(path) if path.suffix == SUFFIX else read_csv(path, labelled)
 
 
 def write(path: Path | str, recording: Recording) -> None:
-    """Write ``.npz``, all of it or nothing; equal recordings give equal files.
+    """Write ``.npz`` atomically; equal recordings give equal files.
 
-    Raises BadFile for one that could not be read back, OSError for what the disk refuses.
+    Raises BadFile for a recording that could not be read back, OSError of the file system.
     """
     path = Path(path)
     if path.suffix != SUFFIX:
@@ -139,7 +140,7 @@ def write(path: Path | str, recording: Recording) -> None:
 
 
 def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """All of it or nothing. Raises OSError with the file's name, which a full disk does not say."""
+    """Write a file atomically. Raises OSError with the file's name, also for a full disk."""
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
@@ -152,23 +153,23 @@ def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
 
 
 def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
-    """All ``.npz`` recordings under a folder, sorted by path; with ``split`` those of it alone.
+    """All ``.npz`` recordings under a folder, sorted by path; with ``split`` only those of it.
 
-    Raises BadFile for the first file that is none, and when there is nothing to read.
+    Raises BadFile for the first damaged file, and for a folder without recordings.
     """
     folder = Path(folder)
-    found = []
+    recordings = []
     for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")):
         recording = read(path)
         if split is not None and recording.metadata is None:
             raise BadFile(path, "belongs to no split", "write it with metadata")
         if split is None or (recording.metadata and recording.metadata.split == split):
-            found.append(recording)
-    if not found:
-        what = f"no {split} recordings" if split else "no recordings"
-        what = what if folder.is_dir() else "no such folder"
-        raise BadFile(folder, what, "name a folder of `grasp dataset build`, or `collect`")
-    return found
+            recordings.append(recording)
+    if not recordings:
+        problem = f"no {split} recordings" if split else "no recordings"
+        problem = problem if folder.is_dir() else "no such folder"
+        raise BadFile(folder, problem, "name a folder of `grasp dataset build`, or `collect`")
+    return recordings
 
 
 class _Header(msgspec.Struct, frozen=True):
@@ -177,7 +178,7 @@ class _Header(msgspec.Struct, frozen=True):
     metadata: Metadata | None
 
 
-# dtype, shape after the samples (None: any number of fingers, of taxels), needed
+# dtype, shape after the samples (None: any number of fingers or taxels), required
 _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
     "t_s": (np.float64, (), True),
     "counts": (np.int16, (None, None), True),
@@ -193,8 +194,11 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 
 def _read_npz(path: Path) -> Recording:
     source = str(path)
-    again = "copy or build the file again"
-    with _readable(path, again), np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
+    remedy = "copy or build the file again"
+    with (
+        _as_bad_file(path, remedy),
+        np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file,
+    ):
         stored = {name: file[name] for name in file.files}
     header = _header(stored.pop("header", None), source)
     unknown = sorted(stored.keys() - _ARRAYS.keys())
@@ -205,8 +209,8 @@ def _read_npz(path: Path) -> Recording:
 
 
 @contextmanager
-def _readable(path: Path, remedy: str) -> Iterator[None]:
-    """What goes wrong in reading the file becomes a BadFile."""
+def _as_bad_file(path: Path, remedy: str) -> Iterator[None]:
+    """Convert exceptions of reading the file to BadFile."""
     try:
         yield
     except FileNotFoundError:
@@ -226,22 +230,22 @@ def _read_only(
 
 
 def _header(stored: NDArray[Any] | None, source: str) -> _Header:
-    again = "make it again with this version: `grasp dataset build` or `grasp run acquire`"
+    remedy = "make it again with this version: `grasp dataset build` or `grasp run acquire`"
     if stored is None or stored.shape != () or stored.dtype.kind != "U":
-        raise BadFile(source, "has no header: not a recording", again)
+        raise BadFile(source, "has no header: not a recording", remedy)
     try:
         return msgspec.json.decode(str(stored), type=_Header)
     except msgspec.DecodeError as error:
-        raise BadFile(source, f"bad header: {error}", again) from None
+        raise BadFile(source, f"bad header: {error}", remedy) from None
 
 
 def _check_arrays(arrays: dict[str, Any], source: str) -> None:
-    """Raises BadFile unless these are the arrays of a recording."""
+    """Raise BadFile unless these are the arrays of a recording."""
 
     def refuse(problem: str, remedy: str = "see docs/data-formats.md") -> None:
         raise BadFile(source, problem, remedy)
 
-    missing = [name for name, (_, _, needed) in _ARRAYS.items() if needed and name not in arrays]
+    missing = [name for name, (*_, required) in _ARRAYS.items() if required and name not in arrays]
     if missing:
         refuse(f"{', '.join(missing)} missing")
     samples = arrays["t_s"].shape[0] if arrays["t_s"].ndim else 0
@@ -249,24 +253,24 @@ def _check_arrays(arrays: dict[str, Any], source: str) -> None:
         refuse(f"{samples} samples", "at least 2 are needed")
     for name, array in arrays.items():
         dtype, shape, _ = _ARRAYS[name]
-        wanted = (samples, *shape)
-        fits = array.ndim == len(wanted) and all(
-            n == m if m is not None else n > 0 for n, m in zip(array.shape, wanted, strict=True)
+        expected = (samples, *shape)
+        fits = array.ndim == len(expected) and all(
+            n == m if m is not None else n > 0 for n, m in zip(array.shape, expected, strict=True)
         )
         if array.dtype != dtype or not fits:
-            refuse(f"{name} is {array.dtype} {array.shape}, not {np.dtype(dtype)} {wanted}")
+            refuse(f"{name} is {array.dtype} {array.shape}, not {np.dtype(dtype)} {expected}")
         if not np.isfinite(array).all():
-            refuse(f"{name} holds values that are no finite numbers")
+            refuse(f"{name} holds values that are not finite")
     if abs(arrays["counts"].astype(np.int32)).max() > COUNTS_LIMIT:
         refuse(f"counts beyond +-{COUNTS_LIMIT}", "write raw minus rest, unscaled")
     _check_times(arrays["t_s"], None, source)
 
 
 def read_csv(path: Path | str, labelled: bool = True) -> Recording:
-    """Read a recording of one fingertip; raises BadFile at the first thing that is wrong. One that
-    is not ``labelled`` may lack the label, and then holds no slip."""
+    """Read a recording of one fingertip. Raises BadFile for the first error. With ``labelled``
+    False, the label may be missing and is then static throughout."""
     source = str(path)
-    with _readable(Path(path), "give a CSV file in UTF-8"):
+    with _as_bad_file(Path(path), "give a CSV file in UTF-8"):
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     columns = _columns(lines, source, labelled)
     rows = {i: line.split(",") for i, line in enumerate(lines[1:], start=2) if line.strip()}
@@ -294,19 +298,19 @@ def _columns(lines: list[str], source: str, labelled: bool) -> tuple[str, ...]:
         return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
 
     kit = ",".join(names(KIT_TAXELS))
-    wanted = f"the first line must be {kit}, or of other taxels, with or without ,{OPTIONAL}"
+    remedy = f"the first line must be {kit} (or more or fewer taxels), with or without ,{OPTIONAL}"
     if not lines:
-        raise BadFile(source, "empty", wanted)
+        raise BadFile(source, "empty", remedy)
     columns = tuple(word.strip() for word in lines[0].split(","))
     taxels = sum(name.startswith("p") for name in columns)
     known = [names(taxels), (*names(taxels), OPTIONAL)] + [names(taxels)[:-1]] * (not labelled)
     if taxels == 0 or columns not in known:
-        raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
+        raise BadFile(source, f"columns are {','.join(columns)}", remedy, 1)
     return columns
 
 
 def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64]:
-    """Values (n,) of words by line; raises BadFile for the first that it may not have."""
+    """Values (n,) of words by line. Raises BadFile for the first that is not allowed."""
     for line, word in words.items():
         try:
             value = float(word)
@@ -318,18 +322,17 @@ def _column(name: str, words: dict[int, str], source: str) -> NDArray[np.float64
             good, remedy = math.isfinite(value), "it must be a finite number"
         else:
             good = value.is_integer() and abs(value) <= COUNTS_LIMIT
-            remedy = f"counts are raw minus rest, unscaled: whole, within +-{COUNTS_LIMIT}"
+            remedy = f"counts are raw minus rest: whole numbers within +-{COUNTS_LIMIT}"
         if not good:
             raise BadFile(source, f"{name} is {word!r}", remedy, line)
     return np.array([float(word) for word in words.values()])
 
 
 def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
-    """Raises BadFile for a recording at another rate than that for which detectors are made; a few
-    lost or uneven samples are no other rate."""
+    """Raise BadFile if the median rate is not near 100 Hz; missed samples are allowed."""
     period_s = float(np.median(np.diff(t_s)))
-    judged = len(t_s) >= RATE_SAMPLES and period_s > 0.0
-    if judged and not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
+    measurable = len(t_s) >= RATE_SAMPLES and period_s > 0.0
+    if measurable and not 1.0 / MAX_RATE_FACTOR < period_s / PERIOD_S < MAX_RATE_FACTOR:
         raise BadFile(
             source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
             f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it (with a filter): detectors, rules "
@@ -338,13 +341,14 @@ def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
 
 
 def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:
-    """``lines``: where each sample is in the file, if it has lines."""
+    """Raise BadFile for times that do not increase, and for too many missed samples in a row.
+    ``lines``: line of each sample in the file, if it has lines."""
     missed = missed_samples(t_s)
     for wrong, problem, remedy in (
         (np.diff(t_s) <= 0.0, "time does not increase",
-         "write samples in the order in which they came, each once"),
+         "write each sample once, in the order of time"),
         (missed > MAX_MISSED, f"{missed.max()} samples are missing before this",
-         f"at most {MAX_MISSED} in a row may be: cut the recording in two here"),
+         f"at most {MAX_MISSED} in a row may be missing: cut the recording in two here"),
     ):  # fmt: skip
         if wrong.any():
             sample = int(wrong.argmax()) + 1

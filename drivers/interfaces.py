@@ -212,9 +212,7 @@ class TactileSensor(Protocol):
 
     def begin_rest(self) -> None:
         """Start taking rest counts from the next samples; ``rest_taken`` turns True when done.
-
-        ``poll`` raises ``Refused`` when a fingertip is loaded or unsteady during that time.
-        """
+        ``poll`` raises ``Refused`` when a fingertip is loaded or unsteady during that time."""
         ...
 
 

@@ -1,6 +1,6 @@
-"""A detector of one's own, in a file of its own: how much does a fingertip tremble?
+"""A detector plugin that measures the vibration of a fingertip.
 
-grasp run lift --object can --detector own_detector.py:Tremble --set own.counts=9
+grasp run lift --object can --detector own_detector.py:Tremble --set plugin.counts=9
 """
 
 import numpy as np
@@ -9,10 +9,11 @@ import numpy as np
 class Tremble:
     """A running mean of the change from frame to frame, as a probability."""
 
-    threshold = 0.5  # above which a sample reads as slip
-    memory = 0  # samples that play a part in an answer; 0: it fades, and never ends
+    threshold = 0.5  # probability above which a sample is slip
+    memory = 0  # samples that the output depends on; 0: unbounded
 
-    def __init__(self, fingers, counts=12.0):  # given what it asks for: fingers, taxels, own.*
+    # optional parameters: fingers, taxels, and settings of section `plugin`
+    def __init__(self, fingers, counts=12.0):
         self.fingers, self.counts = fingers, counts
 
     def reset(self):

@@ -1,4 +1,4 @@
-"""Trains auxiliary outputs on the state of a network that stays as it is: one thread, minutes."""
+"""Training of auxiliary outputs on the state of an unchanged network, in one thread."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ from detector.auxiliary_outputs import OUTPUTS, Dense, OutputsFile
 
 WIDTH, BATCH = 32, 1024
 LEARNING_RATE, FINAL_RATE, WEIGHT_DECAY = 3e-3, 1e-5, 1e-5
-SPEED_SCALE = 0.5  # of the logarithm: errors beyond it count by their size, not its square
-SLIDES_TO_TURNS = 6.0  # a turn weighs so much more: it is so much rarer
+SPEED_SCALE = 0.5  # of the logarithm: the loss of larger errors is linear, not quadratic
+SLIDES_TO_TURNS = 6.0  # weight of rotations, because they are that much rarer
 
 
-class Wanted(msgspec.Struct, frozen=True, eq=False):
-    """Samples of one data set."""
+class OutputTargets(msgspec.Struct, frozen=True, eq=False):
+    """Inputs and targets of one data set."""
 
     inputs: NDArray[np.float32]  # (n, width)
     log_speed: NDArray[np.float64]  # (n,)
@@ -27,9 +27,15 @@ class Wanted(msgspec.Struct, frozen=True, eq=False):
 
 
 def train_outputs(
-    sets: Sequence[Wanted], seed: int, steps: int, network: str, data_digest: str, commit: str
+    sets: Sequence[OutputTargets],
+    seed: int,
+    steps: int,
+    network: str,
+    data_digest: str,
+    commit: str,
 ) -> OutputsFile:
-    """Outputs of the network with that digest, without scores; each set weighs the same."""
+    """Train outputs for the network with that digest; all sets have equal weight. The returned file
+    has no scores yet."""
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
@@ -45,26 +51,26 @@ def train_outputs(
         )
     )
     of_set = np.split(np.arange(len(inputs)), np.cumsum([len(s.inputs) for s in sets])[:-1])
-    heads = nn.Sequential(nn.Linear(inputs.shape[1], WIDTH), nn.SELU(), nn.Linear(WIDTH, OUTPUTS))
-    optimiser = torch.optim.Adam(heads.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    outputs = nn.Sequential(nn.Linear(inputs.shape[1], WIDTH), nn.SELU(), nn.Linear(WIDTH, OUTPUTS))
+    optimiser = torch.optim.Adam(outputs.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     for step in range(steps):
         cosine = 0.5 + 0.5 * math.cos(math.pi * step / steps)
         for group in optimiser.param_groups:
             group["lr"] = LEARNING_RATE * cosine + FINAL_RATE
         some = [of[rng.integers(0, len(of), BATCH // len(sets))] for of in of_set]
         rows = torch.tensor(np.concatenate(some))
-        loss = _loss(heads(x[rows]), speed[rows], turning[rows], sector[rows])
+        loss = _loss(outputs(x[rows]), speed[rows], turning[rows], sector[rows])
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     return OutputsFile(
         network=network, data_digest=data_digest, seed=seed,
-        commit=commit, samples=len(inputs), scores={}, layers=_layers(heads, middle, spread),
+        commit=commit, samples=len(inputs), scores={}, layers=_layers(outputs, middle, spread),
     )  # fmt: skip
 
 
 def _loss(out: Tensor, speed: Tensor, turning: Tensor, sector: Tensor) -> Tensor:
-    """What turns has no direction to be wrong about."""
+    """Sum of the losses of speed, kind of motion and direction; rotations have no direction."""
     of_speed = nn.functional.smooth_l1_loss(out[:, 0], speed, beta=SPEED_SCALE)
     of_kind = nn.functional.binary_cross_entropy_with_logits(
         out[:, 1], turning, pos_weight=torch.tensor(SLIDES_TO_TURNS)
@@ -75,16 +81,16 @@ def _loss(out: Tensor, speed: Tensor, turning: Tensor, sector: Tensor) -> Tensor
 
 
 def _layers(
-    heads: nn.Sequential, middle: NDArray[np.float32], spread: NDArray[np.float32]
+    outputs: nn.Sequential, middle: NDArray[np.float32], spread: NDArray[np.float32]
 ) -> tuple[Dense, Dense]:
-    """The layers as a file has them; the first takes inputs as they come."""
-    w1, b1, w2, b2 = (p.detach().numpy().astype(np.float64) for p in heads.parameters())
+    """Layers for the file; the first takes inputs that are not standardised."""
+    w1, b1, w2, b2 = (p.detach().numpy().astype(np.float64) for p in outputs.parameters())
     scaled = w1 / spread
-    b2[1] -= math.log(SLIDES_TO_TURNS)  # turns weighed more: back to how often they were
+    b2[1] -= math.log(SLIDES_TO_TURNS)  # undo the weight of rotations
     return _dense(scaled, b1 - scaled @ middle), _dense(w2, b2)
 
 
 def _dense(weight: NDArray[np.float64], bias: NDArray[np.float64]) -> Dense:
-    """In as many digits as a number of 32 bits has."""
+    """Layer rounded to the digits of 32-bit numbers."""
     rows = [[float(f"{x:.7g}") for x in row] for row in (*weight.tolist(), bias.tolist())]
     return Dense(rows[:-1], rows[-1])

@@ -15,7 +15,7 @@ import numpy as np
 from detector.recordings import LabelName
 from detector.scores.evaluation import (
     hand_rate,
-    judge_stream,
+    score_stream,
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import UsageError
@@ -30,7 +30,7 @@ BIN_MS, SHOWN_MS = 10.0, 400.0
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One detector."""
+    """A detector to be evaluated."""
 
     detector: str
     digest: str  # of its weights, settings and rule
@@ -68,9 +68,9 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     recordings = read_split([Path(f) for f in task.data], "test")
     made = contender(task.detector, recordings, "test", task.label)
-    judged = [judge_stream(s, made.config.rule).events for s in made.streams]
-    delays = np.concatenate([j.delays_ms for j in judged])
-    rate = hand_rate(made.streams, judged)
+    outcomes = [score_stream(s, made.config.rule).events for s in made.streams]
+    delays = np.concatenate([o.delays_ms for o in outcomes])
+    rate = hand_rate(made.streams, outcomes)
     if not len(delays) or rate is None:
         raise UsageError("the split test has no slip, or no rest", "give a set with both")
     return Row(made.label, task.label, delays.tolist(), rate, made.evaluation().accuracy)

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from detector.interface import DETECTORS
-from detector.scores.sweep import frontier
+from detector.scores.sweep import pareto_front
 from grasp.cli.detector import check_named
 from grasp.cli.parser import Parser
 from scenarios.benchmark.scoring import contender, read_split
@@ -23,12 +23,12 @@ PAPER_FALSE_PER_MIN = 100.0  # estimate: 7.6 % of static samples, three fingers,
 HUMAN_MS, HUMAN_DEVIATION_MS = 74.0, 9.0  # Johansson and Westling 1987
 SHOWN_MS = 300.0  # the chart shows later delays and misses above this, one line per detector
 LINE_MS = 9.0
-LEAST_PER_MIN = 0.1  # stands for zero on the logarithmic axis
+LEAST_PER_MIN = 0.1  # shown instead of zero on the logarithmic axis
 BUDGET_PER_MIN = 1.0
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One detector."""
+    """A detector to be evaluated."""
 
     detector: str
     digest: str  # of its weights, settings and rule
@@ -36,7 +36,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One detector. ``points``: false events a minute of a hand, and the least median and 90 %
+    """Result of a detector. ``points``: false events a minute of a hand, least median and 90 %
     delay, ms; infinite if missed."""
 
     detector: str
@@ -61,7 +61,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     made = contender(task.detector, read_split([Path(f) for f in task.data], "test"), "test")
     sheet = made.evaluation()
-    points = [(p.false_per_min, p.delay_ms, p.p90_delay_ms) for p in frontier(made.points())]
+    points = [(p.false_per_min, p.delay_ms, p.p90_delay_ms) for p in pareto_front(made.points())]
     cost = sheet.compute_us
     spent = (cost.p50, cost.p90) if cost else (float("nan"), float("nan"))
     return Row(made.label, sheet.accuracy, spent, points)

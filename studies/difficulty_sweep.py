@@ -31,12 +31,12 @@ Floats = NDArray[np.float64]
 
 
 class Axis(NamedTuple):
-    """One way to make a lift harder."""
+    """A quantity that makes a lift harder."""
 
     title: str
     values: tuple[float, ...]  # easiest first
-    here: Callable[[RunConfig], float]  # value of a configuration
-    moved: Callable[[RunConfig, float], list[str]]  # settings of a value
+    here: Callable[[RunConfig], float]  # value in a configuration
+    moved: Callable[[RunConfig, float], list[str]]  # settings for a value
     bound: Callable[[RunConfig], float]
     sign: int = 1  # -1: lower is harder
 
@@ -59,8 +59,8 @@ def _friction(c: RunConfig, kinetic: float) -> list[str]:
 
 
 def _mass(c: RunConfig, mass_kg: float) -> list[str]:
-    own_kg = min(c.object.mass_kg, mass_kg)
-    return [f"object.mass_kg={own_kg:g}", f"object.added_mass_kg={mass_kg - own_kg:g}"]
+    object_kg = min(c.object.mass_kg, mass_kg)
+    return [f"object.mass_kg={object_kg:g}", f"object.added_mass_kg={mass_kg - object_kg:g}"]
 
 
 def _per_speed(c: RunConfig) -> float:
@@ -78,13 +78,13 @@ def faster(c: RunConfig, speed_mps: float) -> list[str]:
 
 
 def _pull(c: RunConfig, force_n: float) -> list[str]:
-    """At the top: an arm that pauses for slip is lower."""
+    """Settings of a pull that starts at half height, since an arm that pauses for slip is low."""
     return [f"pull.force_n={force_n:g}", f"pull.above_m={c.controller.lift_height_m / 2:g}"]
 
 
 def _width_mm(c: RunConfig, side: int, force_n: float) -> float:
-    """From this change of width a side on, the first grasp presses the thumb with at least (wider)
-    or at most (narrower) this force."""
+    """Change of width per side, mm, from which the first grasp has at least (wider) or at most
+    (narrower) this force at the thumb."""
     p = contact.parameters(c.contact, c.object)
     travel = c.hand.m_per_count * np.array(c.object.grip_counts, float)
     forces, low, high = np.zeros(contact.FINGERS), 0.0, 20.0
@@ -126,7 +126,7 @@ AXES = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One lift. ``at``: its value and share of the bound on each axis."""
+    """A lift. ``at``: its value and share of the bound on each axis."""
 
     config: LiftConfig
     seed: int
@@ -152,15 +152,15 @@ def options(parser: Parser) -> None:
 def grid(args: argparse.Namespace) -> list[Task]:
     tasks = []
     for name in args.objects:
-        chosen, own = (
+        chosen, base_settings = (
             (name, "simulated", args.detector, args.config),
             (*args.set, "controller.keep=true"),
         )
-        base = load_config(*chosen, own, args.profile)
+        base = load_config(*chosen, base_settings, args.profile)
         points = [("", list[str](), {a: AXES[a].here(base) for a in args.axes})]
         points += [(a, AXES[a].moved(base, x), {a: x}) for a in args.axes for x in AXES[a].values]
         for moved, words, values in points:
-            config = load_config(*chosen, (*own, *words), args.profile).for_lift()
+            config = load_config(*chosen, (*base_settings, *words), args.profile).for_lift()
             at = {a: (x, AXES[a].share(base, x)) for a, x in values.items()}
             tasks += [Task(config, seed, at, moved) for seed in seeds_of(args)]
     return tasks
@@ -226,14 +226,14 @@ Line = dict[float | None, list[Row]]  # by value, easiest first; None: unchanged
 def _lines(rows: Sequence[Row]) -> dict[str, Line]:
     lines: dict[str, Line] = {}
     for axis in dict.fromkeys(a for row in rows for a in row.at):
-        own = [row for row in rows if axis in row.at]
-        plain = [row for row in own if not row.moved]
+        of_axis = [row for row in rows if axis in row.at]
+        plain = [row for row in of_axis if not row.moved]
         here = {row.at[axis][0] for row in plain}
         line = lines[axis] = {here.pop() if len(here) == 1 else None: plain}
         for value in sorted(
-            {row.at[axis][0] for row in own if row.moved}, reverse=AXES[axis].sign < 0
+            {row.at[axis][0] for row in of_axis if row.moved}, reverse=AXES[axis].sign < 0
         ):
-            line[value] = [row for row in own if row.moved and row.at[axis][0] == value]
+            line[value] = [row for row in of_axis if row.moved and row.at[axis][0] == value]
     return lines
 
 
@@ -272,15 +272,15 @@ def table(rows: Sequence[Row]) -> str:
                 f"{100 * won / max(1, len(tested)):.0f} ({100 * low:.0f}-{100 * high:.0f})",
                 len(tested), ", ".join(f"{n} {name}" for name, n in lost), len(group) - len(tested),
             ))  # fmt: skip
-    heads = ("axis", "bound", "below 95 %", "share of the bound", "below 50 %", "the same share")
-    more = ("axis", "value", "share of the bound", "held in spite of slip, %", "n", "not held",
+    first = ("axis", "bound", "below 95 %", "share of the bound", "below 50 %", "the same share")
+    second = ("axis", "value", "share of the bound", "held in spite of slip, %", "n", "not held",
             "never slipped")  # fmt: skip
     return "\n\n".join(markdown(dict(zip(names, zip(*lines, strict=True), strict=True)))
-                       for names, lines in ((heads, falls), (more, rates)))  # fmt: skip
+                       for names, lines in ((first, falls), (second, rates)))  # fmt: skip
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """One panel per axis: success with 95 % intervals; a band is the bound over the objects."""
+    """Success with 95 % intervals, a panel per axis; a band is the bound over the objects."""
     lines = _lines(rows)
     panels = figure.subplots(-(-len(lines) // 4), min(4, len(lines)), sharey=True, squeeze=False)
     for panel, (axis, line) in zip(panels.flat, lines.items(), strict=False):

@@ -1,10 +1,9 @@
-"""Fits the simulated fingertip to a real recording: simulated strokes like the recording's, their
-statistics beside the real ones, and a search that brings the two together.
+"""Fit of the simulated fingertip to a real recording, by the statistics of simulated strokes.
 
-The search is the cross-entropy method (Rubinstein 1999): draw parameter sets from a normal
-distribution, keep the best, fit the distribution to them, repeat. All sets of a round are judged on
-the same simulated clips, those of other rounds on others. What the recording does not show keeps
-its assumed value. The table ends with the fitted settings: a file for `--config`.
+The search is the cross-entropy method (Rubinstein 1999): sample parameter sets from a normal
+distribution, keep the best, fit the distribution to them, repeat. All sets of a round use the same
+random numbers; each round uses others. Parameters that the recording does not determine keep their
+assumed values. The table ends with the fitted settings as a file for `--config`.
 """
 
 import argparse
@@ -29,12 +28,12 @@ from scenarios.world.fingertip import Fingertips
 from scenarios.world.settings import GROSS_SLIP_MPS, FingertipSettings, Surface
 from studies.runner import Study, markdown
 
-ROUNDS = ((9, 40, 12), (8, 24, 36))  # rounds, sets, clips a set: first widely, then closely
+ROUNDS = ((9, 40, 12), (8, 24, 36))  # rounds, sets, simulations a set: coarse, then fine
 KEPT_SHARE = 0.25
-BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
-FIT_SEED, JUDGE_SEED = 1000, 2  # judged on clips that the fit has not used
-ZEROING, SETTLED = 20, 50  # samples: rest is taken; at rest before the first one that counts
-LOADED = 3  # taxels that vary most; the one that varies least is idle
+BATCH, SEEDS = 6, 1000  # simulations at a time; distance of seeds, so that all differ
+FIT_SEED, VALIDATION_SEED = 1000, 2  # validation uses simulations that the fit has not used
+ZEROING, SETTLED = 20, 50  # samples: for rest counts; at rest before the first that counts
+LOADED = 3  # the taxels that vary most; the one that varies least is unloaded
 ENERGY_SAMPLES = 10
 FFT_SAMPLES, FFT_HZ = 21, range(5, 55, 5)  # the authors' window; its bins, by rounded names
 PLATEAU_COUNTS, PRESSED_COUNTS = -380, -40
@@ -44,10 +43,10 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Figures = dict[str, float]
 
-# What the simulation should share with the recording: group (groups weigh alike), figures, and how
-# far off is near enough: a factor, or of DIFFERENCES a difference (correlations, AUC, counts/s).
+# Statistics to reproduce: group (all groups have equal weight), tolerated deviation (a factor, or
+# for DIFFERENCES a difference: correlations, AUC, counts/s), and names.
 AIMS: tuple[tuple[str, float, tuple[str, ...]], ...] = (
-    ("noise", 1.5, ("idle noise",)),
+    ("noise", 1.5, ("unloaded noise",)),
     ("level", 1.5, ("deviation in slip", "highest excursion", "share saturated")),
     ("level", 50.0, ("creep after a stop per s",)),
     ("increments", 1.5, ("increment ratio", *(
@@ -59,11 +58,11 @@ AIMS: tuple[tuple[str, float, tuple[str, ...]], ...] = (
     ("contrast", 0.03, ("AUC of energy",)),
     ("contrast by edge", 0.1, tuple(f"AUC from {low:g} ms" for low in EDGES_MS[:-1])),
 )  # fmt: skip
-COLUMNS = ("statistic", "real", "simulated", "10 %", "90 % of clips", "error in aims")
-DIFFERENCES = ("creep", "correlation", "AUC")  # how the names of these figures begin
+COLUMNS = ("statistic", "real", "simulated", "10 %", "90 %", "error over tolerance")
+DIFFERENCES = ("creep", "correlation", "AUC")  # first words of these statistics
 
-# What the search may choose, evenly in the logarithm. Those of `strokes` are nuisances: the clip
-# does not say how fast it slid, how hard, or on what.
+# Bounds of the search, on a logarithmic scale. Those of `strokes` are nuisance parameters: speed,
+# force and surface of the real recording are unknown.
 BOUNDS = {
     "fingertip.depth_mm": (2.5, 6.0), "fingertip.foundation_n_per_mm3": (0.1, 0.9),
     "fingertip.tilt_rad": (0.02, 0.1), "fingertip.crown_radius_mm": (18.0, 200.0),
@@ -77,19 +76,19 @@ BOUNDS = {
 
 
 class StrokeSettings(msgspec.Struct, frozen=True):
-    """What arm and surface did while the authors' clip was recorded."""
+    """Strokes of arm and surface as in the authors' recording ("real" below)."""
 
-    strokes: int = 4  # there and back; the clip's
-    stroke_s: float = 0.6  # of motion above 3 mm/s; the clip's mean
-    pause_s: float = 0.25  # between strokes; the clip's mean
-    rest_s: float = 0.9  # after the last; the clip's
-    peak_mps: float = 0.0599  # fastest; fitted, as all that BOUNDS names
+    strokes: int = 4  # back and forth; real
+    stroke_s: float = 0.6  # of motion above 3 mm/s; real mean
+    pause_s: float = 0.25  # between strokes; real mean
+    rest_s: float = 0.9  # after the last; real
+    peak_mps: float = 0.0599  # maximum speed; fitted, like all parameters in BOUNDS
     skew: float = 2.49  # speed ~ s^2 (1 - s)^skew
     force_n: float = 1.99  # mean
-    force_spread: float = 0.3  # between clips, relative; assumed
-    zero_load_n: float = 1.29  # on the pad while it was zeroed
-    arm_npmm: float = 5.0  # arm and mount, along the press; assumed, 3-10
-    # corner of the arm's force loop; assumed: the clip's load recovers at less than 0.4 /s
+    force_spread: float = 0.3  # between recordings, relative; assumed
+    zero_load_n: float = 1.29  # on the pad while rest counts were taken
+    arm_npmm: float = 5.0  # stiffness of arm and mount along the normal; assumed, 3-10
+    # corner of the arm's force loop; assumed: the real load recovers at less than 0.4 /s
     force_loop_radps: float = 0.2
     texture_rms_mm: float = 0.444
     texture_length_mm: float = 1.14
@@ -98,14 +97,14 @@ class StrokeSettings(msgspec.Struct, frozen=True):
 
 
 class Setup(msgspec.Struct, frozen=True):
-    """A fingertip and the strokes that it is judged on, as the authors' driver recorded it."""
+    """A fingertip, as recorded by the authors' driver, and its strokes."""
 
     fingertip: FingertipSettings = FingertipSettings(fold_above_512=True)
     strokes: StrokeSettings = StrokeSettings()
 
 
 def stroke_speeds(s: StrokeSettings) -> tuple[Floats, Floats]:
-    """Times and speed of the fingertip in m/s (n,), from the first sample that counts."""
+    """Times (n,) and speed (n,) of the fingertip, m/s, from the first sample that counts."""
     part = np.linspace(0.0, 1.0, 501)
     bell = part**2 * (1 - part) ** s.skew
     bell /= bell.max()
@@ -120,30 +119,32 @@ def stroke_speeds(s: StrokeSettings) -> tuple[Floats, Floats]:
     return t, np.where(stroke % 2 == 0, speed, -speed)
 
 
-def simulate(setup: Setup, clips: int, seed: int) -> tuple[Floats, NDArray[np.int16], Bools]:
-    """Times (n,), counts (clips, n, taxels) over rest and labels (n,), each clip with its own
-    surface, tilt, direction, force and rest. Within a stroke the arm is a stiff spring: what lifts
-    the pad loads it; a slow loop moves its base until the load is right."""
+def simulate(setup: Setup, number: int, seed: int) -> tuple[Floats, NDArray[np.int16], Bools]:
+    """Times (n,), counts (number, n, taxels) over rest and labels (n,) of simulated recordings.
+
+    Each has its own surface, tilt, direction, force and rest. Within a stroke the arm is a stiff
+    spring; a slow force loop moves its base.
+    """
     rng, s = np.random.default_rng(seed), setup.strokes
     surface = Surface(
         texture_rms_mm=s.texture_rms_mm, texture_length_mm=s.texture_length_mm,
         friction_static=s.static_share * s.friction, friction_kinetic=s.friction,
     )  # fmt: skip
-    angle = rng.uniform(0.0, 2 * math.pi, clips)
+    angle = rng.uniform(0.0, 2 * math.pi, number)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    target = s.force_n * np.exp(s.force_spread * rng.standard_normal(clips))
-    slope = rng.normal(0.0, setup.fingertip.tilt_rad, clips)
-    tips = Fingertips(setup.fingertip, [surface] * clips, rng)
+    target = s.force_n * np.exp(s.force_spread * rng.standard_normal(number))
+    slope = rng.normal(0.0, setup.fingertip.tilt_rad, number)
+    tips = Fingertips(setup.fingertip, [surface] * number, rng)
     t, speed = stroke_speeds(s)
     x = np.concatenate([np.zeros(SETTLED), np.cumsum(speed) * PERIOD_S * 1e3])
-    still, middle = np.zeros(clips), np.zeros((clips, 2))
-    mount_npmm, zero_load = np.full(clips, s.arm_npmm), np.full(clips, s.zero_load_n)
+    still, middle = np.zeros(number), np.zeros((number, 2))
+    mount_npmm, zero_load = np.full(number, s.arm_npmm), np.full(number, s.zero_load_n)
     for k in range(ZEROING):
         tips.advance((k + 1) * PERIOD_S, zero_load, middle, still, middle, False)
     zero = tips.codes()[0]
     tips.advance((ZEROING + 1) * PERIOD_S, target, middle, still, middle, True)
     base_mm = target / s.arm_npmm + tips.approach_mm
-    counts = np.empty((clips, len(t), tips.rest.shape[1]), np.int16)
+    counts = np.empty((number, len(t), tips.rest.shape[1]), np.int16)
     for k in range(1, len(x)):
         base_mm += s.force_loop_radps * (target - tips.load_n) / s.arm_npmm * PERIOD_S
         load_n = s.arm_npmm * (base_mm - slope * x[k])  # the mount's, at approach zero
@@ -155,16 +156,16 @@ def simulate(setup: Setup, clips: int, seed: int) -> tuple[Floats, NDArray[np.in
 
 
 def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> Figures:
-    """Named figures of one fingertip's recording: (n,) times, (n, taxels) counts, (n,) labels.
+    """Named statistics of one fingertip's recording: (n,) times, (n, taxels) counts, (n,) labels.
 
-    Counts, unless the name says otherwise; nan where the recording has nothing to show.
+    In counts, unless the name has another unit; NaN if the recording does not determine it.
     """
     p = counts.astype(np.float64)
     order = np.argsort(p.std(axis=0))
     loaded = p[:, np.sort(order[-LOADED:])]
     changes = np.diff(loaded, axis=0)
     static, sliding = ~slip[1:] & ~slip[:-1], slip[1:] & slip[:-1]
-    out = {"idle noise": _rms(np.diff(p[:, order[:1]], axis=0)[static]) / math.sqrt(2.0)}
+    out = {"unloaded noise": _rms(np.diff(p[:, order[:1]], axis=0)[static]) / math.sqrt(2.0)}
     for name, rows, chosen in (
         ("static", changes[static], ~slip), ("slip", changes[sliding], slip),
     ):  # fmt: skip
@@ -202,7 +203,7 @@ def _quantile(x: Floats, share: float) -> float:
 
 
 def _spectrum(loaded: Floats, chosen: Bools) -> list[float]:
-    """Mean |FFT21|/20 over loaded taxels and all windows that lie within one label, by FFT_HZ."""
+    """Mean |FFT21|/20 over loaded taxels and all windows within one label, by FFT_HZ."""
     inside = np.convolve(chosen, np.ones(FFT_SAMPLES), "valid") == FFT_SAMPLES
     windows = np.lib.stride_tricks.sliding_window_view(loaded, FFT_SAMPLES, axis=0)[inside]
     amplitude = np.abs(np.fft.rfft(windows, axis=-1))[..., 1:] / (FFT_SAMPLES - 1)
@@ -231,31 +232,31 @@ def _correlation(changes: Floats) -> float:
     return float(matrix[np.triu_indices(LOADED, 1)].mean())
 
 
-def clip_figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
-    """Statistics of simulated clips, one by one; few at a time share an arm and its vibration."""
+def recording_statistics(setup: Setup, number: int, seed: int) -> list[Figures]:
+    """Statistics of each simulated recording; those of a batch share the arm's vibration."""
     out: list[Figures] = []
-    for first in range(0, clips, BATCH):
-        n = min(BATCH, clips - first)
+    for first in range(0, number, BATCH):
+        n = min(BATCH, number - first)
         t_s, counts, slip = simulate(setup, n, BATCH * SEEDS * seed + first)
-        out += [signal_statistics(t_s, clip, slip) for clip in counts]
+        out += [signal_statistics(t_s, each, slip) for each in counts]
     return out
 
 
 def mean(of: Sequence[Figures]) -> Figures:
-    """Mean of each figure over the clips that have it; nan where none has."""
+    """Mean of each statistic over the recordings that have it; NaN if none has."""
     found = {name: [f[name] for f in of if np.isfinite(f[name])] for name in of[0]}
     return {name: float(np.mean(each)) if each else np.nan for name, each in found.items()}
 
 
 def error_in_aims(name: str, aim: float, real: float, simulated: float) -> float:
-    """Deviation in units of the aim; 1 is just near enough."""
+    """Deviation over the tolerance."""
     if name.startswith(DIFFERENCES):
         return (simulated - real) / aim
     return math.log(max(simulated, 1e-3) / max(real, 1e-3)) / math.log(aim)
 
 
 def misfit(real: Figures, simulated: Figures) -> float:
-    """Root mean square over the groups of the mean squared error in aims; 1 is just near enough."""
+    """Root mean square over the groups of the mean squared error over tolerance."""
     groups: dict[str, list[float]] = {}
     for group, aim, names in AIMS:
         for name in names:
@@ -267,16 +268,18 @@ def misfit(real: Figures, simulated: Figures) -> float:
 
 
 def fit(real: Figures, seed: int) -> Setup:
-    """The parameters that the search has contracted to."""
+    """Parameters found by the search."""
     rng = np.random.default_rng(seed)
     low, high = np.log(np.array(list(BOUNDS.values()))).T
     centre, spread = (low + high) / 2, (high - low) / 3
-    plan = [(sets, clips) for n, sets, clips in ROUNDS for _ in range(n)]
-    for r, (tries, clips) in enumerate(plan):
+    plan = [(sets, number) for n, sets, number in ROUNDS for _ in range(n)]
+    for r, (tries, number) in enumerate(plan):
         sets = np.clip(centre + spread * rng.standard_normal((tries, len(low))), low, high)
         sets[0] = centre
         setups = [setup_at(values) for values in sets]
-        errors = [misfit(real, mean(clip_figures(each, clips, FIT_SEED + r))) for each in setups]
+        errors = [
+            misfit(real, mean(recording_statistics(each, number, FIT_SEED + r))) for each in setups
+        ]
         kept = sets[np.argsort(errors)[: max(2, round(KEPT_SHARE * tries))]]
         centre = 0.2 * centre + 0.8 * kept.mean(axis=0)
         spread = np.maximum(0.3 * spread + 0.7 * kept.std(axis=0), (high - low) / 200)
@@ -289,16 +292,16 @@ def setup_at(logarithms: Floats) -> Setup:
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One search, or with ``check`` none."""
+    """A search, or with ``check`` an evaluation of the built-in values."""
 
     recording: str
     check: bool
-    clips: int
+    simulations: int
     seed: int
 
 
 class Row(msgspec.Struct, frozen=True):
-    """What the search found, and how near it is."""
+    """Fitted parameters, and their statistics."""
 
     misfit: float
     statistics: list[list[str | float]]  # by COLUMNS
@@ -312,12 +315,12 @@ def _trial(task: Task) -> Row:
                       "give one fingertip's labelled strokes with pauses between them")  # fmt: skip
     real = signal_statistics(recording.t_s, recording.counts[:, 0], recording.slip)
     setup = Setup() if task.check else fit(real, task.seed)
-    clips = clip_figures(setup, task.clips, JUDGE_SEED)
-    average = mean(clips)
+    simulated = recording_statistics(setup, task.simulations, VALIDATION_SEED)
+    average = mean(simulated)
     statistics: list[list[str | float]] = []
     for name, aim in ((name, aim) for _, aim, names in AIMS for name in names):
         if np.isfinite(real[name]):
-            values = np.array([clip[name] for clip in clips if np.isfinite(clip[name])])
+            values = np.array([each[name] for each in simulated if np.isfinite(each[name])])
             between = _quantile(values, 0.1), _quantile(values, 0.9)
             error = error_in_aims(name, aim, real[name], average[name])
             statistics.append([name, real[name], average[name], *between, error])
@@ -327,7 +330,7 @@ def _trial(task: Task) -> Row:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    """The statistics, and the fingertip's values as a settings file, the nuisances as comments."""
+    """Statistics, and the fingertip's values as a settings file with the strokes as comments."""
     (row,) = rows
     columns = zip(COLUMNS, zip(*row.statistics, strict=True), strict=True)
     text = f"misfit {row.misfit:.2f}\n\n{markdown(dict(columns))}\n\n```toml\n[fingertip]\n"
@@ -338,15 +341,16 @@ def _table(rows: Sequence[Row]) -> str:
 
 
 def _grid(args: argparse.Namespace) -> list[Task]:
-    return [Task(str(args.recording.resolve()), args.check, args.clips, args.seed)]
+    return [Task(str(args.recording.resolve()), args.check, args.simulations, args.seed)]
 
 
 def _options(parser: Parser) -> None:
     parser.add_argument("--recording", type=Path, required=True, metavar="FILE",
                         help="one fingertip, columns t_s,p0,p1,...,slip")  # fmt: skip
-    parser.add_argument("--check", action="store_true", help="judge the built-in values; no search")
-    parser.add_argument("--clips", type=whole(2, 100_000), default=48, metavar="N",
-                        help="simulated recordings that judge (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--check", action="store_true",
+                        help="evaluate the built-in values without a search")  # fmt: skip
+    parser.add_argument("--simulations", type=whole(2, 100_000), default=48, metavar="N",
+                        help="recordings in the result (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N",
                         help="of the search (default: %(default)s)")  # fmt: skip
 

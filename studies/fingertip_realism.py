@@ -29,21 +29,21 @@ from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from studies.runner import Study, add_data, markdown
 
-PIECE_SAMPLES = 416  # of a data set's recordings: the length of the authors' clip, 4.2 s
-LEAST_RUN = {"rest": 12, "slip": 15}  # samples; the least length of a pause or a stroke
+SEGMENT_SAMPLES = 416  # of a data set's recordings: the length of the real recording, 4.2 s
+MIN_RUN = {"rest": 12, "slip": 15}  # samples; minimum length of a pause or a stroke
 WINDOW, HOP = {"rest": 16, "slip": 40}, {"rest": 4, "slip": 5}  # samples
 EDGE = 2  # samples removed at both ends of a stroke or pause
-LIVELY = 3  # input taxels of the convolutions
+ACTIVE_TAXELS = 3  # input taxels of the convolutions
 KERNELS, KERNEL_SAMPLES = 200, 7
 PENALTIES = (1.0, 30.0, 1000.0)  # of the ridge
-RESAMPLES, CONTROLS, MOST_WINDOWS, LEAST_WINDOWS = 400, 12, 600, 8
-LEAST_SOURCES = 4  # recordings of the simulated side
+RESAMPLES, CONTROLS, MAX_WINDOWS, MIN_WINDOWS = 400, 12, 600, 8
+MIN_SOURCES = 4  # recordings of the simulated side
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One state (pause or stroke) of one part of a data set, compared with the recording."""
+    """Comparison of one state (pause or stroke) of one part of a data set with the recording."""
 
     recording: str
     data: str
@@ -53,8 +53,8 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """How well the classifier separates real from simulated: AUC and its 95 % interval. NaN:
-    too few strokes, pauses or recordings."""
+    """AUC of the classifier for real against simulated windows, and its 95 % interval. NaN: too few
+    strokes, pauses or recordings."""
 
     part: str
     state: str
@@ -89,21 +89,21 @@ class Windows(msgspec.Struct, frozen=True, eq=False):
 
 
 def windows_of(counts: NDArray[Any], slip: Bools, state: str) -> Windows:
-    """Of counts (n, taxels) with labels (n,), grouped by stroke or pause."""
+    """Windows of counts (n, taxels) with labels (n,), grouped by stroke or pause."""
     edges = [0, *(np.flatnonzero(slip[1:] != slip[:-1]) + 1).tolist(), len(slip)]
     found: list[Floats] = []
     for first, end in pairwise(edges):
-        if slip[first] != (state == "slip") or end - first < LEAST_RUN[state]:
+        if slip[first] != (state == "slip") or end - first < MIN_RUN[state]:
             continue
         run = counts[first + EDGE : end - EDGE].astype(np.float64)
         starts = range(0, len(run) - WINDOW[state] + 1, HOP[state])
         if starts:
-            found.append(np.stack([_posed(run[s : s + WINDOW[state]]) for s in starts]))
+            found.append(np.stack([_normalised(run[s : s + WINDOW[state]]) for s in starts]))
     return _grouped(enumerate(found))
 
 
-def _posed(window: Floats) -> Floats:
-    """Windows without their mean, the most active taxel first."""
+def _normalised(window: Floats) -> Floats:
+    """Window without its mean, the most active taxel first."""
     level = window - window.mean(axis=0)
     out: Floats = level[:, np.argsort(-np.diff(level, axis=0).std(axis=0), kind="stable")]
     return out
@@ -118,14 +118,14 @@ def _grouped(parts: Iterable[tuple[int, Floats]]) -> Windows:
 
 
 def convolved(values: Floats, seed: int) -> Floats:
-    """(n, 2 kernels) features: of each random kernel the largest value and the share above zero."""
+    """Features (n, 2 kernels): maximum and share above zero of each random convolution."""
     rng = np.random.default_rng(seed)
-    scale = values[:, :, :LIVELY].std(axis=(1, 2), keepdims=True)
-    x = values[:, :, :LIVELY] / np.sqrt(scale + 0.2)  # half of the size stays in
-    n, samples, lively = x.shape
+    scale = values[:, :, :ACTIVE_TAXELS].std(axis=(1, 2), keepdims=True)
+    x = values[:, :, :ACTIVE_TAXELS] / np.sqrt(scale + 0.2)  # keeps part of the amplitude
+    n, samples, taxels = x.shape
     out = np.empty((n, 2 * KERNELS))
     for k in range(KERNELS):
-        weights = rng.standard_normal((KERNEL_SAMPLES, lively)) * (rng.random(lively) < 0.6)
+        weights = rng.standard_normal((KERNEL_SAMPLES, taxels)) * (rng.random(taxels) < 0.6)
         weights -= weights.mean(axis=0)
         dilation = int(rng.integers(1, (samples - 1) // (KERNEL_SAMPLES - 1) + 1))
         bias = rng.uniform(-1.0, 1.0)
@@ -162,8 +162,8 @@ def mean_auc(folds: Sequence[Fold]) -> float:
     return float(np.average(values, weights=[len(real) for real, _, _ in folds]))
 
 
-def contest(real: Windows, simulated: Windows, seed: int) -> list[Fold]:
-    """What the strongest penalty gave to windows that were held out."""
+def cross_validated(real: Windows, simulated: Windows, seed: int) -> list[Fold]:
+    """Scores of held-out windows, for the penalty with the highest AUC."""
     count = real.groups
     sources = np.random.default_rng([seed, 1]).permutation(np.unique(simulated.group))
     fold_of = {int(source): k % count for k, source in enumerate(sources)}
@@ -187,42 +187,42 @@ def interval(folds: Sequence[Fold], rng: np.random.Generator) -> tuple[float, fl
     """95 % interval: bootstrap over folds and recordings."""
     means = []
     for _ in range(RESAMPLES):
-        drawn = []
+        resample = []
         for f in rng.integers(0, len(folds), len(folds)):
             real, simulated, source = folds[f]
             chosen = rng.choice(np.unique(source), len(np.unique(source)))
             times = np.bincount(chosen, minlength=int(source.max()) + 1)[source]
-            drawn.append((real, np.repeat(simulated, times), source))
-        means.append(mean_auc(drawn))
+            resample.append((real, np.repeat(simulated, times), source))
+        means.append(mean_auc(resample))
     means.sort()
     return quantile(means, 0.025), quantile(means, 0.975)
 
 
-def tell_apart(clip: Windows, pieces: Sequence[tuple[int, Windows]], task: Task) -> Row:
-    """Classify the recording's windows against windows of a data set, one piece per recording."""
+def separate(real: Windows, segments: Sequence[tuple[int, Windows]], task: Task) -> Row:
+    """Classify the real windows against windows of a data set, given by recording and segment."""
     rng = np.random.default_rng([task.seed, 0])
-    each = max(1, MOST_WINDOWS // max(1, len({source for source, _ in pieces})))
+    each = max(1, MAX_WINDOWS // max(1, len({source for source, _ in segments})))
     of: dict[int, list[Floats]] = {}
-    for source, piece in pieces:
-        of.setdefault(source, []).extend([piece.values] if len(piece) else [])
+    for source, segment in segments:
+        of.setdefault(source, []).extend([segment.values] if len(segment) else [])
     joined = [(source, np.concatenate(parts)) for source, parts in of.items() if parts]
-    made = _grouped((s, values[rng.permutation(len(values))[:each]]) for s, values in joined)
-    few = min(len(clip), len(made)) < LEAST_WINDOWS
-    if few or clip.groups < 2 or made.groups < LEAST_SOURCES:
+    simulated = _grouped((s, values[rng.permutation(len(values))[:each]]) for s, values in joined)
+    few = min(len(real), len(simulated)) < MIN_WINDOWS
+    if few or real.groups < 2 or simulated.groups < MIN_SOURCES:
         return Row(task.part, task.state)
-    folds = contest(clip, made, task.seed)
+    folds = cross_validated(real, simulated, task.seed)
     low, high = interval(folds, rng)
     control: list[float] = []
-    for index in rng.permutation(len(pieces)):
-        source, other = pieces[index]
-        other = Windows(other.values[: len(clip)], other.group[: len(clip)])
-        if len(control) == CONTROLS or other.groups < 2 or len(other) < LEAST_WINDOWS:
+    for index in rng.permutation(len(segments)):
+        source, other = segments[index]
+        other = Windows(other.values[: len(real)], other.group[: len(real)])
+        if len(control) == CONTROLS or other.groups < 2 or len(other) < MIN_WINDOWS:
             continue
-        rest = made.group != source
-        against = Windows(made.values[rest], made.group[rest])
-        control.append(mean_auc(contest(other, against, task.seed)))
+        rest = simulated.group != source
+        against = Windows(simulated.values[rest], simulated.group[rest])
+        control.append(mean_auc(cross_validated(other, against, task.seed)))
     return Row(
-        task.part, task.state, mean_auc(folds), low, high, len(clip), len(made),
+        task.part, task.state, mean_auc(folds), low, high, len(real), len(simulated),
         tuple(sorted(control)),
     )  # fmt: skip
 
@@ -238,14 +238,14 @@ def strokes_by_part(folder: str) -> dict[str, list[Recording]]:
 
 
 def trial(task: Task) -> Row:
-    clip = read(Path(task.recording))
+    real, n = read(Path(task.recording)), SEGMENT_SAMPLES
     cuts = [
-        (source, r.counts[first : first + PIECE_SAMPLES, 0], r.slip[first : first + PIECE_SAMPLES])
+        (source, r.counts[first : first + n, 0], r.slip[first : first + n])
         for source, r in enumerate(strokes_by_part(task.data)[task.part])
-        for first in range(0, len(r.slip) - PIECE_SAMPLES + 1, PIECE_SAMPLES)
+        for first in range(0, len(r.slip) - n + 1, n)
     ]
-    pieces = [(source, windows_of(counts, slip, task.state)) for source, counts, slip in cuts]
-    return tell_apart(windows_of(clip.counts[:, 0], clip.slip, task.state), pieces, task)
+    segments = [(source, windows_of(counts, slip, task.state)) for source, counts, slip in cuts]
+    return separate(windows_of(real.counts[:, 0], real.slip, task.state), segments, task)
 
 
 def options(parser: Parser) -> None:

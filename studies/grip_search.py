@@ -3,7 +3,7 @@
 The paper's lift needs a grasp that keeps contact and is too weak. It calls such grasps challenging
 to find (section V-C): one motor count is 2 to 4 N on a rigid object. Individual finger positions
 give finer steps. The contact law's balance of forces scores all triples near first contact, on many
-draws of the variation between trials.
+samples of the variation between trials.
 """
 
 import argparse
@@ -37,12 +37,12 @@ class Criteria(msgspec.Struct, frozen=True):
     most_n: float = 3.0  # at the thumb, at first
     finger_n: float = 0.1  # at both other fingers, at least
     slip_margin: float = 0.05  # friction must carry less than the weight by this share
-    least_sure: float = 0.99  # share of draws that fail in nothing
-    draws: int = 200
+    least_sure: float = 0.99  # share of samples without a failed criterion
+    samples: int = 200  # of the variation between trials
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One object."""
+    """An object to search grips for."""
 
     config: LiftConfig
     criteria: Criteria
@@ -50,17 +50,17 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Grip(msgspec.Struct, frozen=True):
-    """One triple of positions over all draws."""
+    """A triple of positions with its forces over all sampled variations."""
 
     counts: Counts3
     thumb_n: tuple[float, float, float]  # least (relaxed), median, most
     finger_n: float  # least of B and C, relaxed
     carried: float  # most of the weight that friction carries, at first
-    fails: dict[str, float]  # shares of draws: loose, firm, finger (lost touch), holds
-    sure: float  # share of draws that fail in nothing
+    fails: dict[str, float]  # shares of samples: loose, firm, finger (lost contact), holds
+    sure: float  # share of samples without a failed criterion
 
     def meets(self, criteria: Criteria) -> bool:
-        """Whether it slips in every draw and rarely fails another criterion."""
+        """Whether it slips in every sample and rarely fails another criterion."""
         return self.fails["holds"] == 0.0 and self.sure >= criteria.least_sure
 
 
@@ -82,7 +82,8 @@ def options(parser: Parser) -> None:
     for name in ("least", "most"):
         parser.add_argument(f"--{name}", type=decimal(0, 10), default=getattr(default, f"{name}_n"),
                             metavar="N", help="force at the thumb, N")  # fmt: skip
-    parser.add_argument("--draws", type=whole(1, 10_000), default=default.draws, metavar="N")
+    parser.add_argument("--samples", type=whole(1, 10_000), default=default.samples, metavar="N",
+                        help="of the variation between trials (default: %(default)s)")  # fmt: skip
     parser.add_argument("--verify", type=whole(0, 10_000), default=5, metavar="N",
                         help="lifts without slip response; each must slip")  # fmt: skip
     share(parser, "config set")
@@ -92,7 +93,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
     if args.least >= args.most:
         raise UsageError(f"--least {args.least:g} N is not below --most {args.most:g} N",
                          "give a larger --most")  # fmt: skip
-    criteria = Criteria(least_n=args.least, most_n=args.most, draws=args.draws)
+    criteria = Criteria(least_n=args.least, most_n=args.most, samples=args.samples)
     return [
         Task(load_config(name, "simulated", None, args.config, args.set).for_lift(), criteria,
              args.verify)
@@ -111,9 +112,9 @@ def trial(task: Task) -> Row:
 
 
 def search(config: LiftConfig, criteria: Criteria) -> list[Grip]:
-    """All triples near first contact, best first: fewest failing draws, then the middle force."""
-    trials = _trials(config, criteria.draws)
-    grips = [_judge(config, criteria, counts, trials) for counts in _candidates(config)]
+    """All triples near first contact, best first: fewest failed samples, then the middle force."""
+    trials = _trials(config, criteria.samples)
+    grips = [_evaluated(config, criteria, counts, trials) for counts in _candidates(config)]
     middle_n = 0.5 * (criteria.least_n + criteria.most_n)
     return sorted(
         grips,
@@ -127,11 +128,11 @@ def search(config: LiftConfig, criteria: Criteria) -> list[Grip]:
 
 def present(config: LiftConfig, criteria: Criteria) -> Grip:
     """The grip at the object's configured positions."""
-    trials = _trials(config, criteria.draws)
-    return _judge(config, criteria, config.object.grip_counts, trials)
+    trials = _trials(config, criteria.samples)
+    return _evaluated(config, criteria, config.object.grip_counts, trials)
 
 
-def _judge(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[Draw]) -> Grip:
+def _evaluated(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[Draw]) -> Grip:
     pressed, carried = _forces(config, counts, trials)
     relaxed = pressed * (1 - config.contact.relaxation_fraction)
     flags = {
@@ -151,10 +152,10 @@ def _judge(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list
     )
 
 
-def _trials(config: LiftConfig, draws: int) -> list[Draw]:
+def _trials(config: LiftConfig, samples: int) -> list[Draw]:
     return [
         draw(config.variation, config.object, config.hand, np.random.default_rng(child))
-        for child in np.random.SeedSequence(0).spawn(draws)
+        for child in np.random.SeedSequence(0).spawn(samples)
     ]
 
 
@@ -200,7 +201,7 @@ def table(rows: Sequence[Row]) -> str:
             ", ".join(f"{f:.2f}" for f in g.thumb_n) for g in grips
         ],
         "friction carries at most, %": [100 * g.carried for g in grips],
-        "draws that fail, %": [
+        "failed samples, %": [
             ", ".join(f"{name} {100 * f:.1f}" for name, f in g.fails.items() if f) or "none"
             for g in grips
         ],

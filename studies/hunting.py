@@ -19,7 +19,7 @@ from scenarios.campaign.config import load_config
 from scenarios.trial.config import TrialConfig
 from studies.runner import Study, markdown
 
-RATCHET, LOOSENING, REGRASP = POLICIES = ("own transients", "loosening", "regrasp")
+RATCHET, LOOSENING, REGRASP = POLICIES = ("tightening only", "loosening", "regrasp")
 STEPS_N = (0.5, 2.0, 8.0)
 HOLDS_S = (0.03, 0.1)
 LATENCIES_S = tuple(0.01 * k for k in range(21))
@@ -32,7 +32,7 @@ TICK_S, REGRASP_S = 0.005, 0.05
 
 
 class Loop(msgspec.Struct, frozen=True, kw_only=True):
-    """One reduced loop."""
+    """Parameters of the reduced loop."""
 
     latency_s: float  # command to rise of force
     refractory_s: float  # from one command to the next
@@ -49,7 +49,7 @@ class Loop(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One panel of the map."""
+    """A panel of the map."""
 
     policy: str
     step_n: float
@@ -91,7 +91,7 @@ def _hunt(
     slipping = [False] * (ticks + 1)
     force, target = first, first
     rise_at, shaken_until, open_until = -1.0, -1.0, -1.0
-    last_command, last_seen = -1e9, -1e9
+    last_command, last_slip = -1e9, -1e9
     compensating, compensations = False, 0
     for i in range(ticks):
         t = i * TICK_S
@@ -104,17 +104,17 @@ def _hunt(
                 force = target
             rise_at = -1.0
         slipping[i] = force < needed or t < open_until or t < shaken_until
-        seen = i >= delay and slipping[i - delay]
-        if seen:
-            last_seen = t
-        if seen and t - last_command >= refractory:
+        detected = i >= delay and slipping[i - delay]
+        if detected:
+            last_slip = t
+        if detected and t - last_command >= refractory:
             if not compensating:
                 compensations += 1
                 compensating = True
             last_command = t
             target = min(limit, force + step)
             rise_at = t + latency
-        elif compensating and t - max(last_seen, last_command) >= hold:
+        elif compensating and t - max(last_slip, last_command) >= hold:
             compensating = False
         if not compensating and loosening > 0.0 and compensations > 0:
             force = max(0.0, force - loosening * TICK_S)
@@ -173,7 +173,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """One panel a policy (rows) and pair of step and hold time (columns); a star: the default."""
+    """Panels by policy (rows) and pair of step and hold time (columns); a star: the default."""
     policies = list(dict.fromkeys(row.task.policy for row in rows))
     columns = list(dict.fromkeys((row.task.step_n, row.task.hold_s) for row in rows))
     axes = figure.subplots(len(policies), len(columns), sharex=True, sharey=True, squeeze=False)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from detector.decision import log_odds
 from detector.recordings import Recording, read_dataset
-from detector.scores.evaluation import cause_of, spoken
+from detector.scores.evaluation import cause_of, hand_probability
 from detector.scores.impacts import impacts_of
 from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile
@@ -55,7 +55,7 @@ MEMBERS, WIDTH, BATCH, EPOCHS, RATE = 3, 96, 256, 30, 3e-3  # of the ensemble's 
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One kind of event, and the delay after it."""
+    """A kind of event, and the delay after it."""
 
     kind: str
     time_s: float
@@ -64,7 +64,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Separation(msgspec.Struct, frozen=True):
-    """How well a score separates one class from rest."""
+    """Separation of one class from rest by a score."""
 
     detector: str
     title: str
@@ -101,11 +101,11 @@ def _options(parser: Parser) -> None:
 
 
 def first_of_each(jobs: Sequence[Job], share: float) -> list[Job]:
-    """So many of the recordings of every cause, the first in the plan."""
+    """The first recordings of every cause in the plan, in that share."""
     found: list[Job] = []
     for cause in dict.fromkeys(job.metadata.cause for job in jobs):
-        its = [job for job in jobs if job.metadata.cause == cause]
-        found += its[: math.ceil(share * len(its))]
+        of_cause = [job for job in jobs if job.metadata.cause == cause]
+        found += of_cause[: math.ceil(share * len(of_cause))]
     return found
 
 
@@ -153,8 +153,8 @@ def samples(time_s: float) -> int:
 def taps(recordings: Sequence[Recording]) -> list[Moment]:
     """Every tap, from the first sample after it."""
     return [
-        (i, b.struck, b.until - b.struck, int(np.digitize(1e3 * b.moved_m, MOVED_MM)))
-        for i, r in enumerate(recordings) for b in impacts_of(r)
+        (i, one.start, one.end - one.start, int(np.digitize(1e3 * one.moved_m, MOVED_MM)))
+        for i, r in enumerate(recordings) for one in impacts_of(r)
     ]  # fmt: skip
 
 
@@ -197,7 +197,7 @@ def cases(
     for name in detectors:
         config = load_config("can", "simulated", name)
         streams = stream_together(config.make_detector, recordings)
-        outputs[name] = around([log_odds(spoken(s, config.rule)) for s in streams], 0)
+        outputs[name] = around([log_odds(hand_probability(s, config.rule)) for s in streams], 0)
     groups, _, lasts, classes = np.array(moments).T
     counts = around([r.counts for r in recordings], -BEFORE)
     return Cases(counts, lasts, classes, groups, outputs)
@@ -275,7 +275,7 @@ def _trained(inputs: Any, labels: Any, classes: int, seed: int) -> Any:
 
 
 def separation(cases: Cases, score: Floats, kind: int, detector: str, title: str) -> Separation:
-    """How well a score (n,) separates a class from rest; NaN is left out."""
+    """Separation of a class from rest by a score (n,), without NaN."""
     chosen = np.isfinite(score) & np.isin(cases.classes, (0, kind))
     s, moved, groups = score[chosen], cases.classes[chosen] == kind, cases.groups[chosen]
     rows = [np.flatnonzero(groups == g) for g in np.unique(groups)]
@@ -296,7 +296,7 @@ def _hits(score: Floats, moved: NDArray[np.bool_]) -> float:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    """One table per class; columns "from" and "to" are the 95 % interval."""
+    """Tables by class; columns "from" and "to" are the 95 % interval."""
     parts = []
     for kind, title in ((kind, title) for kind, titles in TITLES.items() for title in titles[1:]):
         found = [

@@ -51,7 +51,7 @@ VARIANTS = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One training."""
+    """A training of one variant."""
 
     variant: str
     seed: int
@@ -61,7 +61,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One training, scored on the split `test`."""
+    """Scores of a training on the split `test`."""
 
     variant: str
     seed: int

@@ -20,8 +20,8 @@ from detector.scores.evaluation import (
     HIGH,
     LOW,
     WARM_UP_SAMPLES,
-    judge_stream,
-    spoken,
+    hand_probability,
+    score_stream,
 )
 from detector.scores.metrics import Confusion, confusion
 from detector.scores.quantiles import quantile, quantiles
@@ -68,7 +68,7 @@ STATEMENTS: dict[str, tuple[tuple[str | float, str | float], ...]] = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One detector."""
+    """A detector to be evaluated."""
 
     detector: str
     digest: str  # of its weights, settings and rule
@@ -77,7 +77,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Counts(msgspec.Struct, frozen=True):
-    """One recording: its samples by label and verdict, and its delays."""
+    """Confusion matrix and delays of one recording."""
 
     key: Key | None  # None: no cell of Table III
     confusion: tuple[int, int, int, int]
@@ -85,7 +85,7 @@ class Counts(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One detector: the recordings of Table II, and those of Table III."""
+    """Results of a detector: the recordings of Table II, and those of Table III."""
 
     detector: str
     swept: str
@@ -94,22 +94,22 @@ class Row(msgspec.Struct, frozen=True):
 
 
 class Estimate(msgspec.Struct, frozen=True, eq=False):
-    """A figure, and its value on every resample (RESAMPLES,)."""
+    """A statistic, and its value on every resample (RESAMPLES,)."""
 
     value: float
-    draws: Floats
+    resamples: Floats
 
     def __sub__(self, other: "Estimate") -> "Estimate":
-        return Estimate(self.value - other.value, self.draws - other.draws)
+        return Estimate(self.value - other.value, self.resamples - other.resamples)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 %."""
-        ordered = np.sort(self.draws)
+        """95 % interval."""
+        ordered = np.sort(self.resamples)
         return quantile(ordered, LOW), quantile(ordered, HIGH)
 
     def text(self) -> str:
-        """Per cent."""
+        """Value and interval in per cent."""
         return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * x for x in (self.value, *self.interval)))
 
 
@@ -119,7 +119,7 @@ def add_options(parser: Parser) -> None:
     add_data(parser)
     parser.add_argument(
         "--cells", type=Path, nargs="+", default=[], metavar="DIR",
-        help="data sets for Table III, of a seed of their own, e.g. `grasp dataset build paper "
+        help="data sets for Table III, from another seed, e.g. `grasp dataset build paper "
         "--seed 20 --share 0.6`; all their recordings are scored",
     )  # fmt: skip
 
@@ -138,20 +138,20 @@ def grid(args: argparse.Namespace) -> list[Task]:
 
 def trial(task: Task) -> Row:
     data, cells = [Path(f) for f in task.data], [Path(f) for f in task.cells]
-    asked = read_split(cells, "all") if cells else []
-    if asked:
-        require_cells(asked)
+    of_cells = read_split(cells, "all") if cells else []
+    if of_cells:
+        require_cells(of_cells)
     swept = ""
     if task.detector in FORMULAS:
         swept = swept_threshold(contender(task.detector, read_split(data, "train"), "train"))
     chosen = [swept] if swept else []
     made = contender(task.detector, read_split(data, "test"), "test", assignments=chosen)
-    by_cell = contender(task.detector, asked, "all", assignments=chosen) if asked else None
+    by_cell = contender(task.detector, of_cells, "all", assignments=chosen) if of_cells else None
     return Row(made.label, swept, counted(made), counted(by_cell) if by_cell else [])
 
 
 def require_cells(recordings: Sequence[Recording]) -> None:
-    """Raises UsageError where a cell of Table III has too few recordings."""
+    """Raise UsageError if a cell of Table III has too few recordings."""
     keys = [key_of(r) for r in recordings]
     few = [key for key in KEYS if keys.count(key) < LEAST_RECORDINGS]
     if few:
@@ -177,12 +177,14 @@ def swept_threshold(made: Contender) -> str:
     section = made.config.detector_section
     settings = getattr(made.config, section)
     (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
-    p = np.concatenate([spoken(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams])
+    p = np.concatenate(
+        [hand_probability(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams]
+    )
     labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
-    tried, group = np.unique(p, return_inverse=True)
+    thresholds, group = np.unique(p, return_inverse=True)
     slip, static = (np.cumsum(np.bincount(group, of)) for of in (labels, ~labels))
     recall = static / static[-1] - slip / slip[-1]
-    border = float(tried[len(tried) - 1 - recall[::-1].argmax()])
+    border = float(thresholds[len(thresholds) - 1 - recall[::-1].argmax()])
     odds = border / (1.0 - border)
     return f"{section}.{name}={getattr(settings, name) * odds ** (1.0 / STEEPNESS):g}"
 
@@ -190,11 +192,11 @@ def swept_threshold(made: Contender) -> str:
 def counted(made: Contender) -> list[Counts]:
     found, rule = [], made.config.rule
     for s in made.streams:
-        p, labels = spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
+        p, labels = hand_probability(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]
         c = confusion(p > made.detector.threshold, labels)
-        judged = judge_stream(s, rule).events
+        outcomes = score_stream(s, rule).events
         cells = (c.static_static, c.static_slip, c.slip_static, c.slip_slip)
-        found.append(Counts(key_of(s.recording), cells, judged.delays_ms.tolist()))
+        found.append(Counts(key_of(s.recording), cells, outcomes.delays_ms.tolist()))
     return found
 
 
@@ -243,9 +245,9 @@ def f1_by_cell(recordings: Sequence[Counts]) -> dict[Key, Estimate]:
     rng, found = np.random.default_rng(0), {}
     for key in KEYS:
         each = np.array([c.confusion for c in recordings if c.key == key])
-        drawn = rng.integers(0, len(each), (RESAMPLES, len(each)))
+        resamples = rng.integers(0, len(each), (RESAMPLES, len(each)))
         value = float(weighted_f1(each.sum(axis=0)))
-        found[key] = Estimate(value, weighted_f1(each[drawn].sum(axis=1)))
+        found[key] = Estimate(value, weighted_f1(each[resamples].sum(axis=1)))
     return found
 
 
@@ -253,7 +255,8 @@ def mean_of(f1: dict[Key, Estimate], *groups: str | float) -> Estimate:
     """Mean over the cells of a motion, a speed and a surface; `translation`: all but rotation."""
     of = [e for key, e in f1.items()
           if {*groups} <= {*key, "" if key[0] == "rotation" else "translation"}]  # fmt: skip
-    return Estimate(float(np.mean([e.value for e in of])), np.mean([e.draws for e in of], axis=0))
+    resamples: Floats = np.mean([e.resamples for e in of], axis=0)
+    return Estimate(float(np.mean([e.value for e in of])), resamples)
 
 
 def cells_table(row: Row, f1: dict[Key, Estimate]) -> str:

@@ -37,7 +37,7 @@ COLOURS = {
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One method at one step (of `adaptive`: at one tolerance, m)."""
+    """A method at one step (of `adaptive`: at one tolerance, m)."""
 
     scene: str
     curve: str

@@ -84,7 +84,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def chart(rows: Sequence[Row], figure: Any) -> None:
-    """One map per method: colour is the error, black where the method failed."""
+    """Maps by method: colour is the error, black where the method failed."""
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm
 

@@ -48,7 +48,7 @@ SLIP_TOP_MM = 60.0
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One object on one seed."""
+    """An object and a seed."""
 
     config: LiftConfig
     seed: int
@@ -99,11 +99,12 @@ def options(parser: Parser) -> None:
 def grid(args: argparse.Namespace) -> list[Task]:
     tasks = []
     for name in args.objects:
-        own = args.detector, args.config, args.set, args.profile
-        config = load_config(name, "simulated", *own).for_lift()
-        asked = tuple(sorted(args.latencies)), tuple(args.speeds)
+        rest = args.detector, args.config, args.set, args.profile
+        config = load_config(name, "simulated", *rest).for_lift()
+        grid_values = tuple(sorted(args.latencies)), tuple(args.speeds)
         tasks += [
-            Task(config, seed, *asked, i < args.check) for i, seed in enumerate(seeds_of(args))
+            Task(config, seed, *grid_values, i < args.check)
+            for i, seed in enumerate(seeds_of(args))
         ]
     return tasks
 
@@ -138,7 +139,7 @@ def find_onset(start: LiftStart) -> int | None:
 
 
 def react(config: LiftConfig, start: LiftStart, at_ns: int, command: CloseFast) -> Reaction:
-    """Simulate the lift with one command at one time. The rules of a lift judge it at the top,
+    """Simulate the lift with one command at one time. The rules of a lift score it at the top,
     without their conditions on detector and force."""
     cell, gripper = copy.deepcopy(start)
     start_ns = cell.truth().t_ns
@@ -160,10 +161,10 @@ def react(config: LiftConfig, start: LiftStart, at_ns: int, command: CloseFast) 
     ramp_s = c.lift_speed_mps / c.lift_acceleration_mps2
     lift_s = c.lift_height_m / c.lift_speed_mps + ramp_s + SETTLE_S
     cell.advance(max(now_ns, start_ns + round(lift_s * 1e9)))
-    return _judged(cell.truth(), config)
+    return _scored(cell.truth(), config)
 
 
-def _judged(end: Truth, config: LiftConfig) -> Reaction:
+def _scored(end: Truth, config: LiftConfig) -> Reaction:
     onset_s = end.slip_onset_s
     facts = LiftFacts(
         end=end, felt_n=0.0, had_compensated=True, registered_s=onset_s or 0.0,
@@ -179,8 +180,10 @@ def _judged(end: Truth, config: LiftConfig) -> Reaction:
 
 def _check(config: LiftConfig, seed: int, start: LiftStart) -> Check | None:
     """Compare the full run, which closes once, with its copy; None without slip or closing."""
-    own = msgspec.structs.replace(config.controller, closing="constant", slip_response="close")
-    config = msgspec.structs.replace(config, controller=own)
+    controller_settings = msgspec.structs.replace(
+        config.controller, closing="constant", slip_response="close"
+    )
+    config = msgspec.structs.replace(config, controller=controller_settings)
     sent: list[tuple[int, CloseFast]] = []
 
     def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
@@ -196,7 +199,7 @@ def _check(config: LiftConfig, seed: int, start: LiftStart) -> Check | None:
     late_ns = registered_ns - round(end.slip_onset_s * 1e9)
     earlier = [sent_ns - round(max(0, late_ns) * (1 - 1 / factor)) for factor in FASTER]
     return Check(
-        _judged(end, config), react(config, start, sent_ns, command),
+        _scored(end, config), react(config, start, sent_ns, command),
         [react(config, start, at_ns, command) for at_ns in earlier],
     )  # fmt: skip
 

@@ -22,10 +22,10 @@ from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
     cause_of,
+    hand_probability,
     hand_rate,
-    judge_stream,
     score_impacts,
-    spoken,
+    score_stream,
 )
 from detector.scores.quantiles import quantiles
 from drivers.errors import BadFile
@@ -66,7 +66,7 @@ BROKEN = ("dead", "stuck", "swapped", PAD)  # share one column of the chart
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One perturbation; kind "" is the unchanged recording."""
+    """A perturbation; kind "" is the unchanged recording."""
 
     kind: str
     amount: float
@@ -79,7 +79,7 @@ class Score(msgspec.Struct, frozen=True):
     """Scores of one detector with its rule; None where undefined."""
 
     detector: str
-    accuracy: float  # of samples, at the detector's own threshold
+    accuracy: float  # of samples, at the detector's threshold
     recall: float | None  # of slips outside taps
     p90_ms: float | None  # delay of slips of pressed fingertips; None also if missed
     false_per_min: float | None  # of a hand
@@ -129,7 +129,7 @@ def _recordings(data: tuple[str, ...], most: int) -> list[Recording]:
 
 
 def chosen(recordings: Sequence[Recording], most: int) -> list[Recording]:
-    """At most ``most``, evenly spread over the recordings ordered by cause."""
+    """A selection of at most ``most``, evenly spread over the recordings ordered by cause."""
     n, ordered = len(recordings), sorted(recordings, key=cause_of)
     return ordered if n <= most else [ordered[(2 * i + 1) * n // (2 * most)] for i in range(most)]
 
@@ -157,19 +157,21 @@ def score(name: str, recordings: Sequence[Recording]) -> Score:
     config = load_config("can", "simulated", name)
     rule, threshold = config.rule, config.make_detector(1).threshold
     streams = stream_together(config.make_detector, recordings)
-    judged = [judge_stream(s, rule, apart=True) for s in streams]
-    right = [((spoken(s, rule) > threshold) == s.labels)[WARM_UP_SAMPLES:] for s in streams]
-    delays = np.concatenate([j.events.delays_ms for j in judged])
+    scored = [score_stream(s, rule, exclude_impacts=True) for s in streams]
+    right = [
+        ((hand_probability(s, rule) > threshold) == s.labels)[WARM_UP_SAMPLES:] for s in streams
+    ]
+    delays = np.concatenate([each.events.delays_ms for each in scored])
     pressed = quantiles(
-        d for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == SLIDE
-        for d in j.events.delays_ms.tolist()
+        d for s, each in zip(streams, scored, strict=True) if cause_of(s.recording) == SLIDE
+        for d in each.events.delays_ms.tolist()
     )  # fmt: skip
-    taps = score_impacts(judged)
+    taps = score_impacts(scored)
     return Score(
         name, float(np.concatenate(right).mean()),
         float(np.isfinite(delays).mean()) if len(delays) else None,
         pressed.p90 if pressed and np.isfinite(pressed.p90) else None,
-        hand_rate(streams, [j.events for j in judged]),
+        hand_rate(streams, [each.events for each in scored]),
         taps.far_registered / taps.far if taps and taps.far else None,
         taps.unmoved_registered / taps.unmoved if taps and taps.unmoved else None,
     )  # fmt: skip
@@ -209,9 +211,9 @@ def perturbed(recording: Recording, kind: str, amount: float, seed: int = 0) -> 
     elif kind == "noise":
         changed += NOISE_COUNTS * np.sqrt(amount**2 - 1.0) * rng.standard_normal(counts.shape)
     elif kind == "lost":  # the driver repeats the sample before
-        gone = rng.random(len(counts)) < amount
-        gone[0] = False
-        changed = changed[np.maximum.accumulate(np.where(gone, 0, np.arange(len(counts))))]
+        lost = rng.random(len(counts)) < amount
+        lost[0] = False
+        changed = changed[np.maximum.accumulate(np.where(lost, 0, np.arange(len(counts))))]
     elif kind == "temperature":
         turn, into_s = np.divmod(t_s, STEP_S)
         ramp = np.minimum(into_s / RAMP_S, 1.0)
@@ -264,7 +266,7 @@ def _table(rows: Sequence[Row]) -> str:
 
 
 def _chart(rows: Sequence[Row], figure: Any) -> None:
-    """One row per score, one column per perturbation, one line per detector."""
+    """Panels by score (rows) and perturbation (columns), with a line per detector."""
     scores = ("accuracy", "p90_ms", "false_per_min", "taps")
     curves = [kind for kind in GRID if kind not in BROKEN]
     panels = figure.subplots(len(scores), len(curves) + 1, sharey="row", sharex="col")

@@ -92,7 +92,7 @@ SCENES = {"easy": (BASE,), "hard": HARD, "alarms": (BASE, *ALARMS), "all": (BASE
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One lift."""
+    """A lift under one policy in one scene."""
 
     config: LiftConfig
     policy: Policy
@@ -128,15 +128,15 @@ def options(parser: Parser) -> None:
 
 def grid(args: argparse.Namespace) -> list[Task]:
     known = {policy.name: policy for policy in POLICIES}
-    asked = args.policies or known
-    if unknown := set(asked) - known.keys():
+    chosen = args.policies or known
+    if unknown := set(chosen) - known.keys():
         raise UsageError(f"no policy {min(unknown)!r}", f"one of: {', '.join(map(repr, known))}")
     # an emulated world runs in another process, so the study cannot change its friction
     scenes = [s for s in SCENES[args.scenes] if args.rig == "simulated" or s.wet == 1.0]
     return [
         Task(configured(name, scene, known[policy], args), known[policy], scene, seed)
         for scene in scenes
-        for policy in asked
+        for policy in chosen
         for name in args.objects
         for seed in seeds_of(args)
     ]
@@ -152,8 +152,8 @@ def configured(name: str, scene: Scene, policy: Policy, args: argparse.Namespace
         f"object.mass_kg={body.mass_kg * scene.mass}",
         f"object.added_mass_kg={body.added_mass_kg * scene.mass}",
     )
-    own = (*args.set, *scaled, *scene.settings, *policy.settings, "controller.keep=true")
-    return load_config(*base, own).for_lift()
+    settings = (*args.set, *scaled, *scene.settings, *policy.settings, "controller.keep=true")
+    return load_config(*base, settings).for_lift()
 
 
 class Oracle:
@@ -171,7 +171,7 @@ class Oracle:
 
 
 class FalseAlarms:
-    """A detector whose probabilities are all 1 for 0.1 s at times drawn from the seed."""
+    """A detector whose probabilities are all 1 for 0.1 s at random times."""
 
     name, threshold, memory = "false alarms", 0.5, 0
 

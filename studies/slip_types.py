@@ -3,7 +3,7 @@
 The scores use samples labelled slip in which a fingertip moves, for each finger separately. The
 split `train` of each set fits the baselines; the split `test` scores all. Intervals are 95 %, by
 bootstrap over recordings. `--train` (extra `train`) trains new outputs on the split `train` of all
-sets and writes DIR/NAME.heads.json. Without it the study scores the outputs beside the weights.
+sets and writes DIR/NAME.auxiliary.json. Without it the study scores the outputs beside the weights.
 """
 
 import argparse
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import (
     ENERGY_SAMPLES,
-    LEAST_ENERGY,
+    MIN_ENERGY,
     SECTORS,
     SUFFIX,
     AuxiliaryOutputs,
     Float32s,
     OutputsFile,
+    input_width,
     inputs_of,
     read_outputs,
-    width_of,
 )
 from detector.energy import energy_series
 from detector.network_file import LoadedNetwork, read_network, weights_digest
@@ -47,7 +47,7 @@ Whole = NDArray[np.intp]
 Figure = tuple[float, float, float]  # and its interval
 SPAN = 5  # samples in the mean of a motion; a tap lasts less than two
 TURN_LEVER_M = 0.003 / 0.2  # of the paper's label: 3 mm/s, 0.2 rad/s
-OWN, SEED = "auxiliary outputs", 0
+NETWORK, SEED = "auxiliary outputs", 0
 LEAST_MPS, FIRST_SAMPLE, HAND_FINGERS = 0.003, 100, 3
 UPWARDS = "fingertip.slip_direction_deg"  # of a recording's parameters
 # taxel positions of the kit, columns and rows; and the past samples for the centre's reference
@@ -58,7 +58,7 @@ FIGURES = ("speed factor, median", "speed, R2 of its logarithm", "direction, one
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One network."""
+    """A network to be evaluated."""
 
     network: str
     digest: str
@@ -69,7 +69,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One network: FIGURES by set and predictor; None for a figure without a prediction."""
+    """FIGURES of a network by set and predictor; None for a figure without a prediction."""
 
     network: str
     scores: dict[str, tuple[Figure | None, ...]]
@@ -115,7 +115,7 @@ def grid(args: argparse.Namespace) -> list[Task]:
 def trial(task: Task) -> Row:
     weights, folders = Path(task.network), [Path(f) for f in task.data]
     loaded = read_network(weights)
-    width_of(loaded)  # raises for a network without state, before reading data
+    input_width(loaded)  # raises for a network without state, before reading data
     learnt = [read_set(folder, "train") for folder in folders]
     known = [samples_of(loaded, recordings) for recordings in learnt]
     outputs = read_outputs(weights, task.digest, loaded)
@@ -125,13 +125,13 @@ def trial(task: Task) -> Row:
         raise UsageError(f"{weights.name} has no auxiliary outputs", "give --train")
     scores: dict[str, tuple[Figure | None, ...]] = {}
     for folder, samples in zip(folders, known, strict=True):
-        asked = samples_of(loaded, read_set(folder, "test"))
-        out = outputs.outputs(asked.inputs).astype(np.float64)
-        own = {OWN: Guess(out[:, 0], out[:, 1], out[:, 2:].argmax(axis=1))}
-        guesses = baselines(samples, asked) | own
-        scores |= {f"{folder.name}: {by}": score(each, asked) for by, each in guesses.items()}
+        test = samples_of(loaded, read_set(folder, "test"))
+        out = outputs.outputs(test.inputs).astype(np.float64)
+        by_network = {NETWORK: Guess(out[:, 0], out[:, 1], out[:, 2:].argmax(axis=1))}
+        guesses = baselines(samples, test) | by_network
+        scores |= {f"{folder.name}: {by}": score(each, test) for by, each in guesses.items()}
     if task.train:
-        kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(OWN)
+        kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(NETWORK)
                 for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
         content = msgspec.json.encode(msgspec.structs.replace(outputs.file, scores=kept))
         write_whole(Path(task.out) / f"{weights.stem}{SUFFIX}", content)
@@ -140,12 +140,12 @@ def trial(task: Task) -> Row:
 
 def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> OutputsFile:
     from detector.training.sequences import digest
-    from studies.auxiliary_training import Wanted, train_outputs
+    from studies.auxiliary_training import OutputTargets, train_outputs
 
     truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
-    wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
+    targets = [OutputTargets(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
     used, commit = digest(recordings), versions()["commit"]
-    return train_outputs(wanted, SEED, task.steps, task.digest, used, commit)
+    return train_outputs(targets, SEED, task.steps, task.digest, used, commit)
 
 
 def samples_of(loaded: LoadedNetwork, recordings: Sequence[Recording]) -> Samples:
@@ -165,10 +165,10 @@ def _samples(loaded: LoadedNetwork, r: Recording, motion: Floats, number: int) -
     moves = (np.linalg.norm(motion, axis=2) > LEAST_MPS) & r.slip[:, None]
     moves[:FIRST_SAMPLE] = False
     counts = r.counts.astype(np.float32)
-    for frame, previous, wanted in zip(counts, [counts[0], *counts[:-1]], moves, strict=True):
-        fed = {"counts": frame, "previous": previous}
-        states = dict(zip(states, loaded.session.run(names, fed | states), strict=True))
-        inputs.append(inputs_of(states, frame)[wanted])
+    for frame, previous, chosen in zip(counts, [counts[0], *counts[:-1]], moves, strict=True):
+        feeds = {"counts": frame, "previous": previous}
+        states = dict(zip(states, loaded.session.run(names, feeds | states), strict=True))
+        inputs.append(inputs_of(states, frame)[chosen])
     n, up = int(moves.sum()), _up_rad(r)
     down = -1 if up is None else int(sector_of(np.array([math.cos(up), math.sin(up), 0.0])))
     return Samples(
@@ -230,24 +230,24 @@ def centre_shift(counts: NDArray[np.int16]) -> Floats:
     return found
 
 
-def baselines(learnt: Samples, asked: Samples) -> dict[str, Guess]:
+def baselines(learnt: Samples, test: Samples) -> dict[str, Guess]:
     """Predictions without the network."""
     speed, turns = log_speed(learnt.motion), turning_of(learnt.motion)
     slides = learnt.motion[~turns]
     sign = 1.0 if (auc(learnt.energy, turns) or 0.0) >= 0.5 else -1.0
-    energy, new = (np.log(samples.energy + LEAST_ENERGY) for samples in (learnt, asked))
+    energy, new = (np.log(samples.energy + MIN_ENERGY) for samples in (learnt, test))
     ways = slides[:, :2] / np.linalg.norm(slides[:, :2], axis=1, keepdims=True)
-    old, asked_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, asked))
+    old, test_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, test))
     by_centre = np.linalg.lstsq(old[~turns], ways, rcond=None)[0]
     by_energy: Floats = np.polyval(np.polyfit(energy, speed, 2), new).astype(np.float64)
-    n, commonest = len(asked.recording), np.bincount(sector_of(slides)).argmax()
+    n, commonest = len(test.recording), np.bincount(sector_of(slides)).argmax()
     found = {
         "always the same": Guess(np.full(n, np.median(speed)), None, np.full(n, commonest)),
-        "energy": Guess(by_energy, sign * asked.energy),
-        "centre of pressure": Guess(sector=sector_of(asked_shift @ by_centre)),
+        "energy": Guess(by_energy, sign * test.energy),
+        "centre of pressure": Guess(sector=sector_of(test_shift @ by_centre)),
     }
-    if (asked.down >= 0).all():
-        found["down, by the mount"] = Guess(sector=asked.down)
+    if (test.down >= 0).all():
+        found["down, by the mount"] = Guess(sector=test.down)
     return found
 
 
@@ -255,13 +255,13 @@ def score(guess: Guess, truth: Samples) -> tuple[Figure | None, ...]:
     """FIGURES of all samples, and their intervals."""
     rng = np.random.default_rng(0)
     of = [np.flatnonzero(truth.recording == r) for r in np.unique(truth.recording)]
-    drawn = [
+    resamples = [
         figures_of(guess, truth, np.concatenate([of[k] for k in rng.integers(0, len(of), len(of))]))
         for _ in range(RESAMPLES_OF_A_SET)
     ]
     found: list[Figure | None] = []
     for i, value in enumerate(figures_of(guess, truth, np.arange(len(truth.recording)))):
-        values = sorted(x for each in drawn if (x := each[i]) is not None)
+        values = sorted(x for each in resamples if (x := each[i]) is not None)
         if value is None or not values:
             found.append(None)
         else:

@@ -1,7 +1,7 @@
-"""Metrics of events: what a decision rule registered against the slips that really happened.
+"""Metrics of events: the events that a decision rule registered, compared with the true slips.
 
-The controller acts upon the beginning of a registered event. So a slip is caught if an event begins
-within it; an alarm that is still on from before catches nothing.
+The controller responds to the start of a registered event. So a slip is detected if an event starts
+within it; an event that started before does not count.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from detector.scores.quantiles import Quantiles, quantiles
 
 MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
 MERGE_GAP_S = 0.1  # static gaps shorter than this do not end a slip; assumed
-# an event may begin this long before the label: sliding starts below its speed; assumed
+# an event may start this long before the label: sliding starts below its speed; assumed
 EARLY_S = 0.02
-RUN_UP_S = 0.3  # longest time before the label that a contact which moves already counts for slip
+RUN_UP_S = 0.3  # longest time before the label in which a moving contact counts as slip
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
 
 
 class EventMetrics(msgspec.Struct, frozen=True):
-    """Events in a stretch of data; None where there is nothing to judge.
+    """Metrics of the events of one or more recordings; None where undefined.
 
-    Delays count from the label's rise (``delay``) and fall (``release_delay``): negative is early.
-    A miss is a delay without end, and quantiles say so: infinite where too many are missed.
+    Delays count from the rise (``delay``) and the fall (``release_delay``) of the label; negative
+    is early. A missed slip has an infinite delay.
     """
 
     true_events: int
@@ -41,7 +41,7 @@ class EventMetrics(msgspec.Struct, frozen=True):
 
 
 def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
-    """Runs of slip (m, 2), those closer than the gap joined."""
+    """Runs of slip (m, 2); runs closer than the gap are merged."""
     edges = np.flatnonzero(np.diff(slip.astype(np.int8), prepend=0, append=0))
     first, after = edges[::2], edges[1::2]
     apart = t_s[first[1:]] - t_s[after[:-1]] >= merge_gap_s
@@ -51,27 +51,27 @@ def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
     ])  # fmt: skip
 
 
-class Judgement(msgspec.Struct, frozen=True, eq=False):
-    """What became of the slips of one stretch of data; several can be pooled."""
+class EventOutcomes(msgspec.Struct, frozen=True, eq=False):
+    """Delays and counts of one recording by one rule; see `pooled`."""
 
-    delays_ms: Floats  # of every slip, infinite where it was missed
-    delays_mm: Floats | None  # likewise
-    releases_ms: Floats  # of the slips that were caught
+    delays_ms: Floats  # of every slip, infinite if missed
+    delays_mm: Floats | None  # distance slipped until the event, likewise
+    releases_ms: Floats  # of the detected slips
     missed: int
-    good: int  # registered events that begin in a slip
+    good: int  # registered events that start in a slip
     false: int
     static_s: float
 
 
 class Slips(msgspec.Struct, frozen=True, eq=False):
-    """What is to be found in one stretch of data, the same for every rule."""
+    """True slips of one recording, the same for every rule."""
 
     truth: Events
     t_s: Floats
-    earliest_s: Floats  # (m,) an event that begins from then on detects this slip
-    counted: Labels  # (n,) samples in which slips and false events count if they begin there
+    earliest_s: Floats  # (m,) an event that starts at this time or later detects the slip
+    counted: Labels  # (n,) slips and false events that start in these samples count
     static_s: float
-    path_mm: Floats | None  # (n,) slid until each sample
+    path_mm: Floats | None  # (n,) distance slid until each sample
 
 
 def slips_of(
@@ -81,62 +81,65 @@ def slips_of(
     early_s: float = EARLY_S,
     first_sample: int = 0,
     speed_mps: Floats | None = None,
-    left_out: Labels | None = None,
+    excluded: Labels | None = None,
 ) -> Slips:
-    """Of labels (n,) at times (n,). Slips and false events count if they begin at ``first_sample``
-    or later, and not in what is ``left_out`` (n,), which is no rest either. With ``speed_mps`` (n,)
-    of sliding an event may begin as soon as the contact moves, and delays are also in mm slipped.
+    """True slips from labels (n,) at times (n,).
+
+    Slips and false events count if they start at ``first_sample`` or later and outside the
+    ``excluded`` samples (n,), which do not count as static time either. With the sliding speed
+    ``speed_mps`` (n,), an event may start as soon as the contact moves, and delays are given in mm
+    too.
     """
     counted = np.arange(len(t_s)) >= first_sample
-    if left_out is not None:
-        counted &= ~left_out
+    if excluded is not None:
+        counted &= ~excluded
     truth = true_events(slip, t_s, MERGE_GAP_S)
     static = counted.copy()
     for first, after in truth:
         static[first:after] = False
     static_s = float(static.sum() * ((t_s[-1] - t_s[0]) / (len(t_s) - 1)))  # a period each
     path_mm = None
-    if speed_mps is not None:  # a speed holds until the next sample
+    if speed_mps is not None:  # the speed is constant until the next sample
         steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
         path_mm = np.concatenate([[0.0], np.cumsum(steps_mm)])
-    earliest_s = _earliest_s(truth, t_s, early_s, speed_mps, left_out)
+    earliest_s = _earliest_s(truth, t_s, early_s, speed_mps, excluded)
     return Slips(truth, t_s, earliest_s, counted, static_s, path_mm)
 
 
-def judge(registered: Events, slips: Slips) -> Judgement:
-    """Judge registered events (m, 2)."""
+def score_events(registered: Events, slips: Slips) -> EventOutcomes:
+    """Compare registered events (m, 2) with the true slips."""
     truth, t_s, counted, path_mm = slips.truth, slips.t_s, slips.counted, slips.path_mm
     owner = _owners(registered, truth, t_s, slips.earliest_s)
     scored = np.flatnonzero(counted[truth[:, 0]])
     first = [registered[owner == i][:1, 0] for i in scored]
-    answered = np.array([len(f) > 0 for f in first], np.bool_)
+    detected = np.array([len(f) > 0 for f in first], np.bool_)
     onset, end = truth[scored, 0], truth[scored, 1]
-    at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
-    released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
+    at = np.where(detected, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
+    released = np.array([registered[owner == i][-1, 1] for i in scored[detected]], np.intp)
     delays_mm = None
-    if path_mm is not None:  # early is 0
+    if path_mm is not None:  # 0 for an early event
         slipped_mm = np.maximum(_at(path_mm, at) - _at(path_mm, onset), 0.0)
-        delays_mm = np.where(answered, slipped_mm, np.inf)
-    return Judgement(
-        delays_ms=np.where(answered, _at(t_s, at) * 1e3 - _at(t_s, onset) * 1e3, np.inf),
+        delays_mm = np.where(detected, slipped_mm, np.inf)
+    return EventOutcomes(
+        delays_ms=np.where(detected, _at(t_s, at) * 1e3 - _at(t_s, onset) * 1e3, np.inf),
         delays_mm=delays_mm,
-        releases_ms=(_at(t_s, released) - _at(t_s, end[answered])) * 1e3,
-        missed=int((~answered).sum()),
+        releases_ms=(_at(t_s, released) - _at(t_s, end[detected])) * 1e3,
+        missed=int((~detected).sum()),
         good=int(np.isin(owner, scored).sum()),
         false=int(((owner < 0) & counted[registered[:, 0]]).sum()),
         static_s=slips.static_s,
     )
 
 
-def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
-    """Metrics of several stretches of data as of one."""
-    delays = np.concatenate([j.delays_ms for j in judgements])
-    slipped = [j.delays_mm for j in judgements if j.delays_mm is not None]
-    releases = np.concatenate([j.releases_ms for j in judgements])
+def pooled(outcomes: Sequence[EventOutcomes]) -> EventMetrics:
+    """Metrics over several recordings."""
+    delays = np.concatenate([o.delays_ms for o in outcomes])
+    slipped = [o.delays_mm for o in outcomes if o.delays_mm is not None]
+    releases = np.concatenate([o.releases_ms for o in outcomes])
     missed, good, false = (
-        sum(getattr(j, name) for j in judgements) for name in ("missed", "good", "false")
+        sum(getattr(o, name) for o in outcomes) for name in ("missed", "good", "false")
     )
-    static_s = sum(j.static_s for j in judgements)
+    static_s = sum(o.static_s for o in outcomes)
     return EventMetrics(
         true_events=len(delays),
         missed_events=missed,
@@ -146,40 +149,40 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
         event_precision=good / (good + false) if good + false else None,
         false_events_per_min=false / static_s * 60.0 if static_s > 0.0 else None,
         delay_ms=quantiles(delays),
-        delay_mm=quantiles(np.concatenate(slipped)) if len(slipped) == len(judgements) else None,
+        delay_mm=quantiles(np.concatenate(slipped)) if len(slipped) == len(outcomes) else None,
         release_delay_ms=quantiles(releases),
     )
 
 
 def _earliest_s(
-    truth: Events, t_s: Floats, early_s: float, speed_mps: Floats | None, left_out: Labels | None
+    truth: Events, t_s: Floats, early_s: float, speed_mps: Floats | None, excluded: Labels | None
 ) -> Floats:
-    """From when on (m,) an event detects each slip: a little before the label, or since the contact
-    has been moving without rest. What is left out is no run-up, nor is what follows another slip so
-    closely that it would be one with it."""
+    """Earliest start (m,) of an event that detects each slip: ``early_s`` before the label, or the
+    start of the contact's motion if that is earlier. Excluded samples, and the time just after
+    another slip, do not count as such motion."""
     onset = truth[:, 0]
     earliest_s: Floats = t_s[onset] - early_s
     if speed_mps is None:
         return earliest_s
     rests = ~(np.abs(speed_mps) >= MOVING_MPS)
-    if left_out is not None:
-        rests |= left_out
+    if excluded is not None:
+        rests |= excluded
     still = np.concatenate([[-1], np.flatnonzero(rests)])
     began_s = t_s[still[np.searchsorted(still, onset) - 1] + 1]
     late_s = np.concatenate([[-np.inf], _at(t_s, truth[:-1, 1]) + MERGE_GAP_S])
     run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - RUN_UP_S)
-    found: Floats = np.minimum(earliest_s, run_up_s)
-    return found
+    earliest: Floats = np.minimum(earliest_s, run_up_s)
+    return earliest
 
 
 def _owners(registered: Events, truth: Events, t_s: Floats, earliest_s: Floats) -> NDArray[np.intp]:
-    """The slip (index into truth) in which each registered event begins, -1 if in none."""
+    """Index into ``truth`` of the slip in which each registered event starts; -1 for none."""
     start = registered[:, 0]
     candidate = np.searchsorted(truth[:, 1], start, side="right")
     return np.where(t_s[start] >= np.append(earliest_s, np.inf)[candidate], candidate, -1)
 
 
 def _at(series: Floats, samples: Events) -> Floats:
-    """Values of a series (n,) at samples; at the end of the data that of its last sample."""
+    """Values of a series (n,) at samples; beyond the end, the last value."""
     values: Floats = series[np.minimum(samples, len(series) - 1)]
     return values

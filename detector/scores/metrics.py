@@ -1,4 +1,4 @@
-"""Metrics of single samples: probabilities (n,) against labels (n,), arrays in, numbers out."""
+"""Metrics of samples: probabilities (n,) compared with labels (n,)."""
 
 import msgspec
 import numpy as np
@@ -11,10 +11,10 @@ CALIBRATION_BINS = 10
 
 
 class Confusion(msgspec.Struct, frozen=True):
-    """Samples by label and verdict; a ratio of nothing is 0."""
+    """Confusion matrix of the samples; ratios without samples are 0."""
 
     static_static: int
-    static_slip: int  # labelled static, called slip
+    static_slip: int  # labelled static, predicted slip
     slip_static: int
     slip_slip: int
 
@@ -36,7 +36,7 @@ class Confusion(msgspec.Struct, frozen=True):
 
     @property
     def balanced_accuracy(self) -> float | None:
-        """Mean recall of both classes; None if the labels know only one."""
+        """Mean recall of both classes; None if one has no sample."""
         if self.static == 0 or self.slip == 0:
             return None
         return (self.static_static / self.static + self.slip_slip / self.slip) / 2.0
@@ -47,14 +47,14 @@ class Confusion(msgspec.Struct, frozen=True):
 
     @property
     def weighted_precision(self) -> float:
-        """Precision of both classes, weighted by how often they are labelled."""
+        """Precision of both classes, weighted by their numbers of labels."""
         of_static = _ratio(self.static_static, self.static_static + self.slip_static)
         of_slip = _ratio(self.slip_slip, self.slip_slip + self.static_slip)
         return _ratio(self.static * of_static + self.slip * of_slip, self.n)
 
     @property
     def weighted_f1(self) -> float:
-        """F1 of both classes, weighted by how often they are labelled (the paper's F1)."""
+        """F1 of both classes, weighted by their numbers of labels (the paper's F1)."""
         static_f1 = _f1(self.static_static, self.slip_static + self.static_slip)
         return _ratio(self.static * static_f1 + self.slip * self.slip_f1, self.n)
 
@@ -67,22 +67,22 @@ def _f1(hits: int, errors: int) -> float:
     return _ratio(2 * hits, 2 * hits + errors)
 
 
-def confusion(verdicts: Labels, labels: Labels) -> Confusion:
-    """Count verdicts (n,) by label."""
-    cells = np.bincount(2 * labels.astype(np.intp) + verdicts, minlength=4)
+def confusion(predictions: Labels, labels: Labels) -> Confusion:
+    """Confusion matrix of predictions (n,) and labels (n,)."""
+    cells = np.bincount(2 * labels.astype(np.intp) + predictions, minlength=4)
     a, b, c, d = cells.tolist()
     return Confusion(a, b, c, d)
 
 
 class Ranking:
-    """Samples grouped by equal probability, in rising order: what an AUC is computed from."""
+    """Samples grouped by equal probability, in ascending order, to compute weighted AUCs."""
 
     def __init__(self, probabilities: Floats, labels: Labels) -> None:
         self._group = np.unique(probabilities, return_inverse=True)[1]
         self._labels = labels
 
     def auc(self, weights: Floats) -> float | None:
-        """Share of (slip, static) pairs in the right order, ties counting half."""
+        """Share of correctly ordered (slip, static) pairs; ties count half. None without pairs."""
         slip = np.bincount(self._group, weights * self._labels)
         static = np.bincount(self._group, weights * ~self._labels)
         pairs = slip.sum() * static.sum()
@@ -92,7 +92,7 @@ class Ranking:
 
 
 def auc(probabilities: Floats, labels: Labels) -> float | None:
-    """Area under the ROC curve; None if the labels know only one class."""
+    """Area under the ROC curve; None if one class has no sample."""
     return Ranking(probabilities, labels).auc(np.ones(len(labels)))
 
 
@@ -107,7 +107,7 @@ def _calibration_bins(probabilities: Floats) -> NDArray[np.intp]:
 
 
 def edge_distance_ms(t_s: Floats, labels: Labels) -> Floats:
-    """Time (n,) to the nearest change of label, taken midway between its two samples."""
+    """Time (n,), ms, to the nearest change of the label, midway between two samples."""
     at = np.flatnonzero(labels[1:] != labels[:-1])
     edges = np.concatenate([[-np.inf], (t_s[at] + t_s[at + 1]) / 2.0, [np.inf]])
     after = np.searchsorted(edges, t_s)

@@ -1,8 +1,8 @@
-"""Quantiles of raw samples, by one definition for every figure of the project.
+"""Quantiles of samples, with one definition for all results.
 
-A quantile is a sample that occurred: the least with at least that share of the samples at or below
-it (nearest rank; NumPy's ``inverted_cdf``). So nothing is interpolated between a number and an
-infinite sample, what never came. Standard library alone: the doctor needs it without packages.
+A quantile is the smallest sample with at least that share of the samples at or below it (nearest
+rank; NumPy's ``inverted_cdf``). Nothing is interpolated, so samples may be infinite (never
+happened). This module needs the standard library only, for `grasp doctor`.
 """
 
 import math
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """Of so many samples, to a thousandth; infinity (null in JSON): that share never came."""
+    """Quantiles, rounded to a thousandth; infinity (null in JSON): that share never happened."""
 
     count: int
     p10: float
@@ -28,15 +28,15 @@ class Quantiles:
 
 
 def quantiles(samples: Iterable[float | None]) -> Quantiles | None:
-    """None of a sample is infinity; None of no samples."""
+    """Quantiles of the samples, where None counts as infinity; None without samples."""
     ordered = sorted(math.inf if sample is None else float(sample) for sample in samples)
     if not ordered:
         return None
-    found = (round(quantile(ordered, share), 3) for share in (0.1, 0.5, 0.9, 0.99, 1.0))
-    return Quantiles(len(ordered), *found)
+    values = (round(quantile(ordered, share), 3) for share in (0.1, 0.5, 0.9, 0.99, 1.0))
+    return Quantiles(len(ordered), *values)
 
 
 def quantile(ordered: "Sequence[float] | NDArray[np.float64]", share: float) -> float:
-    """The sample at that share, over 0 to 1, of at least one sample in ascending order."""
-    rank = math.ceil(share * len(ordered) - 1e-9)  # 0.1 x 30 is a little more than 3
+    """Quantile at a share above 0, up to 1, of samples in ascending order (at least one)."""
+    rank = math.ceil(share * len(ordered) - 1e-9)  # in floating point 0.1 x 30 exceeds 3
     return float(ordered[max(rank, 1) - 1])

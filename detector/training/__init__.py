@@ -1,1 +1,1 @@
-"""Training and export of networks: the one place that needs torch."""
+"""Training and export of networks. Only this package needs torch."""

@@ -1,4 +1,4 @@
-"""Augmentation three ways: as the paper says, as its authors' code ran, and ours."""
+"""Augmentation of training data: as in the paper, as in its authors' code, and ours."""
 
 from typing import Any, Literal
 
@@ -13,19 +13,19 @@ PAPER_NOISE_COUNTS = 6.0  # 1 % of the barometers' range, -500 to 200 counts in 
 AS_RUN_NOISE_COUNTS = 0.5
 AS_RUN_SHARE = 0.75
 
-# ours: what differs from hand to hand and does not tell slip from rest
+# ours: properties that differ between hands and do not distinguish slip from rest
 GAIN = 2.0  # sensitivity from half to double
-OFFSET_COUNTS = 30.0  # rest counts that have wandered, a taxel
+OFFSET_COUNTS = 30.0  # standard deviation of a drift of the rest counts of a taxel
 NOISE_COUNTS = 1.5  # at most
-LOST_SHARE = 0.01  # samples repeated
-DEAD_SHARE = 0.03  # taxels that say nothing
-STUCK_SHARE = 0.02  # that stay where they stood
-SWAPPED_SHARE = 0.12  # of fingers: two taxels stand in each other's place
+LOST_SHARE = 0.01  # of the samples, replaced by the one before
+DEAD_SHARE = 0.03  # of the taxels, always 0
+STUCK_SHARE = 0.02  # of the taxels, constant
+SWAPPED_SHARE = 0.12  # of the fingers: two taxels exchanged
 
 
 def symmetries(taxels: int) -> NDArray[np.intp]:
-    """(4, taxels) orders: identity, flip of x, flip of y, half turn of two serpentine rows (of the
-    kit: 0 1 2 below, 5 4 3 above). A layout of an odd number has none but identity."""
+    """Orders (4, taxels) of two serpentine rows (the kit: 0 1 2 below, 5 4 3 above): identity, flip
+    of x, flip of y, half turn. Identity only for an odd number of taxels."""
     if taxels % 2:
         return np.tile(np.arange(taxels), (4, 1))
     below, above = np.arange(taxels // 2), np.arange(taxels // 2, taxels)
@@ -36,7 +36,7 @@ def symmetries(taxels: int) -> NDArray[np.intp]:
 
 
 def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floats:
-    """A changed copy of a batch (batch, time, taxels) in counts."""
+    """Augmented copy of a batch (batch, time, taxels) in counts."""
     if how == "paper":
         turned = _turn(counts, rng.integers(0, 4, size=len(counts)))
         return _noise(turned, np.full(len(counts), PAPER_NOISE_COUNTS), rng)

@@ -1,7 +1,7 @@
-"""From a finished training to its weights file.
+"""Export of a trained network to its weights file.
 
-The graph is of a windowed network the network itself, of a streaming one a step that takes a frame,
-the frame before it and the state. Its output is the calibrated probability.
+The graph of a windowed network is the network itself. That of a streaming network is one step that
+takes a frame, the frame before it and the state. Its output is the calibrated probability.
 """
 
 import math
@@ -15,7 +15,7 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from detector.network_file import FORMAT, Mode, NetworkCard, read_network, sealed
+from detector.network_file import FORMAT, Mode, NetworkCard, read_network, with_checksum
 from detector.recordings import Recording, write_whole
 from detector.training.fit import Training
 from detector.training.networks import Features, GatedTcn, SlipGru, log_odds, odds_of
@@ -23,15 +23,15 @@ from detector.training.settings import SHIFT_MEAN, shift_taps
 from detector.training.validation import calibration, likelihood
 from drivers.interfaces import FINGERS
 
-THRESHOLD = 0.5  # of a calibrated probability: the likelier class
+THRESHOLD = 0.5  # of a calibrated probability: the more likely class
 OPSET = 17
-# the one operator of ours that this exporter does not know
+# the only operator that this exporter does not know
 torch.onnx.register_custom_op_symbolic("aten::asinh", lambda g, x: g.op("Asinh", x), OPSET)  # type: ignore[attr-defined]
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:
-    """Calibrate on validation (on its recordings of the paper's kind, if any), write ``path``, give
-    the card as it is read there."""
+    """Calibrate the network on the validation recordings of the paper's kind (on all if there are
+    none) and write ``path``. Returns the card read back from the file."""
     slides = [r for r in validation if r.metadata is None or r.metadata.set == "slide"]
     s, scored = training.settings, slides or validation
     z = np.concatenate([o.ravel() for o in odds_of(training.network, training.arch, scored)])
@@ -58,10 +58,10 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
 
 
 def make_file(network: nn.Module, card: NetworkCard) -> bytes:
-    """The weights file of a network with that card."""
+    """Content of the weights file of a network with that card."""
     written = BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")  # the newer exporter needs one more package
+        warnings.simplefilter("ignore")  # the newer exporter needs another package
         step = _step_of(network)
         inputs = {name: torch.zeros(FINGERS, *shape) for name, shape in step.inputs.items()}
         outputs = ["probability", *(f"next_{name}" for name in inputs if name.startswith("state"))]
@@ -70,11 +70,11 @@ def make_file(network: nn.Module, card: NetworkCard) -> bytes:
             input_names=list(inputs), output_names=outputs, opset_version=OPSET, dynamo=False,
             dynamic_axes={name: {0: "fingers"} for name in (*inputs, *outputs)},
         )  # fmt: skip
-    return sealed(onnx.load_from_string(written.getvalue()), card)
+    return with_checksum(onnx.load_from_string(written.getvalue()), card)
 
 
 class _Calibrated(nn.Module):
-    """A step whose log-odds have become a probability."""
+    """A step that outputs the calibrated probability instead of log-odds."""
 
     def __init__(self, step: "_Step", shift: float, temperature: float) -> None:
         super().__init__()
@@ -98,7 +98,7 @@ class _Window(nn.Module):
 
 
 class _FrameFeatures(nn.Module):
-    """Features of one frame; ``state1`` holds the changes that a shift is made of."""
+    """Features of one frame; ``state1`` has the changes that determine the shift."""
 
     def __init__(self, features: Features) -> None:
         super().__init__()
@@ -108,15 +108,15 @@ class _FrameFeatures(nn.Module):
         self.matrix = torch.kron(taps[:, None], torch.eye(taxels)) / SHIFT_MEAN
 
     def forward(self, counts: Tensor, previous: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
-        """(fingers, width), and the next state."""
+        """Features (fingers, width), and the next state."""
         changes = counts - previous
-        known = torch.cat([kept, changes], dim=1)
-        scaled = self.features.scaled(counts, changes, lambda: known @ self.matrix)
-        return scaled, known[:, self.features.taxels :]
+        latest = torch.cat([kept, changes], dim=1)
+        scaled = self.features.scaled(counts, changes, lambda: latest @ self.matrix)
+        return scaled, latest[:, self.features.taxels :]
 
 
 class _GruStep(nn.Module):
-    """One frame of a `SlipGru`; ``state0`` is what the recurrent layer remembers."""
+    """Step of a `SlipGru`; ``state0`` is the hidden state of the recurrent layer."""
 
     def __init__(self, network: SlipGru) -> None:
         super().__init__()
@@ -136,30 +136,33 @@ class _GruStep(nn.Module):
 
 
 class _GatedStep(nn.Module):
-    """One frame of a `GatedTcn`. ``state0`` is what every block was given before, ``state2`` what
-    all found of late, the newest last. The past's share of all blocks is one product before them;
-    along the chain of blocks only the newest tap is left."""
+    """Step of a `GatedTcn`.
+
+    ``state0`` has the past inputs of every block, ``state2`` the latest sums of their outputs, the
+    newest last. One product computes the contribution of past inputs to all blocks; only the newest
+    tap is computed block by block.
+    """
 
     def __init__(self, network: GatedTcn) -> None:
         super().__init__()
         self.network, self.features = network, _FrameFeatures(network.features)
         arch = network.arch
-        own, self.width = arch.channels, arch.channels * len(arch.dilations)
+        n, self.width = arch.channels, arch.channels * len(arch.dilations)
         length = (arch.kernel - 1) * max(arch.dilations)
         frame = (arch.taxels,)
         self.inputs = {
             "counts": frame, "previous": frame, "state0": (length * self.width,),
-            "state1": (self.features.kept,), "state2": ((arch.held - 1) * own,),
+            "state1": (self.features.kept,), "state2": ((arch.held - 1) * n,),
         }  # fmt: skip
         blocks: Any = network.blocks
         convolutions = [block.conv for block in blocks]
-        self.past = torch.block_diag(*(conv.weight[:, :-own] for conv in convolutions))
+        self.past = torch.block_diag(*(conv.weight[:, :-n] for conv in convolutions))
         self.bias = torch.cat([conv.bias for conv in convolutions])
-        self.widths = [2 * own] * len(convolutions)
-        self.newest = [conv.weight.detach()[:, -own:].T for conv in convolutions]
-        ago = torch.arange(arch.kernel - 1, 0, -1)  # samples, times the dilation; the oldest first
+        self.widths = [2 * n] * len(convolutions)
+        self.newest = [conv.weight.detach()[:, -n:].T for conv in convolutions]
+        age = torch.arange(arch.kernel - 1, 0, -1)  # samples over the dilation; the oldest first
         self.taps = torch.cat([
-            ((length - ago * dilation)[:, None] * self.width + i * own + torch.arange(own)).ravel()
+            ((length - age * dilation)[:, None] * self.width + i * n + torch.arange(n)).ravel()
             for i, dilation in enumerate(arch.dilations)
         ])  # fmt: skip
 
@@ -171,18 +174,18 @@ class _GatedStep(nn.Module):
         x = self.network.enter(x)
         past = nn.functional.linear(state0[:, self.taps], self.past, self.bias)
         halves = [arch.channels, arch.channels]
-        given: list[Tensor] = [x]
+        inputs: list[Tensor] = [x]  # of the blocks
         total: Any = None
         for before, newest in zip(past.split(self.widths, dim=1), self.newest, strict=True):
-            value, gate = torch.addmm(before, given[-1], newest).split(halves, dim=1)
-            found = torch.tanh(value) * torch.sigmoid(gate)
-            total = found if total is None else total + found
-            given.append(x + total)
-        late = torch.cat([state2, total], dim=1)
-        most = late.reshape(-1, arch.held, arch.channels).amax(dim=1)
-        odds = log_odds(self.network.out(torch.cat([total, most], dim=1)))
-        next0 = torch.cat([state0[:, self.width :], *given[:-1]], dim=1)
-        return odds, next0, state1, late[:, arch.channels :]
+            value, gate = torch.addmm(before, inputs[-1], newest).split(halves, dim=1)
+            output = torch.tanh(value) * torch.sigmoid(gate)
+            total = output if total is None else total + output
+            inputs.append(x + total)
+        latest = torch.cat([state2, total], dim=1)
+        maximum = latest.reshape(-1, arch.held, arch.channels).amax(dim=1)
+        odds = log_odds(self.network.out(torch.cat([total, maximum], dim=1)))
+        next0 = torch.cat([state0[:, self.width :], *inputs[:-1]], dim=1)
+        return odds, next0, state1, latest[:, arch.channels :]
 
 
 _Step = _Window | _GruStep | _GatedStep

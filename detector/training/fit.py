@@ -1,7 +1,7 @@
-"""The training loop: one thread, resumed from its checkpoints.
+"""The training loop: one thread, with checkpoints to resume from.
 
-Every random draw of a step comes from the seed and the step's number, so a training that was
-resumed ends with the same weights as one that was not interrupted.
+All random numbers of a step depend on the seed and the step's number, so a resumed training ends
+with the same weights as an uninterrupted one.
 """
 
 import math
@@ -24,8 +24,8 @@ from detector.training.sequences import (
     Batch,
     FingerSequences,
     Windows,
-    crops,
-    fingers_of,
+    finger_sequences,
+    random_crops,
     statistics,
 )
 from detector.training.settings import TrainSettings, of_layout
@@ -38,7 +38,7 @@ RESTART = "--force in place of --resume starts from the beginning"
 
 
 class Training:
-    """One network on one set of recordings; `run` trains it to its end."""
+    """Training of one network on one set of recordings, by `run`."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class Training:
         torch.manual_seed(settings.seed % 2**31)
         self.name, self.settings, self.data_digest = name, settings, data_digest
         self._validation = validation
-        self._fingers = fingers_of(train, settings.label, settings.evenness)
+        self._fingers = finger_sequences(train, settings.label, settings.evenness)
         self.arch = msgspec.structs.replace(
             of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
         )
@@ -65,41 +65,42 @@ class Training:
         self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self._batches = _Batches(settings, self._fingers)
         self._slip_weight = 1.0 / self._fingers.slip_share - 1.0
-        self.shift = -math.log(self._slip_weight)  # classes were weighted alike: back to the truth
+        # classes have equal weights in training: the shift restores the true share of slip
+        self.shift = -math.log(self._slip_weight)
         self.step, self._spent_s, self._waited = 0, 0.0, 0
         self.best: Score | None = None
         self._best_weights: dict[str, torch.Tensor] = {}
 
     @property
     def minutes(self) -> float:
-        """Processor time spent, in this process and those it resumes."""
+        """Processor time, minutes, including the runs before it was resumed."""
         return self._spent_s / 60.0
 
     @property
-    def stands_still(self) -> bool:
-        """Whether validation has found nothing better for as long as is waited."""
+    def stalled(self) -> bool:
+        """Whether ``patience`` validations in a row have not improved."""
         return self._waited >= self.settings.patience
 
     def run(
-        self, minutes: float, checkpoint: Path | None, tell: Callable[[float, Score | None], None]
+        self, minutes: float, checkpoint: Path | None, report: Callable[[float, Score | None], None]
     ) -> None:
-        """Train until the steps are made, the minutes are spent or validation stands still.
+        """Train until all steps are done, the time is up or validation no longer improves.
 
-        Ctrl-C leaves a checkpoint. At the end the network has its best weights. ``tell`` takes the
-        loss of each step, and the score of a validation that was made after it.
+        Ctrl-C leaves a checkpoint. At the end the network has its best weights. ``report`` gets the
+        loss of each step, and the score if a validation followed it.
         """
         every = max(1, self.settings.steps // self.settings.validations)
         saved_s = self._spent_s
         self.network.train()
         try:
-            while self.step < self.settings.steps and not self.stands_still:
+            while self.step < self.settings.steps and not self.stalled:
                 before_s = time.process_time()
                 loss = self._learn()
                 due = self.step % every == 0 or self.step == self.settings.steps
                 out_of_time = self._spent_s > minutes * 60.0
-                found = self._validate() if due or out_of_time else None
+                validated = self._validate() if due or out_of_time else None
                 self._spent_s += time.process_time() - before_s
-                tell(loss, found)
+                report(loss, validated)
                 if checkpoint is not None and self._spent_s - saved_s > CHECKPOINT_S:
                     self.save(checkpoint)
                     saved_s = self._spent_s
@@ -108,16 +109,16 @@ class Training:
         finally:
             if checkpoint is not None:
                 self.save(checkpoint)
-        if not self._best_weights:  # cut off in its last validation, and resumed
+        if not self._best_weights:  # interrupted in the last validation, then resumed
             self._validate()
         self.network.load_state_dict(self._best_weights)
 
     def _learn(self) -> float:
-        """One step; gives its loss."""
+        """Make one step; returns its loss."""
         s = self.settings
         rng = np.random.default_rng([s.seed, self.step])
         torch.manual_seed(int(rng.integers(2**31)))
-        batch = self._batches.draw(self.step)
+        batch = self._batches.batch(self.step)
         counts = torch.from_numpy(augment(batch.counts, s.augmentation, rng))
         labels, weights = torch.from_numpy(batch.labels), torch.from_numpy(batch.weights)
         if s.balance == "weights":
@@ -142,40 +143,40 @@ class Training:
 
     def _validate(self) -> Score:
         s, odds = self.settings, odds_of(self.network, self.arch, self._validation)
-        found = score(odds, self._validation, s.label, self.shift)
-        if found.better_than(self.best):
-            self.best, self._waited = found, 0
+        latest = score(odds, self._validation, s.label, self.shift)
+        if latest.better_than(self.best):
+            self.best, self._waited = latest, 0
             self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
         else:
             self._waited += 1
-        return found
+        return latest
 
     def save(self, path: Path) -> None:
-        """Write all that `resume` needs, whole or not at all. Raises OSError with its name."""
+        """Write a checkpoint for `resume` atomically. Raises OSError with the file's name."""
         best = msgspec.structs.asdict(self.best) if self.best else None
         state = {
             "identity": self._identity(), "step": self.step, "spent_s": self._spent_s,
             "waited": self._waited, "best": best, "network": self.network.state_dict(),
             "best_weights": self._best_weights, "optimiser": self._optimiser.state_dict(),
         }  # fmt: skip
-        written = BytesIO()  # on a full disk torch reports a position, and not the disk
+        written = BytesIO()  # on a full disk, torch reports a position instead of the disk
         torch.save(state, written)
         write_whole(path, written.getvalue())
 
     def resume(self, path: Path) -> None:
-        """Go on where a checkpoint left off; raises BadFile.
+        """Continue from a checkpoint. Raises BadFile.
 
-        Only tensors and plain values are read (``weights_only``): no code in a file is ever run.
+        Only tensors and plain values are read (``weights_only``): code in a file is never executed.
         """
         try:
             stored = torch.load(path, weights_only=True)
         except FileNotFoundError:
-            raise BadFile(path, "no such file", "leave --resume out to begin") from None
-        except Exception as error:  # torch raises whatever the damage led it to
+            raise BadFile(path, "no such file", "omit --resume to start a new training") from None
+        except Exception as error:  # torch raises many kinds for damage
             raise BadFile(path, f"cannot be read ({type(error).__name__})", RESTART) from None
-        begun = stored.get("identity") if isinstance(stored, dict) else None
-        if begun != self._identity():
-            remedy = f"give what it was begun with, or {RESTART}"
+        identity = stored.get("identity") if isinstance(stored, dict) else None
+        if identity != self._identity():
+            remedy = f"give the settings and data it was started with, or {RESTART}"
             raise BadFile(path, "is of other settings, data or another network", remedy)
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])
@@ -189,14 +190,14 @@ class Training:
 
 
 def _fused(odds: torch.Tensor, hands: NDArray[np.intp]) -> torch.Tensor:
-    """Mean log-odds of the fingers of each hand (batch, time), for every finger of it."""
+    """Log-odds (batch, time) with those of each finger replaced by the mean over its hand."""
     of = torch.from_numpy(hands)
     sums = odds.new_zeros(int(hands[-1]) + 1, odds.shape[1]).index_add(0, of, odds)
     return (sums / torch.bincount(of)[:, None])[of]
 
 
 class _Batches:
-    """The batch of a step: crops for streaming networks, windows epoch by epoch for the others."""
+    """Batches by step: random crops for streaming networks, epochs of windows for the others."""
 
     def __init__(self, settings: TrainSettings, fingers: FingerSequences) -> None:
         self._settings, self._fingers = settings, fingers
@@ -204,11 +205,13 @@ class _Batches:
         self._epoch = -1
         self._chosen = np.empty(0, np.intp)
 
-    def draw(self, step: int) -> Batch:
+    def batch(self, step: int) -> Batch:
         s = self._settings
         if self._windows is None:
             rng = np.random.default_rng([s.seed, step, 1])
-            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_impacts)
+            return random_crops(
+                self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_impacts
+            )
         slip = int(self._windows.labels.sum())
         rest = len(self._windows.labels) - slip
         n = 2 * min(slip, rest) if s.balance == "undersample" else slip + rest

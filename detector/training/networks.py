@@ -1,7 +1,7 @@
-"""The networks in torch: counts (batch, time, taxels) in, log-odds of slip (batch, time) out.
+"""Networks in torch: counts (batch, time, taxels) to log-odds of slip (batch, time).
 
 `SlipTcn` and `FrequencyCnn` (after Meier et al. 2016) are those of Grover, Nadeau, Grebe and Kelly
-2022 as their authors built them, `GatedTcn` and `SlipGru` ours.
+2022, as in their code. `GatedTcn` and `SlipGru` are ours.
 """
 
 import math
@@ -27,8 +27,11 @@ WINDOWS_AT_ONCE = 512
 
 
 class Features(nn.Module):
-    """Standardised counts; changes from sample to sample and shifts against the lagged mean, both
-    through ``asinh``: linear for the noise of a taxel at rest, a logarithm for slip."""
+    """Standardised counts, changes from sample to sample, and shifts from a lagged mean.
+
+    Changes and shifts pass through ``asinh``: linear for the noise of a taxel at rest, logarithmic
+    for slip.
+    """
 
     mean: Tensor  # (taxels,) counts
     std: Tensor  # (taxels,) counts
@@ -46,12 +49,12 @@ class Features(nn.Module):
         return len(self.inputs) * self.taxels
 
     def forward(self, counts: Tensor) -> Tensor:
-        """(batch, time, taxels) to (batch, time, width); the first sample has no change."""
+        """Features (batch, time, width) of (batch, time, taxels); the first change is 0."""
         changes = torch.diff(counts, dim=1, prepend=counts[:, :1])
         return self.scaled(counts, changes, lambda: shifts(changes))
 
     def scaled(self, counts: Tensor, changes: Tensor, shifts: Callable[[], Tensor]) -> Tensor:
-        """Those of (..., taxels) counts, changes and shifts, (..., width)."""
+        """Scaled features (..., width) from counts, changes and shifts (..., taxels)."""
         parts = {
             "counts": lambda: (counts - self.mean) / self.std,
             "changes": lambda: torch.asinh(changes / self.change_scale),
@@ -61,7 +64,7 @@ class Features(nn.Module):
 
 
 def shifts(changes: Tensor) -> Tensor:
-    """How far each sample stands from its lagged mean, counts, of changes (batch, time, taxels)."""
+    """Difference of each sample to its lagged mean, counts, from changes (batch, time, taxels)."""
     batch, time, taxels = changes.shape
     taps = changes.new_tensor(shift_taps())
     series = changes.transpose(1, 2).reshape(batch * taxels, 1, time)
@@ -86,7 +89,7 @@ class CausalConv(nn.Module):
         nn.init.zeros_(self.conv.bias)  # type: ignore[arg-type]
 
     def forward(self, x: Tensor, dilation: int) -> Tensor:
-        """(batch, width, time) to (batch, channels, time), zeros before the beginning."""
+        """(batch, width, time) to (batch, channels, time), padded with zeros at the start."""
         conv = self.conv
         padded = nn.functional.pad(x, ((conv.kernel_size[0] - 1) * dilation, 0))
         y = nn.functional.conv1d(padded, conv.weight, conv.bias, dilation=dilation)
@@ -95,7 +98,7 @@ class CausalConv(nn.Module):
 
 
 class Block(nn.Module):
-    """Two convolutions of one dilation and the way around them."""
+    """Residual block: two convolutions of one dilation, and a skip connection."""
 
     def __init__(self, width: int, arch: Architecture) -> None:
         super().__init__()
@@ -104,12 +107,12 @@ class Block(nn.Module):
         self.skip = nn.Conv1d(width, arch.channels, 1) if width != arch.channels else None
 
     def forward(self, x: Tensor, dilation: int) -> Tensor:
-        around = x if self.skip is None else self.skip(x)
-        return nn.functional.selu(around + self.second(self.first(x, dilation), dilation))
+        skipped = x if self.skip is None else self.skip(x)
+        return nn.functional.selu(skipped + self.second(self.first(x, dilation), dilation))
 
 
 class Head(nn.Module):
-    """Two dense layers with layer norm, SELU and dropout, and the output."""
+    """Two dense layers with layer norm, SELU and dropout, then the output layer."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -127,7 +130,7 @@ class Head(nn.Module):
 
 
 class SlipTcn(nn.Module):
-    """Temporal convolutional network (paper, section on the network; as built: see the docs)."""
+    """Temporal convolutional network of the paper, as in the authors' code (docs/detectors.md)."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -143,7 +146,7 @@ class SlipTcn(nn.Module):
         every = 1  # samples from one column of x to the next
         for block, dilation in zip(self.blocks, self.arch.dilations, strict=True):
             step = dilation // every if last else 1
-            if step > 1:  # the last step depends on no others, here and further on
+            if step > 1:  # the last step depends on these samples only
                 x, every = x[:, :, (x.shape[2] - 1) % step :: step], dilation
             x = block(x, dilation // every)
         x = x.transpose(1, 2)
@@ -151,8 +154,8 @@ class SlipTcn(nn.Module):
 
 
 class GatedBlock(nn.Module):
-    """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016), as
-    one product: several times quicker than torch's dilated convolution of so few channels."""
+    """Gated convolution (WaveNet, van den Oord et al. 2016) as one matrix product, which is several
+    times faster than torch's dilated convolution for so few channels."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -160,7 +163,7 @@ class GatedBlock(nn.Module):
         self.conv = nn.Linear(arch.kernel * arch.channels, 2 * arch.channels)
 
     def forward(self, x: Tensor, dilation: int) -> Tensor:
-        """What is found in (batch, time, channels), between -1 and 1; zeros before the start."""
+        """Output (batch, time, channels), between -1 and 1; padded with zeros at the start."""
         padded = nn.functional.pad(x, (0, 0, (self.kernel - 1) * dilation, 0))
         taps = [padded[:, i * dilation :][:, : x.shape[1]] for i in range(self.kernel)]
         value, gate = self.conv(torch.cat(taps, dim=2)).chunk(2, dim=2)
@@ -168,8 +171,11 @@ class GatedBlock(nn.Module):
 
 
 class GatedTcn(nn.Module):
-    """Gated temporal convolutions without layer norm, which would take away how strong a signal is.
-    The head is linear, on the sum of what all blocks have found, now and at most of late."""
+    """Gated temporal convolutions without layer norm, which would remove the signal's amplitude.
+
+    The linear head takes the sum of all block outputs, at the latest sample and as the maximum over
+    the last ``held`` samples.
+    """
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -190,14 +196,14 @@ class GatedTcn(nn.Module):
 
 
 def greatest(x: Tensor, samples: int) -> Tensor:
-    """Of each channel of (batch, time, channels) the greatest of so many samples up to now; zeros
-    before the beginning."""
+    """Running maximum of each channel of (batch, time, channels) over so many samples, padded with
+    zeros at the start."""
     padded = nn.functional.pad(x, (0, 0, samples - 1, 0)).transpose(1, 2)
     return nn.functional.max_pool1d(padded, samples, stride=1).transpose(1, 2)
 
 
 class SlipGru(nn.Module):
-    """One gated recurrent layer and a linear output."""
+    """Gated recurrent layer and a linear output."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -232,8 +238,8 @@ class FrequencyCnn(nn.Module):
     def image(self, counts: Tensor) -> Tensor:
         """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).
 
-        The authors' reshape keeps the order of the numbers in memory, so that a "taxel" of theirs
-        is 16 2/3 samples of all six. With taxels in their places nothing is learnt.
+        As in the authors' code, the reshape keeps the order in memory, so that a "taxel" is 16 2/3
+        samples of all six. With one series per taxel the network does not learn.
         """
         series = self.features(counts).reshape(-1, 2, 3, WINDOW)
         real, imaginary = series @ self.cosines, series @ self.sines
@@ -249,12 +255,12 @@ class FrequencyCnn(nn.Module):
 
 
 def log_odds(scores: Tensor) -> Tensor:
-    """(..., 1) as they are, (..., 2) as the difference whose logistic is the softmax."""
+    """Log-odds from scores: (..., 1) unchanged, (..., 2) as their difference (softmax)."""
     return scores[..., 0] if scores.shape[-1] == 1 else scores[..., 1] - scores[..., 0]
 
 
 def build(arch: Architecture) -> nn.Module:
-    """The network, with random weights."""
+    """Network with random weights."""
     tcn = GatedTcn if arch.gated else SlipTcn
     return {"tcn": tcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
 
@@ -262,20 +268,20 @@ def build(arch: Architecture) -> nn.Module:
 def odds_of(
     network: nn.Module, arch: Architecture, recordings: Sequence[Recording]
 ) -> list[NDArray[np.float64]]:
-    """Log-odds (n, fingers) of whole recordings, each from a reset, as the runtime streams them."""
+    """Log-odds (n, fingers) of whole recordings, each after a reset, equal to the streamed ones."""
     network.eval()
-    found = []
+    results = []
     with torch.inference_mode():
         for recording in recordings:
             counts = torch.from_numpy(recording.counts.astype(np.float32)).permute(1, 0, 2)
             odds = network(counts) if arch.streaming else _windowed(network, counts, arch.window)
-            found.append(odds.T.double().numpy())
+            results.append(odds.T.double().numpy())
     network.train()
-    return found
+    return results
 
 
 def _windowed(network: nn.Module, counts: torch.Tensor, window: int) -> torch.Tensor:
-    """(fingers, n) from (fingers, n, 6); the first frame stands for those before it."""
+    """(fingers, n) from (fingers, n, taxels); the first frame is repeated before the start."""
     before = counts[:, :1].expand(-1, window - 1, -1)
     windows = torch.cat([before, counts], dim=1).unfold(1, window, 1).transpose(2, 3)
     flat = windows.reshape(-1, window, windows.shape[3])

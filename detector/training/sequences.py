@@ -1,4 +1,4 @@
-"""Recordings as what networks learn from: sequences of one hand, and draws from them."""
+"""Training data of networks: labelled sequences of fingers, and random batches of them."""
 
 import hashlib
 from collections.abc import Sequence
@@ -15,38 +15,38 @@ from drivers.errors import UsageError
 
 Floats = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
-LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
+MIN_CHANGE_COUNTS = 0.5  # lower bound of the scale: the noise of a taxel at rest
 
-IMPACT_SAMPLES = 10  # an impact that moved it is slip so long: over at once, felt by what it leaves
-UNSURE_M = 0.0006  # from here to MOVED_M an impact has no label: the pads cannot tell
-UNMOVED_WEIGHT = 5.0  # of an impact that moved nothing: rare, and what else would be an alarm
-BEFORE_IMPACT, AFTER_IMPACT = 6, 60  # samples learnt around an impact that a stretch was drawn for
+IMPACT_SAMPLES = 10  # length of the label of an impact that moved the object: its trace lasts
+UNSURE_M = 0.0006  # from here to MOVED_M an impact has no label: the pads cannot resolve it
+UNMOVED_WEIGHT = 5.0  # of an impact that moved nothing, because these are rare
+BEFORE_IMPACT, AFTER_IMPACT = 6, 60  # samples with a loss around the impact of a crop
 
 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
-    """Sequences of one finger each; those of one hand follow one another."""
+    """Sequences of single fingers; those of one hand are consecutive."""
 
     counts: list[Floats]  # (n, taxels)
     labels: list[NDArray[np.bool_]]  # (n,)
     weights: list[Floats]  # (n,)
-    hands: NDArray[np.intp]  # which recording each is of, ascending
-    often: NDArray[np.float64]  # (hands,) share of the draws
-    impacts: NDArray[np.intp]  # (m, 2): of which hand, first sample after it struck
+    hands: NDArray[np.intp]  # index of the recording, ascending
+    sampling_shares: NDArray[np.float64]  # (hands,) probability of each hand
+    impacts: NDArray[np.intp]  # (m, 2): index of the hand, first sample of the impact
 
     @property
     def taxels(self) -> int:
-        """Of every finger."""
+        """Taxels per finger."""
         return self.counts[0].shape[1]
 
     @property
     def slip_share(self) -> float:
-        """Share of slip among all samples, those of a hand's fingers counted once."""
+        """Share of slip among all samples; the fingers of a hand count once."""
         firsts = np.unique(self.hands, return_index=True)[1]
         return float(np.concatenate([self.labels[i] for i in firsts]).mean())
 
 
 class Statistics(msgspec.Struct, frozen=True):
-    """What inputs are standardised with; mean and std of each taxel, counts."""
+    """Standardisation of the inputs: mean and std of each taxel, counts; scale of the changes."""
 
     mean: tuple[float, ...]
     std: tuple[float, ...]
@@ -54,19 +54,19 @@ class Statistics(msgspec.Struct, frozen=True):
 
 
 class Batch(msgspec.Struct, frozen=True, eq=False):
-    """Inputs with a label and a weight for every sample, 0 where nothing is to be learnt."""
+    """Inputs with a label and a weight for every sample; weight 0: no loss."""
 
     counts: Floats  # (batch, time, taxels)
     labels: Floats  # (batch, time)
     weights: Floats  # (batch, time)
-    hands: NDArray[np.intp]  # (batch,): equal for fingers that felt the same
+    hands: NDArray[np.intp]  # (batch,): equal for the fingers of one hand
 
 
-def fingers_of(
+def finger_sequences(
     recordings: Sequence[Recording], label: LabelName, evenness: float = 0.0
 ) -> FingerSequences:
-    """Every finger of every recording, under the recording's one label; of the label `slip` with
-    impacts as `targets` has them. ``evenness``: see `shares`."""
+    """Sequences of all fingers of the recordings, with labels and weights by `targets`.
+    ``evenness``: see `sampling_shares`. Raises UsageError for several layouts."""
     counts, labels, weights = [], [], []
     layouts = sorted({r.taxels for r in recordings})
     if len(layouts) > 1:
@@ -75,52 +75,55 @@ def fingers_of(
             "train on recordings of one layout",
         )
     for recording in recordings:
-        known, weight = targets(recording, label)
+        target, weight = targets(recording, label)
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
-            labels.append(known)
+            labels.append(target)
             weights.append(weight)
     hands = np.repeat(np.arange(len(recordings)), [r.fingers for r in recordings])
-    impacts = [(hand, b.struck) for hand, r in enumerate(recordings) for b in impacts_of(r)]
+    impacts = [(hand, i.start) for hand, r in enumerate(recordings) for i in impacts_of(r)]
     return FingerSequences(
-        counts, labels, weights, hands, shares(recordings, evenness),
+        counts, labels, weights, hands, sampling_shares(recordings, evenness),
         np.array(impacts, np.intp).reshape(-1, 2),
     )  # fmt: skip
 
 
-def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float64]:
-    """How often each recording is drawn (n,), of 1: by its samples, and a cause by those of all its
-    recordings to the power of 1 - ``evenness``."""
+def sampling_shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float64]:
+    """Probability (n,) of each recording in sampling: proportional to its samples within a cause;
+    that of a cause is proportional to its samples to the power of 1 - ``evenness``."""
     causes = [cause_of(r) for r in recordings]
     lengths = np.array([len(r.t_s) for r in recordings], np.float64)
     of_cause = {c: lengths[[c == each for each in causes]].sum() for c in set(causes)}
-    often = lengths * np.array([of_cause[c] ** -evenness for c in causes])
-    found: NDArray[np.float64] = often / often.sum()
-    return found
+    weights = lengths * np.array([of_cause[c] ** -evenness for c in causes])
+    shares: NDArray[np.float64] = weights / weights.sum()
+    return shares
 
 
 def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
-    """Label (n,) and weight (n,) of each sample. An impact that moved the held object
-    for good is slip for IMPACT_SAMPLES from its first motion; one that did not is no slip and
-    weighs more; those between weigh nothing."""
-    known = recording.label(label)
-    weights = np.ones(len(known), np.float32)
+    """Label (n,) and weight (n,) of each sample.
+
+    For the label `slip`, an impact with a lasting displacement of MOVED_M is slip for
+    IMPACT_SAMPLES from its first motion. One below UNSURE_M is not slip and has a higher weight;
+    one between has weight 0.
+    """
+    target = recording.label(label)
+    weights = np.ones(len(target), np.float32)
     if label != "slip":
-        return known, weights
-    known = known.copy()
+        return target, weights
+    target = target.copy()
     for impact in impacts_of(recording):
-        its = slice(impact.struck, impact.until)
+        samples = slice(impact.start, impact.end)
         if impact.moved_m >= MOVED_M:
-            known[impact.onset : min(impact.onset + IMPACT_SAMPLES, impact.until)] = True
+            target[impact.onset : min(impact.onset + IMPACT_SAMPLES, impact.end)] = True
         elif impact.moved_m < UNSURE_M:
-            known[its], weights[its] = False, UNMOVED_WEIGHT
+            target[samples], weights[samples] = False, UNMOVED_WEIGHT
         else:
-            weights[its] = 0.0
-    return known, weights
+            weights[samples] = 0.0
+    return target, weights
 
 
 def statistics(fingers: FingerSequences, per_taxel: bool) -> Statistics:
-    """Mean and deviation, of each taxel or of all alike; mean absolute change while static."""
+    """Mean and deviation, of each taxel or of all together; mean absolute change while static."""
     every = np.concatenate(fingers.counts).astype(np.float64)
     axis = 0 if per_taxel else None
     taxels = every.shape[1]
@@ -132,20 +135,20 @@ def statistics(fingers: FingerSequences, per_taxel: bool) -> Statistics:
     change = float(np.concatenate(still).mean())
     return Statistics(
         tuple(mean.tolist()), tuple(np.maximum(std, 1.0).tolist()),
-        max(change, LEAST_CHANGE_COUNTS),
+        max(change, MIN_CHANGE_COUNTS),
     )  # fmt: skip
 
 
 def digest(recordings: Sequence[Recording]) -> str:
-    """Names the data: equal recordings in equal order give an equal digest."""
-    found = hashlib.sha256()
+    """Digest of the data: equal for equal recordings in the same order."""
+    sha = hashlib.sha256()
     for recording in recordings:
         for array in (recording.counts, recording.slip, recording.moved_m):
-            found.update(b"" if array is None else array.tobytes())
-    return found.hexdigest()[:16]
+            sha.update(b"" if array is None else array.tobytes())
+    return sha.hexdigest()[:16]
 
 
-def crops(
+def random_crops(
     fingers: FingerSequences,
     rng: np.random.Generator,
     batch: int,
@@ -154,46 +157,47 @@ def crops(
     fresh: float,
     near_impacts: float = 0.0,
 ) -> Batch:
-    """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
-    learnt from. ``batch`` or, with the last hand's fingers, a few more.
+    """Random crops of ``warm + crop`` samples, of all fingers of a hand. The number is ``batch``,
+    or slightly more to complete the last hand.
 
-    Hands are drawn as often as `shares` has it; the fingers of one weigh as much as a finger alone.
-    A share ``fresh`` is learnt from the first sample on, like the time after a reset. A share
-    ``near_impacts`` is drawn around one of the impacts, all equally likely.
+    The first ``warm`` samples have no loss, except in a share ``fresh``, as after a reset. Hands
+    are sampled by `sampling_shares`; a hand has the same total weight as a single finger. A share
+    ``near_impacts`` is taken around an impact, all equally likely.
     """
-    drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
-    struck = np.full(batch, -1)
+    sampled = rng.choice(len(fingers.sampling_shares), batch, p=fingers.sampling_shares)
+    impacts = np.full(batch, -1)
     if len(fingers.impacts) and near_impacts:
         near = rng.random(batch) < near_impacts
         chosen = fingers.impacts[rng.integers(len(fingers.impacts), size=batch)]
-        drawn, struck = np.where(near, chosen[:, 0], drawn), np.where(near, chosen[:, 1], struck)
-    of_hand = [np.flatnonzero(fingers.hands == hand) for hand in drawn]
+        sampled = np.where(near, chosen[:, 0], sampled)
+        impacts = np.where(near, chosen[:, 1], impacts)
+    of_hand = [np.flatnonzero(fingers.hands == hand) for hand in sampled]
     enough = int(np.searchsorted(np.cumsum([len(each) for each in of_hand]), batch)) + 1
     rows, time = sum(len(each) for each in of_hand[:enough]), warm + crop
     counts = np.zeros((rows, time, fingers.taxels), np.float32)
     labels, weights = np.zeros((rows, time), np.float32), np.zeros((rows, time), np.float32)
     row = 0
-    for each, impact in zip(of_hand[:enough], struck, strict=False):
+    for each, impact in zip(of_hand[:enough], impacts, strict=False):
         start = int(rng.integers(0, max(1, len(fingers.counts[each[0]]) - time)))
         if impact >= 0:
             first = warm + BEFORE_IMPACT
             at = rng.integers(first, max(first + 1, time - AFTER_IMPACT))
             start = max(0, int(impact - at))
-        learnt = 0 if rng.random() < fresh else warm
+        first_learnt = 0 if rng.random() < fresh else warm
         for i in each:
             part = slice(start, start + time)
             n = len(fingers.counts[i][part])
             counts[row, :n] = fingers.counts[i][part]
             counts[row, n:] = counts[row, n - 1]
             labels[row, :n] = fingers.labels[i][part]
-            weights[row, learnt:n] = fingers.weights[i][part][learnt:] / len(each)
+            weights[row, first_learnt:n] = fingers.weights[i][part][first_learnt:] / len(each)
             row += 1
     hands = np.repeat(np.arange(enough), [len(each) for each in of_hand[:enough]])
     return Batch(counts, labels, weights, hands)
 
 
 class Windows:
-    """All windows of so many samples, each with the label of its last one."""
+    """All windows of a given length, each with the label of its last sample."""
 
     def __init__(self, fingers: FingerSequences, window: int) -> None:
         self._fingers, self._window = fingers, window
@@ -203,7 +207,7 @@ class Windows:
         self.labels = np.concatenate([label[window - 1 :] for label in fingers.labels])
 
     def epoch(self, rng: np.random.Generator, balance: Balance) -> NDArray[np.intp]:
-        """All windows in random order, or (paper) as many static as slipping ones."""
+        """Indices of all windows in random order, or (paper) of equal numbers of both classes."""
         if balance == "weights":
             return rng.permutation(len(self.labels))
         slip, static = np.flatnonzero(self.labels), np.flatnonzero(~self.labels)
@@ -212,7 +216,7 @@ class Windows:
         return rng.permutation(np.concatenate(both))
 
     def take(self, chosen: NDArray[np.intp]) -> Batch:
-        """The chosen windows; only their last sample has a weight."""
+        """Batch of the chosen windows; only their last sample has a label."""
         counts = np.stack([
             self._fingers.counts[i][end - self._window + 1 : end + 1]
             for i, end in zip(self._finger[chosen], self._end[chosen], strict=True)

@@ -1,7 +1,4 @@
-"""How good a network is on recordings it has not learnt from: events first, then likelihood.
-
-Needs no torch.
-"""
+"""Validation score of a network: mean delay of events, then likelihood. Does not need torch."""
 
 from collections.abc import Sequence
 
@@ -19,15 +16,15 @@ NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
 
 
 class Score(msgspec.Struct, frozen=True):
-    """Of one validation; ``delay_ms`` is the least mean delay within a budget of false events
-    (`scores.sweep.best`), a mean over several budgets; without a rule for one, all is missed."""
+    """Score of one validation. ``delay_ms`` is the least mean delay within a budget of false events
+    (`scores.sweep.best`), averaged over budgets; MISS_MS for a budget that no rule keeps to."""
 
     delay_ms: float
     loss: float
     accuracy: float
 
     def better_than(self, other: "Score | None") -> bool:
-        """Quicker, misses counted; where that is equal, likelier. Better than none."""
+        """Whether the delay is shorter, or equal with a lower loss; True for None."""
         return other is None or (self.delay_ms, self.loss) < (other.delay_ms, other.loss)
 
 
@@ -37,17 +34,17 @@ def score(
     label: LabelName,
     shift: float,
 ) -> Score:
-    """Events of the quickest rules within the budgets, likelihood and accuracy of the samples."""
+    """Score of log-odds (n, fingers) of each recording."""
     streams = [
         Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label)
         for r, o in zip(recordings, odds, strict=True)
     ]
-    # the fingers of a hand together, as it is learnt
-    wanted = ("consecutive", "mean", 2, RuleSettings().release)
-    tried = [
-        r for r in rules(RuleSettings()) if (r.kind, r.fusion, r.consecutive, r.release) == wanted
+    # the mean over the fingers of a hand, as in training
+    kind = ("consecutive", "mean", 2, RuleSettings().release)
+    candidates = [
+        r for r in rules(RuleSettings()) if (r.kind, r.fusion, r.consecutive, r.release) == kind
     ]
-    points = sweep(streams, tried)
+    points = sweep(streams, candidates)
     chosen = [best(points, budget) for budget in BUDGETS_PER_MIN]
     delays = [point.mean_delay_ms if point else MISS_MS for point in chosen]
     z = np.concatenate([o.mean(axis=1) + shift for o in odds])
@@ -65,8 +62,8 @@ def likelihood(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
 
 
 def calibration(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> tuple[float, float]:
-    """Temperature and shift that make the labels likeliest: (odds + shift) / temperature (Platt
-    1999, by Newton's method). The shift restores the share of slip among these labels."""
+    """Temperature and shift of maximum likelihood, for (odds + shift) / temperature (Platt 1999, by
+    Newton's method). The shift restores the share of slip in these labels."""
     x = np.column_stack([odds, np.ones_like(odds)])
     w = np.zeros(2)
     for _ in range(NEWTON_STEPS):

@@ -89,10 +89,8 @@ class RobotiqDriver(HandTracker):
         return contact or (state.active and not state.is_open)
 
     def open(self, speed_mps: float) -> Applied:
-        """Open all fingers to their software limits at the least force.
-
-        In scissor mode also spread B and C, since they may hold something between them.
-        """
+        """Open all fingers to their software limits at the least force. In scissor mode also spread
+        B and C, since they may hold something between them."""
         return self._move((0, 0, 0), speed_mps, (0, 0, 0), spread=True)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:

@@ -307,10 +307,8 @@ class ThreadedGripper:
                     self._deferred = None
 
     def _send_fallback(self, now_ns: int) -> None:
-        """Send the fallback command, once, if the last poll is too long ago.
-
-        The caller holds the lock.
-        """
+        """Send the fallback command, once, if the last poll is too long ago. The caller holds the
+        lock."""
         fallback = self._fallback
         unpolled_ns = now_ns - self._polled_ns
         if fallback is None or self._fallback_sent or self._lost or unpolled_ns < _HANG_NS:

@@ -155,9 +155,7 @@ class Board:
 
     def _resync(self, part: Transfer | None, now_ns: int) -> None:
         """Discard the rest of a frame that was cut off between packets, up to its short packet.
-
-        Otherwise every later read would start in the middle of a frame.
-        """
+        Otherwise every later read would start in the middle of a frame."""
         for _ in range(_RESYNC_READS):
             if part is None:
                 return

@@ -100,10 +100,8 @@ class UsbLink:
         return bytes(reply)
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
-        """Data of one transfer; None when it timed out without a byte.
-
-        After a time-out with some bytes pyusb returns those without notice: compare the length.
-        """
+        """Data of one transfer; None when it timed out without a byte. After a time-out with some
+        bytes pyusb returns those without notice: compare the length."""
         try:
             data = self._opened().read(protocol.ENDPOINT_IN, size, self._read_timeout_ms)
         except usb.core.USBTimeoutError:

@@ -94,10 +94,8 @@ class Receiver:
             return Readings(readings, self._opens, self._error)
 
     def open(self) -> Layout:
-        """Find the board, check that its layout is unchanged, start it.
-
-        Raises ``LinkLost`` or ``DeviceFault``.
-        """
+        """Find the board, check that its layout is unchanged, start it. Raises ``LinkLost`` or
+        ``DeviceFault``."""
         self._usb = self._connect(self._serial)
         with on_failure(self._disconnect):
             board = Board(self._usb, self._conversion_ms)

@@ -111,11 +111,8 @@ class ArmDriver:
         return self._state
 
     def poll(self, now_ns: int) -> None:
-        """Read one sample.
-
-        Raises ``Stale`` while the controller's timestamp does not change, and ``DeviceFault`` once
-        for each onset of a protective stop.
-        """
+        """Read one sample. Raises ``Stale`` while the controller's timestamp does not change, and
+        ``DeviceFault`` once for each onset of a protective stop."""
         self._now_ns = now_ns
         sample = self._link.read(now_ns)
         if sample.t_ns != self._sample_ns:
@@ -170,11 +167,8 @@ class ArmDriver:
         self._drive_renewed_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
     def stop(self, deceleration_mps2: float) -> None:
-        """Stop the arm; never refused.
-
-        The deceleration is limited to ``max_stop_mps2``. An invalid one is replaced by
-        ``max_acceleration_mps2``.
-        """
+        """Stop the arm; never refused. The deceleration is limited to ``max_stop_mps2``. An invalid
+        one is replaced by ``max_acceleration_mps2``."""
         s = self._settings
         self._target_m = self._drive_renewed_ns = None
         sane = 0.0 < deceleration_mps2 < math.inf

@@ -219,11 +219,8 @@ class ArmModel:
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """Change to this velocity and keep it (URScript's speedl).
-
-        The tool also spins about its z axis, with the same acceleration in rad/s2. False during a
-        safety stop.
-        """
+        """Change to this velocity and keep it (URScript's speedl). The tool also spins about its z
+        axis, with the same acceleration in rad/s2. False during a safety stop."""
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
@@ -281,10 +278,8 @@ class ArmModel:
         self.payload_kg = mass_kg
 
     def brake_when_unread(self, after_s: float | None) -> None:
-        """Brake a motion when the arm is not read for so long; None: never.
-
-        A driver's worker does that for a caller that stops reading (``ur.heartbeat_timeout_s``).
-        """
+        """Brake a motion when the arm is not read for so long; None: never. A driver's worker does
+        that for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
         self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
 
     def brake_if_unread(self, until_ns: int) -> None:
@@ -296,11 +291,8 @@ class ArmModel:
             self.stop_l(self._acceleration_mps2, alone_ns)
 
     def commit(self, until_ns: int) -> None:
-        """Fix the motion up to a time to which the world has been simulated.
-
-        Later commands take effect after that time, even those of a controller that catches up on
-        cycles.
-        """
+        """Fix the motion up to a time to which the world has been simulated. Later commands take
+        effect after that time, even those of a controller that catches up on cycles."""
         self._committed_ns = max(self._committed_ns, until_ns)
 
     def position(self, t_ns: int) -> Vector3:

@@ -87,8 +87,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
 
 def calibrate_noise(args: argparse.Namespace) -> int:
-    from detector.scores.unlabelled import hold_of
-    from scenarios.benchmark.label_free import tune_unlabelled
+    from detector.scores.label_free import find_hold
+    from scenarios.benchmark.label_free import tune_without_labels
 
     config = lab.load_config(args)
     detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
@@ -107,7 +107,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         counts = calibrate.held_still(config, permit, args.seconds, operator, print_status)
-        found = tune_unlabelled(detector_config, [(counts, *hold_of(counts))], args.budget)
+        found = tune_without_labels(detector_config, [(counts, *find_hold(counts))], args.budget)
         return _rule_file(args, found, found.rule == detector_config.rule)
 
     return _measure(args, config, plan, look, act)

@@ -123,10 +123,10 @@ def check_testable(minutes: float, budget: float, more: str) -> None:
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
-    from scenarios.benchmark.label_free import hold_in, tune_unlabelled
+    from scenarios.benchmark.label_free import read_hold, tune_without_labels
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
-    found = tune_unlabelled(config, map(hold_in, args.unlabelled), args.budget)
+    found = tune_without_labels(config, map(read_hold, args.unlabelled), args.budget)
     known = {k: v for k, v in msgspec.structs.asdict(found).items() if k != "rule"}
     lines = ["on the holds; the level is the CUSUM limit, or the threshold's log-odds:",
              *listing(known).splitlines()]  # fmt: skip
@@ -142,7 +142,7 @@ def _rule_text(comments: Sequence[str], rule: Any) -> str:
 
 def rule_lines(rule: Any) -> list[str]:
     """The settings that this kind of rule uses, as lines of TOML."""
-    used = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unread}
+    used = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unused}
     rounded = {k: v if isinstance(v, str) else round(v, 4) for k, v in used.items()}
     return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in rounded.items())]
 
@@ -214,14 +214,14 @@ def warn_of_untuned_rule(config: Any, layers: Any) -> None:
     if not weights:
         return
     path = network_file.weights_path(weights)
-    if network_file.weights_digest(path) == network_file.PACKAGED.get(name):
+    if network_file.weights_digest(path) == network_file.PACKAGED_SHA256.get(name):
         return  # a copy
     levels = {source for key, source in sources_of(layers).items() if key in RULE_LEVELS}
     if any(not Path(source).is_relative_to(config_dir()) for source in levels):
         return  # a rule of the user's own
     whose = f"the rule of the packaged {name}, tuned for other weights"
     made = shlex.join((name, "--set", f"network.weights={weights}"))
-    if name not in network_file.PACKAGED:
+    if name not in network_file.PACKAGED_SHA256:
         whose, made = "no rule that was tuned for it", shlex.quote(name)
     exits.report_line(f"{weights} is used with {whose}")
     exits.print_detail(f"`grasp detector tune {made} --data DIR` makes a rule for --config")

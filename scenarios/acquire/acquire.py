@@ -1,7 +1,7 @@
 """Acquisition of labelled slip data (paper, section III-B): one session, recorded and labelled.
 
-Like every run it leaves a folder with the recording of what was read and commanded, and a result.
-Beside them lie the labelled samples as training reads them (``detector.recordings``).
+Like every run it writes a folder with the recording of measurements and commands, and a result. In
+addition it writes the labelled samples for training (``detector.recordings``).
 """
 
 import math
@@ -29,7 +29,7 @@ from grasp.messages import (
 )
 from grasp.realtime import real_time
 from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.labels import parts_of, recording
+from scenarios.acquire.labels import recording, split_at_gaps
 from scenarios.acquire.press import PressCommand, PressPhase, StrokeMotion
 from scenarios.acquire.session import OnTick, Sample, Session, open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
@@ -54,7 +54,7 @@ from scenarios.world.truth import PressedTruth
 
 
 class AcquireOutcome(StrEnum):
-    """How an acquisition ended."""
+    """Outcome of an acquisition."""
 
     COMPLETE = "complete"
     FAULT = "fault"
@@ -63,7 +63,7 @@ class AcquireOutcome(StrEnum):
 
 
 class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What a run has left behind; with a ``failure`` it ended early, and this is what there was."""
+    """Result of an acquisition; with a ``failure`` it ended early."""
 
     scenario: str
     rig: str
@@ -74,9 +74,9 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     samples: int
     slip: int
     slip_true: int | None
-    missed_periods: int  # that the session slept through, from its start on
+    missed_periods: int  # sample periods missed because the process was late
     repeated: int  # samples without a new frame
-    real_time: bool | None  # did the system grant a real-time priority; None in virtual time
+    real_time: bool | None  # whether real-time priority was granted; None in virtual time
     force_mean_n: float | None  # estimated by the fingertip
     force_std_n: float | None
     speed_max_mps: float | None
@@ -84,25 +84,25 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     recordings: list[str]  # labelled, for training
     versions: dict[str, str]
     failure: Failure | None = None
-    bug: Bug | None = None  # an exception of our own code that ended it
+    bug: Bug | None = None  # internal error that ended it
 
     def as_json(self) -> str:
         return msgspec.json.encode(self).decode()
 
     @property
     def _labelled(self) -> str:
-        true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
+        true = "" if self.slip_true is None else f" (true slip of the contact: {self.slip_true})"
         return f"{self.samples} samples, {self.slip} labelled slip{true}"
 
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:
             return f"no labelled sample was recorded{session}"
-        cut = "" if len(self.recordings) == 1 else ", cut where too many samples were missing"
+        cut = "" if len(self.recordings) == 1 else ", split where too many samples were missing"
         return (
             f"{self._labelled}, {self.repeated} repeated, {self.missed_periods} periods missed\n"
-            f"force by the fingertip {self.force_mean_n:.1f} +- {self.force_std_n:.1f} N, "
-            f"fastest {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
+            f"estimated force {self.force_mean_n:.1f} +- {self.force_std_n:.1f} N, "
+            f"maximum speed {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
             f"recording: {', '.join(self.recordings)}{cut}{session}"
         )
 
@@ -111,11 +111,11 @@ PRESS = "/press"
 
 
 class PressMessage(msgspec.Struct, frozen=True):
-    """One step of the press controller: what it estimated, and what the arm was commanded."""
+    """Step of the press controller: estimated force, and command to the arm."""
 
     phase: str
     force_n: float  # estimated by the fingertip
-    asked: PressCommand
+    command: PressCommand
 
 
 CHANNELS: dict[str, type[msgspec.Struct]] = {
@@ -131,18 +131,18 @@ VIEWER_CHANNELS: dict[str, type[msgspec.Struct]] = {
 }  # fmt: skip
 
 
-class PressPictures:
-    """Phases, the fingertip's place and the taxels as a grid, for viewers of recordings."""
+class ViewerMessages:
+    """Phases, the fingertip's pose and the taxels as a grid, for viewers of recordings."""
 
     def __init__(self, config: AcquireConfig, unix_ns: int) -> None:
-        """``unix_ns``: when the session's clock stood at nought."""
+        """``unix_ns``: Unix time at which the session's clock was 0."""
         self._taxels_mm = config.fingertip.taxels_mm
         self._unix_ns = unix_ns
         self._samples = 0
         self._phase: PressPhase | None = None
 
     def write(self, write: Write, sample: Sample) -> None:
-        """A line when a phase begins; the rest at every tenth sample."""
+        """Write a log line at the start of a phase, and the other messages every tenth sample."""
         now = Time.of(self._unix_ns + sample.t_ns)
         if sample.phase is not self._phase:
             self._phase = sample.phase
@@ -156,17 +156,17 @@ class PressPictures:
 
 
 def write_sample(write: Write, sample: Sample) -> None:
-    """All messages of one sample."""
+    """Write all messages of one sample."""
     t_ns = sample.t_ns
     write(TACTILE, t_ns, tactile_message(sample.frame))
     write(ARM, t_ns, arm_message(sample.arm))
-    write(PRESS, t_ns, PressMessage(sample.phase.value, sample.force_n, sample.asked))
+    write(PRESS, t_ns, PressMessage(sample.phase.value, sample.force_n, sample.command))
     if sample.truth is not None:
         write(TRUTH, t_ns, sample.truth)
 
 
 SCENARIO = "acquire"
-SAMPLES = "samples"  # the labelled ones, beside the recording
+SAMPLES = "samples"  # file name of the labelled samples
 TURN_RADPS = 1.0  # paper, section III-B
 
 
@@ -174,69 +174,70 @@ def run(
     config: AcquireConfig, motion: StrokeMotion, seed: int, seconds: float, runs: Path, paced: bool,
     on_tick: OnTick, permit: MotionPermit | None = None,
 ) -> AcquireResult:  # fmt: skip
-    """One session on the rig of the configuration; leaves `runs/<stamp>-acquire-<surface>/`.
+    """Run one session on the configured rig; writes `runs/<stamp>-acquire-<surface>/`.
 
-    What was recorded is kept, whatever ends the session: a device's error, Ctrl-C or a bug of ours
-    becomes the ``failure``. Labelled samples may not lack many in a row, so they are cut in two
-    there.
+    A device error, Ctrl-C or an internal error ends the session early, becomes the ``failure``, and
+    the recorded data is kept. Labelled samples are split where too many are missing in a row.
 
-    Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
+    Raises ConfigError, CouldNotRecord and the drivers' errors before the arm moves.
     """
     check_runs(runs)
     with signals.deferred(), open_acquire_rig(config, seed, paced, permit) as rig:
         course = msgspec.json.encode(motion).decode()
-        known = {**metadata(config, seed, rig.clock), "motion": course}
+        run_metadata = {**metadata(config, seed, rig.clock), "motion": course}
         name = f"{SCENARIO}-{config.surface.name}"
-        drawn = PressPictures(config, rig.clock.unix_ns)
-        with RunFolder(runs, name, {**CHANNELS, **VIEWER_CHANNELS}, known) as folder:
+        viewer = ViewerMessages(config, rig.clock.unix_ns)
+        with RunFolder(runs, name, {**CHANNELS, **VIEWER_CHANNELS}, run_metadata) as folder:
 
             def take(sample: Sample) -> None:
                 write_sample(folder.write, sample)
-                drawn.write(folder.write, sample)
+                viewer.write(folder.write, sample)
                 on_tick(sample)
 
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / PERIOD_S)
             with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
-                ended = _run_to_end(session, samples)
-            return _finish(config, motion, seed, session, folder, ended, granted)
+                ending = _run_to_end(session, samples)
+            return _finish(config, motion, seed, session, folder, ending, granted)
 
 
-Ended = tuple[AcquireOutcome, Failure | None, Bug | None]
+Ending = tuple[AcquireOutcome, Failure | None, Bug | None]
 
 
-def _run_to_end(session: Session, samples: int) -> Ended:
-    """How it ended, with the arm at rest."""
+def _run_to_end(session: Session, samples: int) -> Ending:
+    """Run the session and stop the arm; returns how it ended."""
     try:
         session.run(samples)
     except GraspError as error:
-        failure = Failure(error.kind, error.message, error.remedy, _left(session))
+        failure = Failure(error.kind, error.message, error.remedy, _stopped(session))
         return AcquireOutcome.FAULT, failure, None
     except KeyboardInterrupt as stop:
         cause = f"{signals.cause(stop)} in phase {session.phase}"
-        return AcquireOutcome.INTERRUPTED, Failure("interrupted", cause, "", _left(session)), None
+        failure = Failure("interrupted", cause, "", _stopped(session))
+        return AcquireOutcome.INTERRUPTED, failure, None
     except BaseException as error:
         bug = Bug.of(error)
-        failure = Failure("internal", bug.fault.line, REPORT, _left(session))
+        failure = Failure("internal", bug.fault.line, REPORT, _stopped(session))
         return AcquireOutcome.INTERNAL_ERROR, failure, bug
     return AcquireOutcome.COMPLETE, None, None
 
 
-def _left(session: Session) -> End:
+def _stopped(session: Session) -> End:
+    """Stop the arm; returns the final state."""
     try:
-        arm = session.stand()
-    except Exception:  # what ended the session, perhaps
-        arm = "the arm may still move: it cannot be told to stand"
-    return End(arm, "the hand was told nothing", "")
+        arm = session.stop_arm()
+    except Exception:  # perhaps the error that ended the session
+        arm = "the arm may still move: the stop command failed"
+    return End(arm, "the hand got no command", "")
 
 
 def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
-    ended: Ended, granted: bool | None,
+    ending: Ending, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
-    """Label and write what was recorded: one of the two recordings is kept where the disk does not
-    take the other."""
-    parts = parts_of(session.ticks)
+    """Label and write the samples, and write the result. If writing one of the two recordings
+    fails, the other is kept."""
+    parts = split_at_gaps(session.ticks)
     known = Metadata(
         set="slide", split="train", surface=config.surface.name, motion=motion.kind,
         speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
@@ -258,7 +259,7 @@ def _finish(
     force = np.array([sample.force_n for sample in samples])
     fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
     true = [int(r.slip_true.sum()) for r in made if r.slip_true is not None]
-    outcome, failure, bug = ended
+    outcome, failure, bug = ending
     result = AcquireResult(
         scenario=SCENARIO, rig=config.rig, surface=config.surface.name, direction=motion.direction,
         seed=seed, outcome=outcome, samples=len(samples), slip=sum(int(r.slip.sum()) for r in made),

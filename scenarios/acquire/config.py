@@ -1,4 +1,4 @@
-"""Settings of an acquisition, put together from layers."""
+"""Settings of an acquisition, merged from layers."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,12 +18,13 @@ C = TypeVar("C", bound=msgspec.Struct)
 
 
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Of a simulated board; hardware has its own losses."""
+    """Sampling of a simulated board; hardware loses samples by itself."""
 
-    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025  # of samples, repeated; clip: 1/400
+    # of the samples, repeated; real recording: 1/400
+    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025
 
 
-# The arm presses where a lift has its table, and follows strokes that accelerate themselves.
+# The arm presses where a lift has its table, and must follow the acceleration of strokes.
 ARM = {
     "workspace_low_m": [-0.05, -0.05, -0.02],
     "workspace_high_m": [0.05, 0.05, 0.05],
@@ -32,7 +33,7 @@ ARM = {
 
 
 class AcquireConfig(PressRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one acquisition; the arm's as in ARM, by ``load_acquire_config``."""
+    """Resolved settings of one acquisition; ``load_acquire_config`` sets the arm's as in ARM."""
 
     control: PressControlSettings = PressControlSettings()
     sampling: SamplingSettings = SamplingSettings()
@@ -44,8 +45,8 @@ def load_acquire_config(
 ) -> AcquireConfig:
     """Class defaults <- ARM <- rig <- surface <- files (or $GRASP_CONFIG) <- assignments.
 
-    Of the rig's settings and of a file those of other scenarios are left out. Raises ConfigError
-    for an unknown name or the first setting that is not allowed.
+    Settings of other scenarios in the rig and in files are ignored. Raises ConfigError for an
+    unknown name and for the first setting that is not allowed.
     """
     like, of_rig = rig_layers(rig)
     layers = [
@@ -53,8 +54,8 @@ def load_acquire_config(
         *map(_of_this_scenario, of_rig),
         without_chosen(item_layer("surfaces", "surface", surface)),
     ]
-    *own, assigned = own_layers(files, assignments)
-    layers += [*map(_of_this_scenario, own), assigned, Layer("command line", {"rig": like})]
+    *of_files, assigned = own_layers(files, assignments)
+    layers += [*map(_of_this_scenario, of_files), assigned, Layer("command line", {"rig": like})]
     return load(AcquireConfig, layers)
 
 
@@ -64,12 +65,12 @@ def _of_this_scenario(layer: Layer) -> Layer:
 
 
 def layout_file(name: str) -> Path | None:
-    """Settings of a layout of taxels, by path or by a name in config/layouts; none: the kit's."""
+    """Settings file of a layout of taxels, by path or name in config/layouts; None: the kit's."""
     return file_of("layouts", name) if name else None
 
 
 def with_values(config: C, values: Mapping[str, Any]) -> C:
-    """The configuration with some settings replaced, `section.key`; raises ConfigError."""
+    """The configuration with some settings (`section.key`) replaced. Raises ConfigError."""
     tree = msgspec.to_builtins(config)
     for key, value in values.items():
         section, _, name = key.partition(".")

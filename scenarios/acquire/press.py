@@ -1,9 +1,8 @@
-"""Presses one fingertip on a surface and strokes it: force control and motion, no clock, no device.
+"""Controller that presses one fingertip on a surface and strokes it, without clock or device.
 
-The arm has no force sensor, so the force is the fingertip's own estimate: the sum of its counts
-over a calibration. A PID turns its error into a speed along the surface's normal; strokes are
-trapezoids of speed within the surface, out and back, with pauses between them (paper, section
-III-B).
+The arm has no force sensor, so the fingertip estimates the force: the sum of its counts over a
+calibration. A PID controls it by the speed along the surface normal. Strokes are trapezoids of
+speed along the surface, back and forth, with pauses between them (paper, section III-B).
 """
 
 import math
@@ -23,52 +22,52 @@ DIRECTIONS = (*(str(angle) for angle in range(0, 360, 45)), *TURNS)
 
 
 # All assumed, unless a source is named.
-TOUCH_N = 0.5  # estimate that counts as touched
+TOUCH_N = 0.5  # estimated force that counts as contact
 INTEGRAL_MPS_PER_N_S = 0.0008
 DERIVATIVE_M_PER_N = 0.00001
-INTEGRAL_LIMIT_N_S = 3.0  # of its windup
-PRESS_MPS = 0.012  # fastest along the normal
-CLEAR_M = 0.003  # above first touch, when lifted off
-SETTLE_S = 1.5  # pressed before the first stroke
+INTEGRAL_LIMIT_N_S = 3.0  # against windup
+PRESS_MPS = 0.012  # maximum speed along the normal
+CLEAR_M = 0.003  # height above the first contact after lifting off
+SETTLE_S = 1.5  # pressing before the first stroke
 STROKE_SCATTER = 0.15  # relative deviation of lengths
-DRIVE_MPS2 = 4.0  # and rad/s2, at which the arm follows: above that of the strokes
+DRIVE_MPS2 = 4.0  # and rad/s2, acceleration of the arm: above that of the strokes
 
 
 class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How to press and how to stroke."""
+    """Settings of pressing and stroking."""
 
-    force_n: Annotated[float, within(0.5, 15.0)] = 5.0  # to be kept; the authors' clip: 3-12 N
-    # calibration of this fingertip, sum of its taxels; 0: by pressing the simulated one. Hardware
-    # needs it
+    force_n: Annotated[float, within(0.5, 15.0)] = 5.0  # target; the authors' recording: 3-12 N
+    # calibration of this fingertip, sum of its taxels; 0: by pressing the simulated one. Required
+    # on hardware
     counts_per_newton: Annotated[float, within(0.0, 5000.0)] = 0.0
-    # load under which the rest counts are taken; 0 or less: in the air. Part of the authors'
-    # recordings, 0-6 N, by their means
+    # load under which the rest counts are taken; 0 or less: in the air. Some of the authors'
+    # recordings have 0-6 N, by their means
     residual_n: Annotated[float, within(-10.0, 10.0)] = 0.0
-    approach_mps: Annotated[float, within(0.001, 0.05)] = 0.01  # downwards until touched; assumed
-    # PID; default: 5 rad/s on 3.5 N/mm, clip 3-10
+    approach_mps: Annotated[float, within(0.001, 0.05)] = 0.01  # down until contact; assumed
+    # PID; default: 5 rad/s on 3.5 N/mm, real recording 3-10 rad/s
     proportional_mps_per_n: Annotated[float, within(0.0, 0.02)] = 0.0015
-    # deepest below first touch, whatever the estimate; assumed
+    # maximum depth below the first contact, at any estimated force; assumed
     depth_m: Annotated[float, within(0.0005, 0.01)] = 0.005
-    # of a stroke, either way; assumed: with the acceleration it gives the clip's 0.65 s and real
-    # speeds to 6 cm/s
+    # length of a stroke; assumed: with the acceleration it gives the 0.65 s of the real recording
+    # and speeds up to 6 cm/s
     stroke_m: Annotated[float, within(0.001, 0.05)] = 0.017
     acceleration_mps2: Annotated[float, within(0.02, 2.0)] = 0.2
-    # of that, with which a stroke ends; assumed, clip: 0.25-0.8
+    # deceleration of a stroke over its acceleration; assumed, real recording: 0.25-0.8
     braking_share: Annotated[float, within(0.05, 1.0)] = 1.0
-    # of the PID's gains, from the first stroke on: a slow force loop leaves a stroke's load swing
-    # in, as the clip's does: 0.03-0.1
+    # factor of the PID's gains from the first stroke on: a slow force loop lets the load vary
+    # during a stroke, as in the real recording: 0.03-0.1
     stroking_share: Annotated[float, within(0.0, 1.0)] = 1.0
     turn_rad: Annotated[float, within(0.05, 2.0)] = 0.6  # angle of a rotation stroke; assumed
     turn_radps2: Annotated[float, within(0.2, 10.0)] = 3.5  # its acceleration; assumed
-    # pauses over strokes, in time; with the slow ends of strokes it gives the paper's 143,584
-    # static to 122,918 slip samples
+    # time of pauses over time of strokes; with the slow ends of strokes it gives the paper's
+    # 143,584 static to 122,918 slip samples
     pause_share: Annotated[float, within(0.1, 20.0)] = 0.95
-    # of its x in the tool frame at the start; the tool points down
+    # angle of the fingertip's x in the tool frame at the start; the tool points down
     fingertip_x_deg: Annotated[float, within(-180.0, 180.0)] = 0.0
 
 
 class StrokeMotion(msgspec.Struct, frozen=True):
-    """Which way, and how fast at most; exactly one of the speeds is not 0."""
+    """Direction and maximum speed of strokes; exactly one of the speeds is not 0."""
 
     direction: str
     speed_mps: float
@@ -76,22 +75,22 @@ class StrokeMotion(msgspec.Struct, frozen=True):
 
     @property
     def kind(self) -> Literal["primary", "oblique", "rotation"]:
-        """As in the rows of the paper's Table I."""
+        """Kind of motion in the paper's Table I."""
         if self.direction in TURNS:
             return "rotation"
         return "primary" if int(self.direction) % 90 == 0 else "oblique"
 
 
 def motion(direction: str, speed_mps: float, spin_radps: float) -> StrokeMotion:
-    """Raises ConfigError for a direction that is none."""
+    """Motion in a direction of DIRECTIONS. Raises ConfigError for any other."""
     if direction not in DIRECTIONS:
-        raise ConfigError("--direction", direction, "no direction", ", ".join(DIRECTIONS))
+        raise ConfigError("--direction", direction, "no such direction", ", ".join(DIRECTIONS))
     turns = direction in TURNS
     return StrokeMotion(direction, 0.0 if turns else speed_mps, spin_radps if turns else 0.0)
 
 
 class PressPhase(StrEnum):
-    """Where a session stands."""
+    """Phase of a session."""
 
     APPROACH = "approach"
     SETTLE = "settle"
@@ -101,8 +100,8 @@ class PressPhase(StrEnum):
 
 
 class Stroke(msgspec.Struct, frozen=True):
-    """A trapezoid of speed over ``length`` (metres or radians) from start_s on, one way; it ends
-    with ``braking`` instead of ``acceleration``."""
+    """Trapezoid of speed over ``length`` (metres or radians) from ``start_s`` on, with the
+    deceleration ``braking``."""
 
     start_s: float
     length: float
@@ -113,7 +112,7 @@ class Stroke(msgspec.Struct, frozen=True):
 
     @property
     def _ramps(self) -> float:
-        """Both ramps' lengths over half of the squared peak."""
+        """Length of both ramps over half of the squared peak speed."""
         return 1.0 / self.acceleration + 1.0 / self.braking
 
     @property
@@ -131,14 +130,14 @@ class Stroke(msgspec.Struct, frozen=True):
 
 
 class PressCommand(msgspec.Struct, frozen=True):
-    """What the arm is to do until the next sample: base frame."""
+    """Command to the arm until the next sample, in the base frame."""
 
     velocity_mps: Vector3
     spin_radps: float
 
 
 class PressController:
-    """One session: ``step`` once a sample. Without a motion it presses and never strokes."""
+    """Controller of one session: call ``step`` once a sample. Without a motion it only presses."""
 
     def __init__(
         self, settings: PressControlSettings, counts_per_newton: float, motion: StrokeMotion | None,
@@ -155,17 +154,17 @@ class PressController:
         self._touch_m: Vector3 | None = None
         self._phase_end_s = math.inf
         self._stroke: Stroke | None = None
-        self._side = 1.0  # to which the next stroke leads, from where it touched
+        self._side = 1.0  # end of the next stroke, relative to the first contact
         self._integral_n_s = 0.0
         self._error_n = 0.0
         self._t_s: float | None = None
 
     def lift_off(self) -> None:
-        """Break the contact, then press again."""
+        """Lift off, then press again."""
         self.phase, self._stroke = PressPhase.OFF, None
 
     def step(self, t_s: float, counts: NDArray[np.int16], arm: ArmState) -> PressCommand:
-        """Counts (6,) of the pressed fingertip, raw minus rest, and the arm's state."""
+        """Command from the fingertip's counts (taxels,), raw minus rest, and the arm's state."""
         dt_s = t_s - self._t_s if self._t_s is not None else 0.0
         self._t_s = t_s
         self.force_n = max(0.0, self.zero_n - float(counts.sum()) / self.counts_per_newton)
@@ -197,22 +196,22 @@ class PressController:
                 self._begin_stroke(t_s, arm, self._motion)
 
     def _begin_stroke(self, t_s: float, arm: ArmState, motion: StrokeMotion) -> None:
-        """To the other side of where it touched, half of a stroke's length away."""
+        """Start a stroke to half of its length on the other side of the first contact."""
         s, turns = self._settings, motion.direction in TURNS
         scatter = 1.0 + STROKE_SCATTER * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
-        way = self._side * 0.5 * (s.turn_rad if turns else s.stroke_m) * scatter
-        way -= self._travelled(arm, motion)
+        distance = self._side * 0.5 * (s.turn_rad if turns else s.stroke_m) * scatter
+        distance -= self._travelled(arm, motion)
         self._side = -self._side
         speed = motion.spin_radps if turns else motion.speed_mps
         acceleration = s.turn_radps2 if turns else s.acceleration_mps2
         self._stroke = Stroke(
-            t_s, abs(way), speed, acceleration, math.copysign(1.0, way),
+            t_s, abs(distance), speed, acceleration, math.copysign(1.0, distance),
             s.braking_share * acceleration,
         )  # fmt: skip
         self.phase, self._phase_end_s = PressPhase.STROKE, t_s + self._stroke.duration_s
 
     def _travelled(self, arm: ArmState, motion: StrokeMotion) -> float:
-        """Along the session's direction from where it touched: metres, or radians of a turn."""
+        """Distance from the first contact along the direction of strokes: metres, or radians."""
         if motion.direction in TURNS:
             return arm.angle_rad * TURNS[motion.direction]
         start = self._touch_m or arm.position_m
@@ -226,7 +225,7 @@ class PressController:
         self.phase, self._phase_end_s = PressPhase.PAUSE, t_s + stroke_s * share
 
     def _press(self, dt_s: float, height_m: float) -> float:
-        """Speed along z that brings the estimate to the target, m/s."""
+        """Speed along z, m/s, that controls the estimated force."""
         s = self._settings
         error = self.target_n - self.force_n
         change = (error - self._error_n) / dt_s if dt_s > 0.0 else 0.0
@@ -245,6 +244,6 @@ class PressController:
 
 
 def _heading(motion: StrokeMotion, settings: PressControlSettings) -> tuple[float, float]:
-    """Of a translation, in the base frame: the tool's y runs against the base's."""
+    """Unit vector of a translation in the base frame; the tool's y is opposite to the base's."""
     angle = math.radians(float(motion.direction) + settings.fingertip_x_deg)
     return math.cos(angle), -math.sin(angle)

@@ -1,5 +1,4 @@
-"""A session of an acquisition as in the paper (section III-B): press, stroke, pause, sample by
-sample, on every rig."""
+"""Session of an acquisition (paper, section III-B): press, stroke and pause, on any rig."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,24 +29,24 @@ if TYPE_CHECKING:
 
 # All assumed, unless a source is named.
 REST_TIMEOUT_S = 5.0
-LOADED_REST_MAX_STD_COUNTS = 200.0  # of a taxel under load: whatever a pressed fingertip may do
+LOADED_REST_MAX_STD_COUNTS = 200.0  # of a taxel under load: any variation of a pressed fingertip
 TOUCH_TIMEOUT_S = 15.0  # from the start: 5 s of rest counts, and 10 cm at control.approach_mps
-KEPT_AFTER_S = 0.75  # from touch on samples are kept: half of the settling time
+KEPT_AFTER_S = 0.75  # samples are kept from this time after contact: half of the settling time
 RETREAT_MPS, STOP_MPS2 = 0.05, 1.0
-STAND_S = 1.0  # a stop is repeated so long, until the arm is seen to stand
-JITTER_S = 0.0005  # of a sample's time; the authors' clip: 0.7 ms, of a difference of two
+STOP_TIMEOUT_S = 1.0  # a stop is repeated until the arm is at rest, or for this time
+JITTER_S = 0.0005  # of a sample's time; real recording: 0.7 ms for the difference of two
 SHOWN_AFTER = 4  # samples until the arm's state shows the effect of a command
 
 
 class Sample(msgspec.Struct, frozen=True):
-    """One sample of a session."""
+    """A sample of a session: measurements, command and truth."""
 
     t_ns: int
     phase: PressPhase
     force_n: float  # estimated
     frame: TactileFrame
     arm: ArmState
-    asked: PressCommand
+    command: PressCommand
     truth: PressedTruth | None
 
 
@@ -56,7 +55,7 @@ Script = Callable[[float, PressController, "PressedCell | None"], None]
 
 
 def counts_per_newton(config: AcquireConfig, seed: int) -> float:
-    """Calibration of the force estimate. Raises ConfigError on hardware that names none."""
+    """Calibration of the force estimate. Raises ConfigError on hardware without one."""
     known = config.control.counts_per_newton
     if known:
         return known
@@ -69,8 +68,8 @@ def counts_per_newton(config: AcquireConfig, seed: int) -> float:
 
 
 def pressed_gain(config: AcquireConfig, seed: int) -> float:
-    """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
-    weight on this very one, tilted as it is, would show."""
+    """Sum of counts per newton of the simulated fingertip at the target force, as measured with a
+    weight on this fingertip and its tilt."""
     from scenarios.rigs.simulated import make_pressed_cell
 
     still = msgspec.structs.replace(
@@ -78,20 +77,20 @@ def pressed_gain(config: AcquireConfig, seed: int) -> float:
     )
     cell = make_pressed_cell(msgspec.structs.replace(config, fingertip=still), seed)
     tips, load_n = cell.pad.tips, config.control.force_n
-    nothing = np.zeros((1, 2))
+    zeros = np.zeros((1, 2))
     for i in range(100):
         load = np.array([load_n * min(1.0, i / 50)])
-        tips.advance((i + 1) * PERIOD_S, load, nothing, np.zeros(1), nothing, False)
-    fall = (tips.rest - tips.codes()[0]).sum()
-    return max(1.0, float(fall) / load_n)
+        tips.advance((i + 1) * PERIOD_S, load, zeros, np.zeros(1), zeros, False)
+    difference = (tips.rest - tips.codes()[0]).sum()
+    return max(1.0, float(difference) / load_n)
 
 
 @contextmanager
 def open_acquire_rig(
     config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
 ) -> Iterator[PressRig]:
-    """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
-    unsteady as the force."""
+    """Open the rig by ``open_press_rig``. For rest counts under load, the driver must accept low
+    and unsteady counts."""
     if config.control.residual_n > 0.0:
         tactile = msgspec.structs.replace(
             config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_REST_MAX_STD_COUNTS
@@ -102,7 +101,7 @@ def open_acquire_rig(
 
 
 class Session:
-    """One session on an open rig: ``run`` it, then ask for the ``ticks``."""
+    """A session on an open rig: call ``run``, then read ``ticks``."""
 
     def __init__(
         self, config: AcquireConfig, motion: StrokeMotion | None, seed: int, rig: PressRig,
@@ -128,14 +127,14 @@ class Session:
 
     @property
     def missed_periods(self) -> int:
-        """That were slept through."""
+        """Sample periods missed because the process was late."""
         return self._deadlines.missed
 
     def run(self, samples: int, from_start: bool = False) -> None:
-        """Rest, approach, then so many samples; the arm stops and retreats in any case.
+        """Take rest counts, approach, and record ``samples``. The arm stops also after an error.
 
-        Kept are the samples since half of the settling time has passed, or with ``from_start``
-        all of them, the approach included.
+        Samples are kept after half of the settling time, or with ``from_start`` from the approach
+        on.
         """
         rig, arm = self._rig, self._rig.arm
         arm.poll(rig.clock.now_ns)
@@ -166,7 +165,7 @@ class Session:
             rig.tactile.poll(rig.clock.now_ns)
 
     def _rest_under_load(self, residual_n: float) -> None:
-        """Press so hard, stand, and take the rest counts again: they hide that load."""
+        """Press with ``residual_n``, stop, and take rest counts that include this load."""
         controller, settings = self._controller, self._config.control
         presser = PressController(settings, controller.counts_per_newton, None, self._pace)
         presser.target_n = residual_n
@@ -179,8 +178,8 @@ class Session:
         self._controller, self._touched_ns = controller, None
 
     def _wait(self) -> None:
-        """Until the next sample is due; in a simulation with the real board's jitter and losses.
-        Raises Interruption when a signal has come."""
+        """Wait for the next sample, in a simulation with the real board's jitter and losses. Raises
+        Interruption after a signal."""
         signals.check()
         rig = self._rig
         self._deadlines.skip_missed(rig.clock.now_ns)
@@ -195,7 +194,7 @@ class Session:
         rig.clock.sleep_until_ns(wake_ns)
 
     def _sample(self) -> Sample:
-        """One exchange with each device and one decision."""
+        """Exchange data with each device once and make a controller step."""
         self._wait()
         rig, controller = self._rig, self._controller
         now_ns = rig.clock.now_ns
@@ -206,11 +205,11 @@ class Session:
             raise Stale("the fingertips stopped sending", "see `grasp tactile`, then run again")
         t_s = (now_ns - self._start_ns) * 1e-9
         self._script(t_s, controller, rig.cell)
-        drive = controller.step(t_s, frame.counts[self._config.finger], arm)
-        rig.arm.drive(drive.velocity_mps, drive.spin_radps, DRIVE_MPS2)
+        command = controller.step(t_s, frame.counts[self._config.finger], arm)
+        rig.arm.drive(command.velocity_mps, command.spin_radps, DRIVE_MPS2)
         self._check_approach(now_ns)
         truth = rig.truth()
-        return Sample(now_ns, controller.phase, controller.force_n, frame, arm, drive, truth)
+        return Sample(now_ns, controller.phase, controller.force_n, frame, arm, command, truth)
 
     def _settled(self, tick: Sample) -> bool:
         settling_ns = tick.t_ns - (self._touched_ns if self._touched_ns is not None else tick.t_ns)
@@ -222,34 +221,37 @@ class Session:
                 self._touched_ns = now_ns
         elif now_ns - self._start_ns > TOUCH_TIMEOUT_S * 1e9:
             raise Stale(
-                "nothing was touched on the way down",
+                f"no contact within {TOUCH_TIMEOUT_S:g} s",
                 "start closer above the surface, or check which finger is pressed",
             )
 
     def _retreat(self, start: ArmState) -> None:
         arm, clock = self._rig.arm, self._rig.clock
-        self._until_standing()
+        self._wait_for_rest()
         arm.move_to(start.position_m, RETREAT_MPS, STOP_MPS2)
         arm.poll(clock.now_ns)
-        self._until_standing()
+        self._wait_for_rest()
 
-    def stand(self) -> str:
-        """Ask the arm to stop until it is seen to stand, for a while; how it was left."""
+    def stop_arm(self) -> str:
+        """Command a stop until the arm is at rest, for STOP_TIMEOUT_S at most; returns its final
+        state as a text."""
         arm, clock = self._rig.arm, self._rig.clock
-        moving, trouble = True, ""
-        end_ns = clock.now_ns + round(STAND_S * 1e9)
+        moving, failure = True, ""
+        end_ns = clock.now_ns + round(STOP_TIMEOUT_S * 1e9)
         while moving and clock.now_ns < end_ns:
             try:
                 arm.stop(STOP_MPS2)
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
                 arm.poll(clock.now_ns)
-                trouble, moving = "", self._moving
-            except Exception as error:  # whatever it is, the stop is repeated
-                said = error.message if isinstance(error, GraspError) else describe_exception(error)
-                trouble = f" when last heard: {said}"
+                failure, moving = "", self._moving
+            except Exception as error:  # the stop is repeated after any error
+                message = (
+                    error.message if isinstance(error, GraspError) else describe_exception(error)
+                )
+                failure = f" in its last known state: {message}"
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
-        if trouble:
-            return f"the arm {'was still moving' if self._moving else 'stood'}{trouble}"
+        if failure:
+            return f"the arm {'was still moving' if self._moving else 'stood'}{failure}"
         return "the arm is still moving" if moving else "the arm stands"
 
     @property
@@ -257,8 +259,8 @@ class Session:
         state = self._rig.arm.state
         return state is None or state.moving
 
-    def _until_standing(self) -> None:
-        """The arm answers within its own stale limit, so this ends."""
+    def _wait_for_rest(self) -> None:
+        """Wait until the arm is at rest. Its driver raises if it stops responding."""
         arm, clock, samples = self._rig.arm, self._rig.clock, 0
         while samples < SHOWN_AFTER or (arm.state is not None and arm.state.moving):
             clock.sleep_until_ns(clock.now_ns + PERIOD_NS)

@@ -1,7 +1,7 @@
-"""Reads data sets and labelled recordings for commands, and refuses what is none or incomplete.
+"""Reading of data sets and labelled recordings for commands, with checks for completeness.
 
 `grasp dataset build` writes the number of recordings into ``dataset.json``. Folders without that
-file, as of `grasp dataset collect`, count as complete.
+file, such as those of `grasp dataset collect`, count as complete.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,8 +14,8 @@ from drivers.errors import BadFile, UsageError
 from scenarios.acquire.datasets.build import INDEX, SAMPLES
 
 RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
-GO_ON = "`grasp dataset build` goes on with it"
-Tell = Callable[[str], None]
+CONTINUE = "`grasp dataset build` continues it"
+Report = Callable[[str], None]
 
 
 class _Index(msgspec.Struct, frozen=True):
@@ -23,40 +23,41 @@ class _Index(msgspec.Struct, frozen=True):
 
 
 def read_set(
-    folder: Path, split: Split | None = None, tell: Tell = lambda line: None
+    folder: Path, split: Split | None = None, report: Report = lambda line: None
 ) -> list[Recording]:
-    """Recordings of one data set; ``tell`` takes a line if it is incomplete.
+    """Recordings of one data set; ``report`` gets a line if the set is incomplete.
 
     Raises BadFile as ``read_dataset``, and for a folder of several sets."""
-    if lacks := _lacks(folder):
-        tell(f"{folder}: {lacks}: {GO_ON}")
+    if problem := _incomplete(folder):
+        report(f"{folder}: {problem}: {CONTINUE}")
     return read_dataset(folder, split)
 
 
 def require_whole(folders: Sequence[Path]) -> None:
-    """Raises BadFile for an incomplete data set: no training learns from one."""
+    """Raise BadFile for an incomplete data set, because training needs complete ones."""
     for folder in folders:
-        if lacks := _lacks(folder):
-            raise BadFile(folder, lacks, f"{GO_ON}; without its {INDEX} it is taken as it is")
+        if problem := _incomplete(folder):
+            remedy = f"{CONTINUE}; without its {INDEX} the folder counts as complete"
+            raise BadFile(folder, problem, remedy)
 
 
-def _lacks(folder: Path) -> str:
-    """What an incomplete data set lacks; empty for a complete one. Raises BadFile for a folder with
-    data sets in it."""
+def _incomplete(folder: Path) -> str:
+    """Number of recordings of an incomplete data set, as a text; empty for a complete one. Raises
+    BadFile for a folder that contains data sets."""
     if inner := sorted(path.parent for path in folder.rglob(INDEX) if path.parent != folder):
         names = " ".join(map(str, inner))
         raise BadFile(folder, f"holds {len(inner)} data sets", f"name them: {names}")
     try:
-        wanted = msgspec.json.decode((folder / INDEX).read_bytes(), type=_Index).recordings
+        planned = msgspec.json.decode((folder / INDEX).read_bytes(), type=_Index).recordings
     except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return ""  # `grasp dataset build` refuses a damaged one
-    there = sum(1 for _ in folder.rglob(RECORDINGS))
-    return f"{there} of {wanted} recordings are there" if there < wanted else ""
+    present = sum(1 for _ in folder.rglob(RECORDINGS))
+    return f"{present} of {planned} recordings exist" if present < planned else ""
 
 
 def read_labelled(path: Path) -> list[Recording]:
-    """Recordings of a file of labelled samples, or of the folder of an acquisition. Raises BadFile,
-    and UsageError for recordings without labels."""
+    """Recordings of a labelled file or of the folder of an acquisition. Raises BadFile, and
+    UsageError for recordings without labels."""
     if not path.is_dir():
         require_labelled(path)
         return [read(path)]
@@ -69,9 +70,9 @@ def read_labelled(path: Path) -> list[Recording]:
 
 
 def require_labelled(path: Path) -> None:
-    """Raises UsageError for the recording of a run, which has no labels."""
+    """Raise UsageError for the recording of a run, which has no labels."""
     if path.suffix == ".mcap":
         raise UsageError(
             f"{path} is the recording of a run, which has no labels",
-            f"labelled are those of `grasp run acquire`, {SAMPLES} beside its recording",
+            f"`grasp run acquire` writes labelled samples as {SAMPLES} beside its recording",
         )

@@ -1,5 +1,5 @@
-"""The file of an evaluation: `grasp detector evaluate --out FILE` writes it, `grasp report FILE`
-reads it."""
+"""Evaluation files: `grasp detector evaluate --out FILE` writes them, `grasp report FILE` reads
+them."""
 
 import math
 from pathlib import Path
@@ -10,35 +10,35 @@ import numpy as np
 
 from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
-from detector.scores.evaluation import Streamed, scored, spoken
-from detector.scores.sweep import frontier
+from detector.scores.evaluation import Streamed, hand_probability, scoring_reference
+from detector.scores.sweep import pareto_front
 from drivers.errors import BadFile
 from scenarios.benchmark.scoring import Contender, Scores
 
 FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
-BEGINS = f'{{"format":"{FORMAT}"'  # how our files are recognised
-MOST_TRACES = 6  # of a detector
-BEFORE_S, AFTER_S = 0.5, 1.0  # of a trace, around the begin of slip
+BEGINS = f'{{"format":"{FORMAT}"'  # first characters of every evaluation file
+MAX_TRACES = 6  # per detector
+BEFORE_S, AFTER_S = 0.5, 1.0  # range of a trace around the onset of slip
 
 
-class Choice(msgspec.Struct, frozen=True):
-    """Scores of one rule of the sweep; a delay of None: that share of slips was missed."""
+class RuleScores(msgspec.Struct, frozen=True):
+    """Scores of one rule of the sweep; a delay of None: too many slips were missed."""
 
     false_per_min: float
     delay_ms: float | None
     p90_delay_ms: float | None
-    p99_delay_ms: float | None = None  # older evaluations have none
+    p99_delay_ms: float | None = None  # not in older evaluation files
 
 
 class ScoredSlip(msgspec.Struct, frozen=True):
-    """One slip and its delay; ``delay_ms`` None: missed."""
+    """A slip and its delay; ``delay_ms`` None: missed."""
 
     recording: str
     onset_s: float
     delay_ms: float | None
-    kind: str  # of motion, or what was done to what is held
-    speed_mps: float | None  # as commanded, or the fastest that the contact slid
-    slid_mm: float | None  # in all
+    kind: str  # of motion, or the cause
+    speed_mps: float | None  # commanded speed, or maximum sliding speed of the contact
+    slid_mm: float | None  # total distance
 
 
 class SlipTrace(msgspec.Struct, frozen=True):
@@ -46,24 +46,24 @@ class SlipTrace(msgspec.Struct, frozen=True):
 
     slip: ScoredSlip
     t_s: list[float]
-    pressed: list[list[float]]  # of each finger, counts over its mean before slip began
+    pressed: list[list[float]]  # of each finger, sum of counts above its mean before the slip
     probabilities: list[float]
     slipping: list[tuple[float, float]]  # from, to
 
 
-class Evaluated(msgspec.Struct, frozen=True):
-    """One detector by one rule; ``sheet`` is what `--json` prints."""
+class DetectorEvaluation(msgspec.Struct, frozen=True):
+    """Evaluation of a detector with a rule; ``sheet`` is the output of `--json`."""
 
     detector: str
     rule: RuleSettings
     sheet: dict[str, Any]
-    choices: list[Choice]  # from few false events to many
+    choices: list[RuleScores]  # Pareto-optimal rules, fewest false events first
     slips: list[ScoredSlip]
     worst: list[SlipTrace]
 
 
 class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
-    """The file."""
+    """Content of an evaluation file."""
 
     format: Literal["grasp-evaluation"] = FORMAT
     version: Literal[1] = 1
@@ -71,47 +71,47 @@ class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
     label: LabelName
     command: str
     versions: dict[str, str]
-    detectors: list[Evaluated]
+    detectors: list[DetectorEvaluation]
 
 
 def read_evaluation(path: Path) -> EvaluationFile:
-    """Raises BadFile for another file."""
+    """Read an evaluation file. Raises BadFile for any other file."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise no_evaluation(path, error) from None
 
 
-def no_evaluation(path: Path, why: Exception) -> BadFile:
-    """To be raised."""
+def no_evaluation(path: Path, reason: Exception) -> BadFile:
+    """The error for a file that is not an evaluation."""
     remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
-    return BadFile(path, f"is no evaluation: {why}", remedy)
+    return BadFile(path, f"is not an evaluation: {reason}", remedy)
 
 
-def evaluated(made: Contender, sheet: Scores) -> Evaluated:
-    """What the file keeps of a detector; ``sheet`` is its evaluation."""
-    rule, streams = made.config.rule, made.streams
-    found = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
-    worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
-    return Evaluated(
-        detector=made.label,
+def evaluated(contender: Contender, sheet: Scores) -> DetectorEvaluation:
+    """File entry of a detector with its evaluation ``sheet``."""
+    rule, streams = contender.config.rule, contender.streams
+    slips = [(s, slip) for s in streams for slip in scored_slips(s, rule)]
+    worst = sorted(slips, key=lambda each: _badness(each[1]), reverse=True)[:MAX_TRACES]
+    return DetectorEvaluation(
+        detector=contender.label,
         rule=rule,
         sheet=msgspec.json.decode(msgspec.json.encode(sheet)),
         choices=[
-            Choice(c.false_per_min, *map(_known, (c.delay_ms, c.p90_delay_ms, c.p99_delay_ms)))
-            for c in frontier(made.points())
+            RuleScores(p.false_per_min, *map(_known, (p.delay_ms, p.p90_delay_ms, p.p99_delay_ms)))
+            for p in pareto_front(contender.points())
         ],
-        slips=[slip for _, slip in found],
+        slips=[slip for _, slip in slips],
         worst=[trace(s, slip, rule) for s, slip in worst],
     )
 
 
 def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
-    """Every slip of one recording that `evaluate_streams` counts."""
+    """The slips of one recording that `evaluate_streams` counts."""
     recording = streamed.recording
-    found = scored(streamed)
-    delays_ms = found.judged(registered_events(streamed.probabilities, rule)).events.delays_ms
-    slips = found.slips
+    reference = scoring_reference(streamed)
+    delays_ms = reference.score(registered_events(streamed.probabilities, rule)).events.delays_ms
+    slips = reference.slips
     events = slips.truth[slips.counted[slips.truth[:, 0]]]
     last = len(recording.t_s) - 1
     return [
@@ -129,12 +129,12 @@ def scored_slips(streamed: Streamed, rule: RuleSettings) -> list[ScoredSlip]:
 
 
 def trace(streamed: Streamed, slip: ScoredSlip, rule: RuleSettings) -> SlipTrace:
-    """The samples around a slip of that recording."""
+    """Samples around a slip of that recording."""
     recording = streamed.recording
     t_s = recording.t_s - slip.onset_s
     inside = (t_s >= -BEFORE_S) & (t_s <= AFTER_S)
     before = inside & (t_s < 0.0)
-    # a slip at the first sample has nothing before it
+    # no sample precedes a slip at the first sample
     rest = recording.counts[before if before.any() else inside].mean(axis=0)
     pressed = (rest - recording.counts[inside]).sum(axis=2)  # pressing is negative
     labels = streamed.labels[inside]
@@ -144,7 +144,7 @@ def trace(streamed: Streamed, slip: ScoredSlip, rule: RuleSettings) -> SlipTrace
         slip=slip,
         t_s=_rounded(times, 4),
         pressed=[_rounded(finger, 1) for finger in pressed.T],
-        probabilities=_rounded(spoken(streamed, rule)[inside], 4),
+        probabilities=_rounded(hand_probability(streamed, rule)[inside], 4),
         slipping=[
             (float(times[first]), float(times[min(after, len(times) - 1)]))
             for first, after in edges
@@ -153,21 +153,21 @@ def trace(streamed: Streamed, slip: ScoredSlip, rule: RuleSettings) -> SlipTrace
 
 
 def _badness(slip: ScoredSlip) -> tuple[float, float]:
-    """Largest for a miss, then by distance; below that by delay."""
+    """Sort key: largest for a miss, then by delay, then by distance."""
     late_ms = math.inf if slip.delay_ms is None else slip.delay_ms
     return late_ms, slip.slid_mm or 0.0
 
 
 def _kind(streamed: Streamed) -> str:
-    about = streamed.recording.metadata
-    return "" if about is None else about.cause or about.motion
+    metadata = streamed.recording.metadata
+    return "" if metadata is None else metadata.cause or metadata.motion
 
 
 def _speed_mps(streamed: Streamed, first: int, after: int) -> float | None:
-    about, speed = streamed.recording.metadata, streamed.recording.contact_speed_mps
-    if about is not None and about.speed_mps > 0.0:
-        return about.speed_mps
-    turns = about is not None and about.spin_radps > 0.0  # its speed is no one number
+    metadata, speed = streamed.recording.metadata, streamed.recording.contact_speed_mps
+    if metadata is not None and metadata.speed_mps > 0.0:
+        return metadata.speed_mps
+    turns = metadata is not None and metadata.spin_radps > 0.0  # no single speed
     return None if speed is None or turns else float(speed[first:after].max())
 
 

@@ -1,6 +1,7 @@
-"""Label-free calibration of a rule from a hold without slip that ends with the hand opening.
+"""Label-free calibration of a rule on recorded holds without slip (`grasp detector tune
+--unlabelled`).
 
-A recording is a lift with a long hold, or a file of counts (`grasp detector tune --unlabelled`).
+A recording is a lift with a long hold, or a file of counts that ends with the hand opening.
 """
 
 from collections.abc import Iterable
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from detector.recordings import SUFFIX, read
 from detector.scores.evaluation import stream
-from detector.scores.unlabelled import SETTLED, Unlabelled, hold_of, set_rule
+from detector.scores.label_free import MARGIN_SAMPLES, CalibratedRule, calibrate_rule, find_hold
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.messages import CONTROL, TACTILE, ControlMessage, TactileMessage
@@ -23,14 +24,14 @@ from scenarios.trial.run_folder import open_trial
 Counts = NDArray[np.int16]  # (n, fingers, taxels)
 
 
-def hold_in(path: Path) -> tuple[Counts, slice, float]:
-    """Counts of a recording, the samples of its hold, and the load in counts that ended with it.
+def read_hold(path: Path) -> tuple[Counts, slice, float]:
+    """Counts of a recording, the samples of its hold, and the load of the hold in counts.
 
-    Raises BadFile for another file, UsageError for one without a hold or its end.
+    Raises BadFile for a file of another kind, UsageError without a hold or without its end.
     """
     if path.suffix in (SUFFIX, ".csv"):
         counts = read(path, labelled=False).counts
-        return counts, *hold_of(counts)
+        return counts, *find_hold(counts)
     rows: list[list[int]] = []
     phases: list[str] = []
     latest: list[int] | None = None
@@ -41,26 +42,27 @@ def hold_in(path: Path) -> tuple[Counts, slice, float]:
             rows.append(latest)
             phases.append(message.phase)
     counts = np.array(rows, np.int16).reshape(len(rows), FINGERS, -1)
-    held = np.flatnonzero([phase == State.HOLD for phase in phases])
-    _, load = hold_of(counts)
-    if not len(held):
+    holding = np.flatnonzero([phase == State.HOLD for phase in phases])
+    _, load = find_hold(counts)
+    if not len(holding):
         raise UsageError(f"{path} has no hold", "give a lift, with a long controller.hold_s")
-    return counts, slice(int(held[0]) + SETTLED, int(held[-1])), load
+    return counts, slice(int(holding[0]) + MARGIN_SAMPLES, int(holding[-1])), load
 
 
-def tune_unlabelled(
+def tune_without_labels(
     config: TrialConfig, recorded: Iterable[tuple[Counts, slice, float]], budget_per_min: float
-) -> Unlabelled:
-    """The rule with a threshold set by results of ``hold_in``, holds without slip, and never below
-    the configured one: a hold has no closing, no lifting and no taps."""
+) -> CalibratedRule:
+    """Calibrate the configured rule on results of ``read_hold``. The threshold is never below the
+    configured one, because a hold has no closing, no lifting and no taps."""
     holds, loads = [], []
     for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])
         holds.append(stream(detector, counts)[0][hold])
         loads.append(load)
-    found, own = set_rule(holds, config.rule, budget_per_min, min(loads)), config.rule
+    configured = config.rule
+    calibrated = calibrate_rule(holds, configured, budget_per_min, min(loads))
     higher = msgspec.structs.replace(
-        own, threshold=max(own.threshold, found.rule.threshold),
-        limit=max(own.limit, found.rule.limit),
+        configured, threshold=max(configured.threshold, calibrated.rule.threshold),
+        limit=max(configured.limit, calibrated.rule.limit),
     )  # fmt: skip
-    return msgspec.structs.replace(found, rule=higher)
+    return msgspec.structs.replace(calibrated, rule=higher)

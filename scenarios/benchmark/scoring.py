@@ -1,4 +1,4 @@
-"""Streams a detector over data sets once, then scores it and tunes its rule."""
+"""Evaluation of a detector on data sets, and tuning of its rule, from one pass of its output."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ import msgspec
 from detector.decision import RuleSettings
 from detector.interface import SlipDetector
 from detector.network_file import is_weights
-from detector.plugins import is_code
+from detector.plugins import is_plugin_file
 from detector.recordings import LabelName, Recording, Split
 from detector.scores.evaluation import (
     HAND_FINGERS,
@@ -17,10 +17,10 @@ from detector.scores.evaluation import (
     Evaluation,
     Streamed,
     evaluate_streams,
-    judge_stream,
+    score_stream,
     stream_recordings,
 )
-from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
+from detector.scores.sweep import SweepPoint, best, rules, sweep, thresholds_at_budget
 from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from scenarios.benchmark.data_sets import read_set
@@ -29,18 +29,18 @@ from scenarios.rigs.calibration import Files
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
-Tell = Callable[[int, int], None]  # progress: done, total
+Progress = Callable[[int, int], None]  # done, total
 
 
-def _reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
+def _with_progress(items: Sequence[T], progress: Progress) -> Iterator[T]:
     """The items; progress is reported after each."""
     for done, item in enumerate(items, 1):
         yield item
-        tell(done, len(items))
+        progress(done, len(items))
 
 
 class Scores(Evaluation, frozen=True):
-    """An evaluation with the digest of weights or formula and rule, as in results."""
+    """An evaluation with the detector's digest."""
 
     detector_hash: str  # see `TrialConfig.detector_hash`
 
@@ -54,47 +54,47 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
     data: str
 
     def evaluation(self) -> Scores:
-        """Scores at the detector's own threshold and rule."""
+        """Evaluation at the configured threshold and rule."""
         sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
         named = {**msgspec.structs.asdict(sheet), "detector": self.label}
         return Scores(**named, detector_hash=self.config.detector_hash())
 
     @property
     def label(self) -> str:
-        """Name among others: that of the file for one's own, since names inside may be equal."""
+        """Unique name: the path for the user's files, whose inner names may be equal."""
         word = self.config.detector_name
-        return word if is_code(word) or is_weights(word) else self.detector.name
+        return word if is_plugin_file(word) or is_weights(word) else self.detector.name
 
-    def points(self, tell: Tell = lambda done, total: None) -> list[SweepPoint]:
-        """Every rule and threshold of the sweep."""
-        return sweep(self.streams, _reported(list(rules(self.config.rule)), tell))
+    def points(self, progress: Progress = lambda done, total: None) -> list[SweepPoint]:
+        """Points of all rules and thresholds of the sweep."""
+        return sweep(self.streams, _with_progress(list(rules(self.config.rule)), progress))
 
 
 def read_split(
     folders: Sequence[Path],
     split: Split | Literal["all"],
-    tell: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> list[Recording]:
     """Recordings of one split of several data sets, without those too short to be scored.
 
-    ``tell`` takes a line for an incomplete set and for what was left out. Raises BadFile for an
-    empty set and for a folder of several, UsageError where all recordings are too short.
+    ``report`` gets a line for an incomplete set and for recordings left out. Raises BadFile for an
+    empty set and for a folder of several sets, UsageError if all recordings are too short.
     """
-    wanted = None if split == "all" else split
-    found = [r for folder in folders for r in read_set(folder, wanted, tell)]
-    long = [r for r in found if len(r.t_s) > WARM_UP_SAMPLES]
-    if found and not long:
+    chosen = None if split == "all" else split
+    recordings = [r for folder in folders for r in read_set(folder, chosen, report)]
+    long = [r for r in recordings if len(r.t_s) > WARM_UP_SAMPLES]
+    if recordings and not long:
         raise UsageError(
-            f"the split {split}: {too_short(len(found))}",
-            "longer recordings, or more of them: a larger --share of `grasp dataset build`",
+            f"the split {split}: {too_short(len(recordings))}",
+            "give longer recordings, or more: a larger --share of `grasp dataset build`",
         )
-    if len(long) < len(found):
-        tell(f"left out: {too_short(len(found) - len(long))}")
+    if len(long) < len(recordings):
+        report(f"left out: {too_short(len(recordings) - len(long))}")
     return long
 
 
 def too_short(recordings: int) -> str:
-    return f"{recordings} recordings of at most {WARM_UP_SAMPLES} samples, of which none is scored"
+    return f"{recordings} recordings of at most {WARM_UP_SAMPLES} samples, too short to be scored"
 
 
 def contender(
@@ -104,37 +104,38 @@ def contender(
     label: LabelName = "slip",
     files: Files = None,
     assignments: Sequence[str] = (),
-    tell: Tell = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> Contender:
-    """Stream the named detector with its settings over the recordings."""
+    """Stream the recordings through the named detector with its settings."""
     config = load_config("can", "simulated", name, files, assignments)
-    counted, first = _reported(recordings, tell), recordings[0]
+    counted, first = _with_progress(recordings, progress), recordings[0]
     streams = stream_recordings(config.make_detector, counted, stopwatch_ns, label)
     return Contender(config, config.make_detector(first.fingers, first.taxels), streams, data)
 
 
 def tune_rule(
-    made: Contender, budget_per_min: float, tell: Tell = lambda done, total: None
+    contender: Contender, budget_per_min: float, progress: Progress = lambda done, total: None
 ) -> SweepPoint | None:
-    """The quickest rule within a budget of false events a minute of a hand; None if none is."""
-    points = made.points(tell)
-    points += sweep(made.streams, at_the_budget(points, budget_per_min))
+    """Rule with the least mean delay within a budget of false events a minute of a hand; None if
+    no rule keeps to it."""
+    points = contender.points(progress)
+    points += sweep(contender.streams, thresholds_at_budget(points, budget_per_min))
     return best(points, budget_per_min)
 
 
 class Evidence(msgspec.Struct, frozen=True):
-    """Events that a rule was tuned on, without taps."""
+    """Numbers of events that a rule was tuned on, without taps."""
 
-    minutes: float  # of a hand's rest
+    minutes: float  # static time of a hand
     slips: int
     caught: int
     false: int
 
 
 def evidence(streams: Sequence[Streamed], rule: RuleSettings) -> Evidence:
-    """What some of the streams say of the rule."""
-    judged = [judge_stream(s, rule, apart=True).events for s in streams]
-    rest = zip(streams, judged, strict=True)
-    hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
-    slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)
-    return Evidence(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
+    """Numbers of slips and false events of the rule on these streams."""
+    outcomes = [score_stream(s, rule, exclude_impacts=True).events for s in streams]
+    pairs = zip(streams, outcomes, strict=True)
+    hand_s = sum(o.static_s * s.recording.fingers / HAND_FINGERS for s, o in pairs)
+    slips, missed = sum(len(o.delays_ms) for o in outcomes), sum(o.missed for o in outcomes)
+    return Evidence(hand_s / 60.0, slips, slips - missed, sum(o.false for o in outcomes))

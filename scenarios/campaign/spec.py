@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from detector.network_file import is_weights
-from detector.plugins import is_code
+from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import is_path, load, read_toml
@@ -70,7 +70,7 @@ def read_spec(path: Path) -> CampaignSpec:
     spec = load(CampaignSpec, [read_toml(path)])
 
     def found(word: str) -> str:
-        own = is_path(word) or is_code(word) or is_weights(word)
+        own = is_path(word) or is_plugin_file(word) or is_weights(word)
         return str(path.parent / word) if own else word
 
     return msgspec.structs.replace(

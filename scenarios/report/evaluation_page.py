@@ -10,7 +10,7 @@ from detector.decision import RuleSettings
 from scenarios.benchmark.evaluation_file import (
     AFTER_S,
     BEFORE_S,
-    Evaluated,
+    DetectorEvaluation,
     SlipTrace,
     no_evaluation,
     read_evaluation,
@@ -51,7 +51,7 @@ class Sheet(msgspec.Struct, frozen=True):
     detector_hash: str = ""
 
 
-Scored = tuple[Evaluated, Sheet]
+Scored = tuple[DetectorEvaluation, Sheet]
 
 
 def evaluation_page(file: Path) -> str:
@@ -84,7 +84,7 @@ def evaluation_page(file: Path) -> str:
     )  # fmt: skip
 
 
-def _row(each: Evaluated, s: Sheet) -> list[Cell]:
+def _row(each: DetectorEvaluation, s: Sheet) -> list[Cell]:
     def between(name: str) -> str:
         low, high = s.intervals.get(name, (None, None))
         return f"{_number(low)} to {_number(high)}" if name in s.intervals else ""

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from detector.decision import fused
-from detector.interface import motion_told_by
+from detector.interface import motion_reader
 from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.controller import GraspController
 from grasp.loop import Tick
@@ -110,7 +110,7 @@ def _reports_motion(config: TrialConfig) -> bool:
     """Whether the detector reports the kind of slip; only the detector's file states it."""
     detector = config.make_detector(FINGERS)
     detector.update(np.zeros((FINGERS, taxels_of(config)), np.int16))
-    return motion_told_by(detector)() is not None
+    return motion_reader(detector)() is not None
 
 
 def _empty(columns: Columns) -> Values:

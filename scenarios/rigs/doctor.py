@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from detector.interface import DETECTORS
-from detector.plugins import offered
+from detector.plugins import installed_plugins
 from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
 from grasp.files import nearest_folder, why_not_writable
 from grasp.realtime import PRIORITY
@@ -53,7 +53,7 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
 
 
 def _detectors(load: Load, more: Sequence[str]) -> list[Check]:
-    names = dict.fromkeys([*DETECTORS, *offered(), *more])
+    names = dict.fromkeys([*DETECTORS, *installed_plugins(), *more])
     return [checked(f"detector {name}", partial(_detector, load, name)) for name in names]
 
 

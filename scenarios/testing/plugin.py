@@ -52,7 +52,7 @@ class EmulatedGripper:
         self.host, self.port = emulator.address
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """Plan trouble for coming requests: a name of ``FaultKind``, arguments of ``WireFault``.
+        """Plan a fault of the next requests: a name of ``FaultKind``, arguments of ``WireFault``.
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """

@@ -21,7 +21,7 @@ from detector.interface import (
 )
 from detector.network import NetworkSettings
 from detector.network_file import is_weights
-from detector.plugins import Scalar, is_code
+from detector.plugins import Scalar, is_plugin_file
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings, LoopSettings
 from grasp.guard import GuardSettings
@@ -85,7 +85,9 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     psd: PsdSettings = PsdSettings()
     psd_fair: PsdFairSettings = PsdFairSettings()
     network: NetworkSettings = NetworkSettings()
-    own: dict[str, Scalar] = msgspec.field(default_factory=dict)  # of code of one's own, by name
+    plugin: dict[str, Scalar] = msgspec.field(
+        default_factory=dict
+    )  # arguments of a detector plugin
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
 
@@ -176,7 +178,7 @@ def digest_of(settings: Mapping[str, Any]) -> str:
     hidden = {*UNHASHED, *UNUSED.get(rig, ()), *(SECTIONS - {section})}
     table = {key: value for key, value in sorted(settings.items()) if key not in hidden}
     table[section] = fingerprint_of(name, settings[section])
-    if is_code(name) or is_weights(name):
+    if is_plugin_file(name) or is_weights(name):
         del table["detector_name"]  # wherever it lies
     # of devices of other packages which they are, not where; nothing where all are ours
     devices = {k: v for k, v in table.pop("devices", {}).items() if isinstance(v, str) and v}

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import DecisionRule
-from detector.interface import SlipDetector, motion_told_by
+from detector.interface import SlipDetector, motion_reader
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import signals
@@ -115,7 +115,7 @@ def make_step(
         controller or make_controller(config),
         guard or make_guard(config),
         monitors or Monitors(config.monitors),
-        motion_told_by(detector),
+        motion_reader(detector),
     )
 
 

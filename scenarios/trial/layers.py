@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from detector.decision import RuleSettings
-from detector.interface import OWN, SECTIONS, section_of
+from detector.interface import PLUGIN, SECTIONS, section_of
 from detector.network_file import is_weights
-from detector.plugins import MARK, is_code, offered
+from detector.plugins import FILE_SEPARATOR, installed_plugins, is_plugin_file
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
 from grasp.settings import (
@@ -29,11 +29,15 @@ def detector_layers(word: str) -> list[Layer]:
     the same name beside it, if it sets anything. Raises ConfigError for an unknown name, and where
     that file sets more than a rule and detectors: a file that is read only because it lies beside
     another sets no limit and no device."""
-    if word in offered() and word not in names("detectors"):
+    if word in installed_plugins() and word not in names("detectors"):
         return []
-    if not (is_code(word) or is_weights(word)):
-        return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
-    file = Path(word.rpartition(":")[0] if is_code(word) else word)
+    if not (is_plugin_file(word) or is_weights(word)):
+        return [
+            named_layer(
+                "detectors", word, (*installed_plugins(), f"FILE{FILE_SEPARATOR}NAME", "FILE.onnx")
+            )
+        ]
+    file = Path(word.rpartition(":")[0] if is_plugin_file(word) else word)
     beside = file.with_suffix(".toml")
     if not os.path.lexists(beside):
         return []
@@ -41,7 +45,7 @@ def detector_layers(word: str) -> list[Layer]:
     for section in sorted(layer.table.keys() - {"rule", *SECTIONS}):
         problem = "is not of a detector: what lies beside one sets its rule"
         raise ConfigError(
-            layer.source, section, problem, f"[rule] and [{OWN}]; all else by --config"
+            layer.source, section, problem, f"[rule] and [{PLUGIN}]; all else by --config"
         )
     return [layer]
 
@@ -53,7 +57,7 @@ def check_read(
     or the ``detector``, if one is named, does not read."""
     unread = {f"controller.{key}": by for key, by in controller.unread.items()}
     this_rule = f"a rule of kind {rule.kind} and fusion {rule.fusion}"
-    unread |= {f"rule.{key}": this_rule for key in rule.unread}
+    unread |= {f"rule.{key}": this_rule for key in rule.unused}
     others = SECTIONS - {section_of(detector)} if detector else frozenset()
     for layer in own:
         for key, by in sorted(unread.items()):

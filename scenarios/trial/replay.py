@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.network_file import is_weights
-from detector.plugins import is_code
+from detector.plugins import is_plugin_file
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration
@@ -210,8 +210,8 @@ def _settings(
 
 def _trusted(recorded: str, given: str | None) -> str:
     """The detector to replay with: no file of somebody else's runs code by being replayed."""
-    own = is_code(recorded) or is_weights(recorded)
-    if given is None and is_code(recorded):
+    own = is_plugin_file(recorded) or is_weights(recorded)
+    if given is None and is_plugin_file(recorded):
         raise UsageError(
             f"it was recorded with {recorded}, code that no replay runs by itself",
             "if you trust it, name it: --detector FILE.py:NAME",

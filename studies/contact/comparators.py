@@ -14,7 +14,7 @@ from scenarios.world.contact import GRAVITY_MPS2, Floats
 from studies.contact.reference import grip_forces
 from studies.contact.scene import Scene, hand_height, hand_speed
 
-STRIBECK_MPS = 1e-3  # LuGre: speed at which static friction has given way
+STRIBECK_MPS = 1e-3  # LuGre: speed of the transition from static to kinetic friction
 REGULAR_MPS = 1e-3  # regularised Coulomb: full friction from this speed on
 _M, _MU_S, _MU_K, _K, _C, _TABLE = range(6)
 
@@ -80,7 +80,7 @@ def _explicit(
     p: Floats, x: Floats, h: float, j: int, hand: Floats, down: Floats, normal: Floats,
     resting: bool, order: int, k: Floats, trial: Floats,
 ) -> None:  # fmt: skip
-    """One step of explicit Euler (order 1) or RK4; tables in half steps."""
+    """Step of explicit Euler (order 1) or RK4; tables in half steps."""
     _lugre_rates(p, x, hand[2 * j], down[2 * j], normal[2 * j], resting, k[0])
     if order == 1:
         for d in range(5):

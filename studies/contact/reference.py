@@ -74,11 +74,11 @@ def _imposed(q: Floats, t: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def _rates(
-    t: float, x: Floats, flags: Floats, judge: bool, q: Floats, wrench: Floats, finger: Floats,
+    t: float, x: Floats, flags: Floats, update: bool, q: Floats, wrench: Floats, finger: Floats,
     places: Floats, n: Floats, out: Floats,
 ) -> bool:  # fmt: skip
     """Derivative of x: pose (3), speed (3), stretch (E x 3). flags (E + 1): sliding, resting last.
-    With ``judge`` the flags are updated; returns whether one has changed."""
+    With ``update`` the flags are updated; returns whether one has changed."""
     hand_z, hand_v, push = _imposed(q, t)
     count = finger.shape[0]
     force_y, torque = push * wrench[0], push * wrench[2]
@@ -95,7 +95,7 @@ def _rates(
         size = math.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
         mu = q[Q_MU_K] if flags[e] != 0.0 else q[Q_MU_S]
         cap = mu * n[int(finger[e])] * share
-        if judge and (size > cap) != (flags[e] != 0.0):
+        if update and (size > cap) != (flags[e] != 0.0):
             flags[e] = 1.0 - flags[e]
             changed = True
         if size > cap:
@@ -108,7 +108,7 @@ def _rates(
         force_z += f1
         torque += y * f1 - z * f0 + spin * f2
     resting = flags[count] != 0.0
-    if judge and resting and force_z > 0.0:
+    if update and resting and force_z > 0.0:
         flags[count], resting, changed = 0.0, False, True
     for d in range(3):
         out[d] = 0.0 if resting else x[3 + d]

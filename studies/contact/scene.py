@@ -77,7 +77,7 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
         return stretch
 
 
-def squeeze(body: GraspObject, b_n: float, c_n: float) -> Three:
+def grip_travel(body: GraspObject, b_n: float, c_n: float) -> Three:
     """Finger travel, m, at which B and C press with b_n and c_n and the thumb with their sum."""
     k = finger_stiffness(body)
     touch = HALF_APERTURE_M - body.half_width_m
@@ -89,7 +89,7 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
     rise_npm = finger_stiffness(BODY) * 2 / 3
     return Scene(
         name="lift", duration_s=duration_s, contact=pads, on_table=True, arm_mps=0.1,
-        travel_m=squeeze(BODY, 1.0, 1.0),
+        travel_m=grip_travel(BODY, 1.0, 1.0),
         closing=Closing(start_s=0.3, speed_mps=110.0 / rise_npm, force_stop_n=10.0),
     )  # fmt: skip
 
@@ -97,12 +97,12 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 def tap() -> Scene:
     """A tap of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
     impact = Impact(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
-    return Scene(name="tap", duration_s=0.4, travel_m=squeeze(BODY, 5.0, 5.0), tap=impact)
+    return Scene(name="tap", duration_s=0.4, travel_m=grip_travel(BODY, 5.0, 5.0), tap=impact)
 
 
 def vibration() -> Scene:
     """A 10 N grip shaken at 20 Hz: the peak load is 0.82 of the kinetic cone, nothing may slip."""
-    travel_m = squeeze(BODY, 5.0, 5.0)
+    travel_m = grip_travel(BODY, 5.0, 5.0)
     return Scene(name="vibration", duration_s=1.0, travel_m=travel_m, shake_mps2=12.0)
 
 

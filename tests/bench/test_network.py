@@ -14,7 +14,7 @@ import pytest
 from detector.network import run_network
 from detector.network_file import packaged_networks, read_network, weights_path
 from detector.scores.quantiles import quantile
-from tests.unit.detector.networks import walk
+from tests.unit.detector.network_files import walk
 
 UPDATES = 5_000
 WARM_UP, EVERY, STEPS = 20_000, 100_000, int(os.environ.get("STEPS", "1_000_000"))

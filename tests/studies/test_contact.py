@@ -17,9 +17,9 @@ from studies.contact.scene import (
     PADS,
     Closing,
     Scene,
+    grip_travel,
     lift,
     simulate,
-    squeeze,
     tap,
     vibration,
 )
@@ -28,7 +28,7 @@ changed = msgspec.structs.replace
 BALL = {"shape": "ellipsoid", "half_width_m": 0.0603, "half_height_m": 0.0603}
 
 
-def held(**fields: Any) -> Scene:
+def grasped(**fields: Any) -> Scene:
     """In a 10 N grip, nothing else happening."""
     return changed(vibration(), **{"duration_s": 0.4, "shake_mps2": 0.0, **fields})
 
@@ -41,7 +41,7 @@ SIDE = changed(TOP, tap=SIDE_TAP)
 
 @pytest.mark.parametrize(
     "scene",
-    [lift(), held(tap=Impact(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.0)),
+    [lift(), grasped(tap=Impact(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.0)),
      lift(pads=ContactSettings()),
      changed(lift(), body=changed(BODY, **BALL, grip_height_m=0.012))],
     ids=["lift", "tap", "relaxing", "flank"],
@@ -56,7 +56,9 @@ def test_without_lever_and_side_load_all_levels_move_alike(scene: Scene) -> None
     ("scene", "level"),
     [(lift(), Level.SLIDER), (TOP, Level.POINTS), (SIDE, Level.SPIN), (TOP, Level.BRUSH)],
 )
-def test_backward_euler_extrapolated_meets_adaptive_runge_kutta(scene: Scene, level: Level) -> None:
+def test_extrapolated_backward_euler_agrees_with_adaptive_runge_kutta(
+    scene: Scene, level: Level
+) -> None:
     exact = adaptive(scene, level, 1e-11)
     found = 2 * simulate(scene, level, 5e-5) - simulate(scene, level, 1e-4)
     assert np.linalg.norm(found - exact) < 2e-6
@@ -76,8 +78,8 @@ def test_ball_held_past_its_widest_point_is_expelled_and_a_long_box_is_not() -> 
     def moved(**what: Any) -> float:
         body = changed(BODY, mass_kg=0.05, friction_static=0.3, friction_kinetic=0.3, **what)
         closing = Closing(start_s=0.1, speed_mps=0.02, force_stop_n=10.0)
-        travel = squeeze(body, 1.0, 1.0)
-        scene = held(body=body, travel_m=travel, closing=closing, duration_s=1.0)
+        travel = grip_travel(body, 1.0, 1.0)
+        scene = grasped(body=body, travel_m=travel, closing=closing, duration_s=1.0)
         return -float(simulate(scene, Level.SLIDER, 5e-4)[1])
 
     assert moved(**BALL, grip_height_m=0.035) > 0.1
@@ -89,7 +91,7 @@ def loaded(ratio: float, **fields: Any) -> Scene:
     """A held object whose weight is this share of the friction cone."""
     mass_kg = ratio * 0.5 * 20.0 / GRAVITY_MPS2
     body = changed(BODY, mass_kg=mass_kg, friction_kinetic=0.5, body_above_grip_m=0.5)
-    return held(**{"body": body, "duration_s": 2.0, **fields})
+    return grasped(**{"body": body, "duration_s": 2.0, **fields})
 
 
 @pytest.mark.parametrize("level", [Level.SLIDER, Level.POINTS, Level.BRUSH])

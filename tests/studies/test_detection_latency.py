@@ -9,7 +9,7 @@ from detector.recordings import write
 from scenarios.benchmark.scoring import contender
 from studies import detection_latency as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import pytest
 from detector.recordings import write
 from studies import detector_curves as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
-def test_a_detector_leaves_its_points_its_line_and_its_curve(
+def test_small_study_gives_points_table_and_chart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("matplotlib")

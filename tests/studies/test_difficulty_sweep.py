@@ -9,7 +9,7 @@ from studies import runner
 from studies.difficulty_sweep import AXES, STUDY, Row, fall, table
 
 
-def test_a_value_changes_its_own_axis_alone_and_is_harder_than_the_one_before() -> None:
+def test_value_changes_one_axis_only_and_values_get_harder() -> None:
     for axis in AXES:
         plain = load_config("can", "simulated", "energy")
         moved = [
@@ -40,7 +40,7 @@ def test_a_fall_is_between_the_last_rate_above_the_level_and_the_first_below() -
     assert fall(*trials({0.5: 0.2, 1.0: 0.0}), 0.95)[0] == 0.5
 
 
-def test_lifts_that_never_slip_are_counted_apart() -> None:
+def test_lifts_that_never_slip_are_counted_separately() -> None:
     rows = [Row({"mass": (0.6, 0.4)}, "", "held", True)] * 9
     rows += [Row({"mass": (0.6, 0.4)}, "", "never_slipped", False)]
     rows += [Row({"mass": (1.6, 1.1)}, "mass", "dropped", False)] * 10

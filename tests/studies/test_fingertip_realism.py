@@ -8,7 +8,7 @@ import pytest
 
 from detector.recordings import Metadata, Recording, write
 from studies import fingertip_realism
-from studies.fingertip_realism import STUDY, Task, tell_apart, windows_of
+from studies.fingertip_realism import STUDY, Task, separate, windows_of
 from studies.runner import main
 
 STROKE, PAUSE = 60, 40  # samples
@@ -44,7 +44,7 @@ def test_equal_distributions_are_not_separated_and_different_ones_are(state: str
     pieces = [(k, windows_of(r.counts[:, 0], r.slip, state)) for k, r in made]
     task = Task("", "", "", state, 0)
     alike, other = (
-        tell_apart(windows_of(r.counts[:, 0], r.slip, state), pieces, task)
+        separate(windows_of(r.counts[:, 0], r.slip, state), pieces, task)
         for r in (recording(99), recording(99, 40.0, 4))
     )
     assert alike.auc < 0.75
@@ -55,12 +55,12 @@ def test_equal_distributions_are_not_separated_and_different_ones_are(state: str
 
 def test_a_small_set_gives_table_and_chart(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    write(tmp_path / "clip.npz", recording(99))
+    write(tmp_path / "real.npz", recording(99))
     folder = tmp_path / "set"
     folder.mkdir()
     for k in range(5):
         write(folder / f"{k}.npz", recording(k))
-    words = ["--recording", str(tmp_path / "clip.npz"), "--data", str(folder), "--jobs", "1"]
+    words = ["--recording", str(tmp_path / "real.npz"), "--data", str(folder), "--jobs", "1"]
     main("fingertip_realism", STUDY, [*words, "--out", str(tmp_path / "out")])
     assert "| all | slip | " in (tmp_path / "out" / "table.md").read_text()
     assert (tmp_path / "out" / "chart.svg").exists()

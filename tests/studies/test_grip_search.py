@@ -13,7 +13,7 @@ from tests.unit.scenarios.conftest import config
 OBJECTS = (*runner.PAPER_OBJECTS, *names("objects/unseen"))
 
 
-def test_every_packaged_object_is_held_and_sure_to_slip_at_its_own_positions() -> None:
+def test_every_packaged_object_is_held_and_slips_at_its_configured_positions() -> None:
     for name in OBJECTS:
         grip = present(config(object_name=name), Criteria())
         assert grip.meets(Criteria()), grip
@@ -24,7 +24,7 @@ def test_each_criterion_fails_by_itself_and_a_light_object_has_no_such_positions
     assert present(config(), Criteria(most_n=1.0)).fails["firm"] == 1.0
     assert present(config(), Criteria(finger_n=3.0)).fails["finger"] == 1.0
     light = config("object.mass_kg=0.1", "object.added_mass_kg=0")
-    assert not search(light, Criteria(draws=50))[0].meets(Criteria())
+    assert not search(light, Criteria(samples=50))[0].meets(Criteria())
 
 
 def test_a_search_finds_the_positions_of_the_can_and_lifts_with_them_slip(

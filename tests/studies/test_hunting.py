@@ -6,7 +6,7 @@ from studies.hunting import LOOSENING, RATCHET, Loop, Task, bound, default_loop,
 from tests.unit.scenarios.conftest import changed, config
 
 
-def test_the_default_answers_a_slip_once_also_in_small_steps() -> None:
+def test_default_controller_compensates_once_per_slip_also_in_small_steps() -> None:
     for transient_s in [0.03, 0.07, 0.1]:
         for closing_s in [0.02, 0.05, 0.3]:
             loop = default_loop(config(), closing_s, transient_s)

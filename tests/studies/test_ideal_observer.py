@@ -17,8 +17,8 @@ from studies.ideal_observer import (
     separation,
     taps,
 )
-from tests.unit.detector.impact_toys import struck
-from tests.unit.detector.toys import toy
+from tests.unit.detector.impact_recordings import impact_recording
+from tests.unit.detector.toy_recordings import toy
 
 
 def lift(grip: int, onset: int | None, speed_mps: float) -> Recording:
@@ -28,14 +28,16 @@ def lift(grip: int, onset: int | None, speed_mps: float) -> Recording:
     slip = np.zeros(900, bool)
     if onset is not None:
         slip[onset : onset + 80] = True
-    metadata = msgspec.structs.replace(toy(0, "test").metadata, acts=())
+    metadata = msgspec.structs.replace(toy(0, "test").metadata, disturbances=())
     speed = np.where(slip, speed_mps, 0.0).astype(np.float32)
     t_s = np.arange(900) * 0.01
     return Recording(t_s, counts, slip, slip, "lift", metadata, contact_speed_mps=speed)
 
 
 def test_a_tap_has_the_class_of_its_lasting_displacement() -> None:
-    moments = taps([struck((3.0, 0.0), (4.5, 0.0007)), struck((3.0, 0.0015), (4.5, 0.004))])
+    moments = taps(
+        [impact_recording((3.0, 0.0), (4.5, 0.0007)), impact_recording((3.0, 0.0015), (4.5, 0.004))]
+    )
     assert [(i, kind) for i, _, _, kind in moments] == [(0, 0), (0, 1), (1, 2), (1, 3)]
 
 
@@ -47,7 +49,7 @@ def test_moments_of_held_lifts_have_the_delays_of_slipping_lifts() -> None:
 
 
 def test_features_do_not_depend_on_what_comes_later() -> None:
-    hand = struck((3.0, 0.003))
+    hand = impact_recording((3.0, 0.003))
     later = hand.counts.copy()
     later[305:] += 100  # five samples after the tap
     both = [cases([r], taps([r]), ()) for r in (hand, msgspec.structs.replace(hand, counts=later))]

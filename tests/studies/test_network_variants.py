@@ -8,7 +8,7 @@ from detector.network_file import read_network
 from detector.recordings import write
 from studies import network_variants as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def test_every_window_has_the_same_budget_of_samples() -> None:
@@ -19,7 +19,7 @@ def test_every_window_has_the_same_budget_of_samples() -> None:
 
 
 @pytest.mark.train
-def test_variants_are_trained_scored_and_drawn(
+def test_variants_are_trained_scored_and_plotted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("torch")

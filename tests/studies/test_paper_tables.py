@@ -11,7 +11,7 @@ from detector.recordings import write
 from drivers.errors import UsageError
 from studies import paper_tables as study
 from studies.runner import main
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.toy_recordings import toy, toys
 
 
 def cells(folder: Path) -> Path:
@@ -24,7 +24,7 @@ def cells(folder: Path) -> Path:
     return folder
 
 
-def test_both_tables_come_out_with_swept_thresholds(
+def test_small_study_gives_both_tables_with_swept_thresholds(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "data"

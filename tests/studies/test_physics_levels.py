@@ -10,7 +10,7 @@ def row(curve: str, step_s: float, cost_us: float, error_mm: float) -> Row:
     return Row("lift", curve, step_s, cost_us, error_mm * 1e-3)
 
 
-def test_a_lucky_hit_at_one_step_is_no_accuracy() -> None:
+def test_accidental_hit_at_one_step_does_not_count() -> None:
     rows = [row("L1", 4e-3, 10.0, 0.01), row("L1", 2e-3, 20.0, 0.4), row("L2", 2e-3, 90.0, 0.05),
             row("LuGre EXP2", 4e-3, 0.1, 0.01)]  # fmt: skip
     assert cheapest(rows, "L", 0.1) == rows[2]

@@ -1,4 +1,4 @@
-"""Reactions on copies of a lift: a later one slips further, and a copy agrees with the full run."""
+"""Reactions on copies of a lift: a later one slips more, and a copy agrees with the full run."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from tests.unit.scenarios.conftest import config
 CLOSE = CloseFast(10.0, THUMB_ALONE, CLOSED_COUNTS, 0.11)
 
 
-def test_later_reaction_slips_further_until_the_ball_is_lost_and_leaves_the_start_alone() -> None:
+def test_later_reaction_slips_more_until_the_ball_is_lost_and_the_start_is_unchanged() -> None:
     settings = config(object_name="ball")
     start = at_lift(settings, 1)
     onset_ns = find_onset(start)

@@ -8,10 +8,10 @@ from detector.scores.evaluation import stream_recordings
 from studies import robustness
 from studies.robustness import GRID, NOISE_COUNTS, PAD, Row, Task, chosen, perturbed
 from studies.runner import draw
-from tests.unit.detector.impact_toys import struck
-from tests.unit.detector.toys import toys
+from tests.unit.detector.impact_recordings import impact_recording
+from tests.unit.detector.toy_recordings import toys
 
-HAND = struck((3.0, 0.003), (6.0, 0.0))
+HAND = impact_recording((3.0, 0.003), (6.0, 0.0))
 
 
 def changes(kind: str, amount: float):
@@ -33,7 +33,7 @@ def test_a_small_study_gives_a_table_and_a_chart(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in GRID if kind != PAD])
-def test_the_amount_of_no_change_changes_no_sample(kind: str) -> None:
+def test_neutral_amount_changes_no_sample(kind: str) -> None:
     changed = perturbed(HAND, kind, GRID[kind][1])
     assert (changed.counts == HAND.counts[: len(changed.t_s)]).all()
 
@@ -48,11 +48,11 @@ def test_each_perturbation_has_the_size_that_it_names() -> None:
         assert set(np.argwhere(changes(kind, 1.0).any(axis=0))[:, 0]) == {0}
 
 
-def test_recordings_side_by_side_give_what_they_give_alone() -> None:
+def test_recordings_streamed_together_have_the_output_of_separate_ones() -> None:
     def energy(fingers: int, taxels: int = 6) -> EnergyDetector:
         return EnergyDetector(EnergySettings(threshold_counts=2.0), fingers, taxels)
 
-    mixed = [*toys("test", 2, 0), struck((3.0, 0.003), n=500), *toys("test", 1, 7)]
+    mixed = [*toys("test", 2, 0), impact_recording((3.0, 0.003), n=500), *toys("test", 1, 7)]
     together = robustness.stream_together(energy, mixed)
     for one, other in zip(stream_recordings(energy, mixed), together, strict=True):
         assert (one.probabilities == other.probabilities).all()

@@ -27,12 +27,12 @@ def test_false_alarms_come_at_their_rate_and_last_a_tenth_of_a_second() -> None:
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         probabilities.append(detector.update(np.zeros((3, 5), np.int16))[0])
     assert set(probabilities) == {0.25, 1.0}
-    begun = detector.between(0, clock.now_ns)
-    assert begun == pytest.approx(60, abs=25)
-    assert 5 * begun < probabilities.count(1.0) <= 10 * begun
+    started = detector.between(0, clock.now_ns)
+    assert started == pytest.approx(60, abs=25)
+    assert 5 * started < probabilities.count(1.0) <= 10 * started
 
 
-def test_an_arm_that_stops_saves_slip_and_a_pull_in_the_air_is_harder(
+def test_stopping_the_arm_reduces_slip_and_a_pull_in_the_air_is_harder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("matplotlib")

@@ -7,16 +7,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.auxiliary_outputs import OutputsFile, read_outputs, width_of
+from detector.auxiliary_outputs import OutputsFile, input_width, read_outputs
 from detector.network_file import read_network, weights_digest, weights_path
 from detector.recordings import Recording, write
 from studies import slip_types as study
 from studies.runner import main
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def samples(n: int = 600, seed: int = 0) -> study.Samples:
-    """Energy grows with speed; the centre of pressure lies against the motion."""
+    """Energy grows with speed; the centre of pressure moves against the motion."""
     rng = np.random.default_rng(seed)
     angle, speed = rng.uniform(0, 2 * np.pi, n), np.exp(rng.normal(-3.5, 0.6, n))
     turns = rng.random(n) < 0.2
@@ -51,16 +51,16 @@ def test_the_truth_scores_best_and_a_neighbouring_direction_counts_apart() -> No
 def test_motion_of_the_fingers_mirrors_that_of_the_thumb_at_the_line_upwards() -> None:
     (one,) = moving("test", 1, 0)
     about = msgspec.structs.replace(one.metadata, parameters={study.UPWARDS: 90.0})
-    held = msgspec.structs.replace(
+    grasped = msgspec.structs.replace(
         one, counts=np.repeat(one.counts, 3, axis=1), metadata=about,
         velocity_mps=np.full((900, 2), 0.02, np.float32), spin_radps=np.full(900, 0.4, np.float32),
     )  # fmt: skip
-    motion = study.motion_of(held)
+    motion = study.motion_of(grasped)
     assert motion is not None
     turn = 0.4 * study.TURN_LEVER_M
     expected = [(0.02, 0.02, turn), (-0.02, 0.02, -turn), (-0.02, 0.02, -turn)]
     assert motion[-1] == pytest.approx(np.array(expected), abs=1e-6)
-    assert study.motion_of(msgspec.structs.replace(held, velocity_mps=None)) is None
+    assert study.motion_of(msgspec.structs.replace(grasped, velocity_mps=None)) is None
     assert study.sector_of(np.array([math.cos(-0.8), math.sin(-0.8)])) == 7
 
 
@@ -69,7 +69,7 @@ def test_samples_are_those_of_slip_in_motion_and_the_centre_follows_the_load() -
     made = moving("test", 2, 0)
     found = study.samples_of(loaded, made)
     slips = sum(int(r.slip[302:].sum()) for r in made)
-    assert found.inputs.shape == (slips, width_of(loaded))
+    assert found.inputs.shape == (slips, input_width(loaded))
     assert set(study.sector_of(found.motion)) == {2}
     counts = np.zeros((200, 1, 6), np.int16)
     counts[:100, 0, 0] = counts[100:, 0, 2] = -200  # two columns to the right
@@ -90,12 +90,12 @@ def test_packaged_outputs_are_scored(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.train
-def test_outputs_that_were_trained_are_read_with_their_network(tmp_path: Path) -> None:
+def test_trained_outputs_are_read_with_their_network(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     words = ["gru", "--data", str(filled(tmp_path)), "--train", "--steps", "5"]
     assert main("slip_types", study.STUDY, [*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
     weights = tmp_path / "gru.onnx"
     weights.write_bytes(weights_path("gru").read_bytes())
     assert read_outputs(weights, weights_digest(weights), read_network(weights)) is not None
-    made = msgspec.json.decode((tmp_path / "gru.heads.json").read_bytes(), type=OutputsFile)
+    made = msgspec.json.decode((tmp_path / "gru.auxiliary.json").read_bytes(), type=OutputsFile)
     assert f"{tmp_path.name}: {study.OWN}, {study.FIGURES[0]}" in made.scores

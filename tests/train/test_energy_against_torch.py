@@ -1,4 +1,4 @@
-"""The energy detector against torch's own pooling: an implementation that shares nothing."""
+"""The energy detector compared with torch's average pooling."""
 
 import numpy as np
 import pytest

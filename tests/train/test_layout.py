@@ -1,4 +1,4 @@
-"""A network for fingertips of another layout: trained, exported, lifted with, and told apart."""
+"""A network for another layout of fingertips: trained, exported, lifted with, and refused."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from grasp.cli import exits  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
 from scenarios.acquire.config import layout_file  # noqa: E402
 from scenarios.lift.scoring import LiftOutcome, LiftResult  # noqa: E402
-from tests.unit.detector.toys import toys  # noqa: E402
+from tests.unit.detector.toy_recordings import toys  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -38,7 +38,7 @@ TRAIN, VALIDATION = eight(toys("train", 6, 0)), eight(toys("validation", 2, 100)
 
 
 @pytest.mark.parametrize("name", ["tcn", "gru", "tcn-paper"])
-def test_a_network_of_eight_taxels_is_trained_exported_and_refused_by_six(
+def test_network_of_eight_taxels_is_trained_exported_and_refused_for_six(
     name: str, tmp_path: Path
 ) -> None:
     settings = QUICK
@@ -54,12 +54,12 @@ def test_a_network_of_eight_taxels_is_trained_exported_and_refused_by_six(
         load_detector("mine", {"weights": str(path)}, 3, 6)
 
 
-def test_an_image_of_taxels_has_no_place_for_more() -> None:
+def test_frequency_cnn_is_refused_for_eight_taxels() -> None:
     with pytest.raises(UsageError, match="'freq-cnn-paper' was made for fingertips of 6 taxels"):
         Training("freq-cnn-paper", QUICK, TRAIN, VALIDATION, digest(TRAIN))
 
 
-def test_recordings_of_two_layouts_train_nothing() -> None:
+def test_recordings_of_two_layouts_are_refused() -> None:
     mixed = [*TRAIN, *toys("train", 1, 50)]
     with pytest.raises(UsageError, match="6 and 8 taxels"):
         Training("tcn", QUICK, mixed, VALIDATION, digest(mixed))
@@ -105,11 +105,11 @@ def test_from_an_acquisition_to_a_lift_with_eight_taxels_as_a_user_types_it(
     assert typed("detector", "train", "tcn", "--data", str(data), *quick) == exits.SUCCESS
 
     capsys.readouterr()
-    own = ("--detector", "tcn", "--set", f"network.weights={weights}", "--runs", str(runs))
-    lifted = typed("run", "lift", *eight_taxels, *own)
-    assert lifted in (exits.SUCCESS, exits.TRIAL_FAILED)  # who has learnt for 20 steps may not hear
+    chosen = ("--detector", "tcn", "--set", f"network.weights={weights}", "--runs", str(runs))
+    lifted = typed("run", "lift", *eight_taxels, *chosen)
+    assert lifted in (exits.SUCCESS, exits.TRIAL_FAILED)  # a network of 20 steps may miss slip
     result = msgspec.json.decode(capsys.readouterr().out, type=LiftResult)
     assert result.outcome not in (LiftOutcome.FAULT, LiftOutcome.INTERNAL_ERROR)
 
-    assert typed("run", "lift", "--rig", "simulated", *own) == exits.USAGE
+    assert typed("run", "lift", "--rig", "simulated", *chosen) == exits.USAGE
     assert "made for fingertips of 8 taxels, not of 6" in capsys.readouterr().out

@@ -1,5 +1,4 @@
-"""Torch and its ONNX export compute the same, streamed and windowed, through resets and a lost
-frame."""
+"""Equality of torch networks and their ONNX export, streamed and windowed."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +15,7 @@ from detector.network_file import NetworkCard, read_network  # noqa: E402
 from detector.training.export import make_file  # noqa: E402
 from detector.training.networks import build  # noqa: E402
 from detector.training.settings import ARCHITECTURES  # noqa: E402
-from tests.unit.detector.networks import walk  # noqa: E402
+from tests.unit.detector.network_files import walk  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -103,7 +102,7 @@ def parameters(made: "torch.nn.Module") -> int:
     return sum(p.numel() for p in made.parameters())
 
 
-def test_the_paper_s_networks_have_the_parameters_their_authors_counted() -> None:
+def test_the_paper_s_networks_have_the_published_numbers_of_parameters() -> None:
     assert parameters(build(ARCHITECTURES["tcn-paper"])) == 10_070
     cnn = build(ARCHITECTURES["freq-cnn-paper"])
     statistics = sum(b.numel() for n, b in cnn.named_buffers() if "running" in n)

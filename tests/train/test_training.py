@@ -1,4 +1,4 @@
-"""Training learns, repeats, resumes as if never interrupted, and writes what the runtime reads."""
+"""Training: learning, resuming, export, and the command."""
 
 from pathlib import Path
 
@@ -16,12 +16,12 @@ from detector.scores.evaluation import evaluate_streams, stream, stream_recordin
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training  # noqa: E402
 from detector.training.networks import odds_of  # noqa: E402
-from detector.training.sequences import Windows, digest, fingers_of  # noqa: E402
+from detector.training.sequences import Windows, digest, finger_sequences  # noqa: E402
 from detector.training.settings import TrainSettings  # noqa: E402
 from detector.training.validation import Score, calibration, likelihood  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
 from grasp.cli.main import main  # noqa: E402
-from tests.unit.detector.toys import toys  # noqa: E402
+from tests.unit.detector.toy_recordings import toys  # noqa: E402
 
 pytestmark = pytest.mark.train
 
@@ -41,7 +41,7 @@ def ignore(loss: float, score: Score | None) -> None:
 
 
 @pytest.mark.parametrize("name", ["tcn", "gru"])
-def test_a_network_learns_to_hear_bursts(name: str, tmp_path: Path) -> None:
+def test_network_learns_to_detect_bursts(name: str, tmp_path: Path) -> None:
     t = training(name, steps=250, batch=8, validations=2)
     t.run(5.0, None, ignore)
     export(t, VALIDATION, tmp_path / "n.onnx", "here")
@@ -56,7 +56,9 @@ def test_a_network_learns_to_hear_bursts(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["tcn", "tcn-paper"])
-def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: Path) -> None:
+def test_resumed_training_gives_the_weights_of_an_uninterrupted_one(
+    name: str, tmp_path: Path
+) -> None:
     whole = training(name)
     whole.run(5.0, None, ignore)
 
@@ -104,7 +106,7 @@ def test_a_checkpoint_that_would_run_code_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["tcn", "gru", "tcn-paper", "freq-cnn-paper"])
-def test_what_is_exported_streams_what_validation_saw(name: str, tmp_path: Path) -> None:
+def test_exported_network_streams_the_output_of_validation(name: str, tmp_path: Path) -> None:
     t = training(name, steps=4, validations=1)
     t.run(5.0, None, ignore)
     card = export(t, VALIDATION, tmp_path / "n.onnx", "")
@@ -114,15 +116,15 @@ def test_what_is_exported_streams_what_validation_saw(name: str, tmp_path: Path)
     assert np.abs(streamed - expected).max() < 1e-5
 
 
-def test_out_of_time_ends_with_a_usable_network(tmp_path: Path) -> None:
+def test_training_that_runs_out_of_time_gives_a_usable_network(tmp_path: Path) -> None:
     t = training(steps=10_000, validations=1)
     t.run(0.002, None, ignore)
     assert 0 < t.step < 10_000
     assert t.best is not None
 
 
-def test_an_undersampled_epoch_has_as_many_windows_of_each_kind() -> None:
-    windows = Windows(fingers_of(TRAIN, "slip"), 100)
+def test_undersampled_epoch_has_equal_numbers_of_both_classes() -> None:
+    windows = Windows(finger_sequences(TRAIN, "slip"), 100)
     chosen = windows.epoch(np.random.default_rng(0), "undersample")
     assert windows.labels[chosen].mean() == 0.5
     assert len(np.unique(chosen)) == len(chosen)
@@ -141,7 +143,7 @@ def test_calibration_undoes_overconfidence_and_a_wrong_prior() -> None:
     assert likelihood(odds, labels) < likelihood(odds * 3 + 1.5, labels)
 
 
-def test_the_verb_trains_logs_resumes_and_its_weights_are_used(
+def test_command_trains_logs_resumes_and_its_weights_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for i, recording in enumerate([*TRAIN, *VALIDATION]):

@@ -14,7 +14,8 @@ UNSEEN = ("book", "bottle", "jar", "mug", "orange", "sponge")
 NAMED = re.compile(rf"\b({'|'.join(UNSEEN)})\b")
 # modules that may refer to the folder: they find files by name, keep training away from it, or
 # state that no result was tuned on it
-FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/drawn_objects.py", "scripts/figures.py",
+FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/random_objects.py",
+           "scripts/figures.py",
            "scripts/last_draw.py", "scenarios/report/run_settings.py"}  # fmt: skip
 
 

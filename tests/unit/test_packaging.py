@@ -54,7 +54,7 @@ def test_wheel_contains_the_configuration_inside_grasp(wheel_files: set[str]) ->
 
 def test_wheel_contains_the_networks_and_their_auxiliary_outputs(wheel_files: set[str]) -> None:
     weights = tracked("detector/weights", "*.*")
-    assert {"detector/weights/tcn.onnx", "detector/weights/tcn.heads.json"} <= weights
+    assert {"detector/weights/tcn.onnx", "detector/weights/tcn.auxiliary.json"} <= weights
     assert weights <= wheel_files
 
 

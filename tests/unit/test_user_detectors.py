@@ -58,7 +58,7 @@ def test_a_recording_does_not_run_code_that_was_not_named(
 
 def test_user_detector_scores_recordings(mine: str, tmp_path: Path, capsys: Capture) -> None:
     csv = str(stroke_csv(tmp_path / "s.csv"))
-    words = ["--set", "own.counts=9", "--json"]
+    words = ["--set", "plugin.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
     assert expected(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
@@ -85,7 +85,7 @@ def test_hash_depends_on_code_and_settings_but_not_on_the_path(mine: str, tmp_pa
     copy = tmp_path / "copy.py"
     copy.write_text(EXAMPLE.read_text())
     assert hashes(mine) == hashes(f"{copy}:Tremble")
-    assert hashes(mine) != hashes(mine, "own.counts=9")
+    assert hashes(mine) != hashes(mine, "plugin.counts=9")
     before = hashes(mine)
     Path(mine.rpartition(":")[0]).write_text(WHOLE + "\nTremble = Mine\n")
     assert set(hashes(mine)) & set(before) == set()

@@ -133,10 +133,8 @@ class GripperModel:
         return self._corrupt(self._sampled)
 
     def inject_fault(self, code: int) -> None:
-        """Report a fault from the next tick on; 0 clears it.
-
-        0x0D, 0x0E and 0x0F stop the hand. As on the real hand, only clearing rACT ends them.
-        """
+        """Report a fault from the next tick on; 0 clears it. 0x0D, 0x0E and 0x0F stop the hand. As
+        on the real hand, only clearing rACT ends them."""
         code &= 0x0F
         if self._stage is Stage.FAULTED and code not in _MAJOR_FAULT_GIMC:
             return
@@ -157,10 +155,8 @@ class GripperModel:
         self._fingers.stop()
 
     def power_cycle(self, boot_s: float = 0.0) -> None:
-        """Fault injection: power off and on again, booted after ``boot_s``.
-
-        The fingers keep their positions; the hand is not activated.
-        """
+        """Fault injection: power off and on again, booted after ``boot_s``. The fingers keep their
+        positions; the hand is not activated."""
         self._halt(Stage.RESET)
         self._written = self._taken_up = (0,) * WORDS
         self._command = decode(self._written)
@@ -172,9 +168,7 @@ class GripperModel:
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
         """Simulate the hand to ``now_ns``. Loads refer to the travel at the start of this call.
-
-        Without ``loads``, those given last stay in effect, as springs fixed in space.
-        """
+        Without ``loads``, those given last stay in effect, as springs fixed in space."""
         if loads is not None:
             self._fingers.load(loads)
         if self._busy:

@@ -310,10 +310,8 @@ class Commander:
         return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
 
     def _brake_without_client(self) -> None:
-        """Brake at once when the client is silent during a motion, unless the arm is braking.
-
-        The watchdog is kicked no more, so it ends the program, which the next client detects.
-        """
+        """Brake at once when the client is silent during a motion, unless the arm is braking. The
+        watchdog is kicked no more, so it ends the program, which the next client detects."""
         in_motion = self._moving or self._driving
         if self._client_lost or self._client_alive or not in_motion:
             return

@@ -1,8 +1,8 @@
-"""Data sets made: recordings of a plan, or a lab's own, and the folder that holds them.
+"""Building of data sets: from a plan of simulated recordings, or from a lab's recordings.
 
-A data set is a folder of recordings (``detector.recordings``) and ``dataset.json``, which says what
-it was built from. The plan is a pure function of its TOML file (``plan``); each recording is one of
-its seed. So a build that was ended goes on where it was, and two builds give the same files.
+A data set is a folder of recordings (``detector.recordings``) and ``dataset.json`` with its
+settings. The plan depends on the TOML file only, each recording on its seed. So an interrupted
+build can be continued, and two builds give the same files.
 """
 
 import hashlib
@@ -20,67 +20,67 @@ from detector.recordings import SUFFIX, Metadata, Recording, Split, read, write
 from drivers.errors import BadFile, ConfigError, UsageError
 from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig, with_values
-from scenarios.acquire.datasets.causes import GRASPED, make_grasped, make_pressed
-from scenarios.acquire.datasets.plan import Job, pressing
+from scenarios.acquire.datasets.causes import GRASPED, grasped_recording, pressed_recording
+from scenarios.acquire.datasets.plan import Job, press_config
 from scenarios.acquire.labels import recording
 from scenarios.acquire.session import Session, open_acquire_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
 INDEX = "dataset.json"
-SPARE = (1.1, 1.3, 1.6, 2.0, 3.0)  # samples recorded for each one wanted, try after try
-SPARE_SAMPLES = 250
-SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
-LEAST = 3  # recordings, one a split: the first of SHARED_OUT
-OWN: Final = "own"  # surface and motion of a file that names neither
+OVERSAMPLING = (1.1, 1.3, 1.6, 2.0, 3.0)  # recorded samples over needed ones, try after try
+EXTRA_SAMPLES = 250
+SPLIT_CYCLE: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
+MIN_RECORDINGS = 3  # one a split, the first of SPLIT_CYCLE
+OWN: Final = "own"  # surface of a file without metadata
 NO_MOTION: Final = "none"
-SAMPLES = f"samples*{SUFFIX}"  # of an acquisition's folder
+SAMPLES = f"samples*{SUFFIX}"  # files in the folder of an acquisition
 
 Progress = Callable[[int, int], None]
 
 
 def make(job: Job) -> Recording:
-    """The recording of a job: a session on the simulated rig, of which the part is taken that
-    holds so many samples of either label."""
-    wanted, metadata = job.samples, job.metadata
+    """Make the recording of a job: a session on the simulated rig, cut to the part with the planned
+    numbers of static and slip samples. Raises ConfigError if there is none."""
+    samples, metadata = job.samples, job.metadata
     if metadata.cause in GRASPED:
-        return make_grasped(metadata, wanted, job.acts, job.path)
-    bare = pressing(job.surface, metadata.layout)
+        return grasped_recording(metadata, samples, job.disturbances, job.path)
+    base = press_config(job.surface, metadata.layout)
     if metadata.cause:
-        return make_pressed(bare, metadata, wanted, job.motion, job.path)
-    config = with_values(bare, metadata.parameters)
-    for spare in SPARE:
+        return pressed_recording(base, metadata, samples, job.motion, job.path)
+    config = with_values(base, metadata.parameters)
+    for factor in OVERSAMPLING:
         with open_acquire_rig(config, metadata.seed, paced=False) as rig:
             session = Session(config, job.motion, metadata.seed, rig)
-            session.run(round(wanted * spare) + SPARE_SAMPLES)
+            session.run(round(samples * factor) + EXTRA_SAMPLES)
         whole = recording(session.ticks, config, metadata, job.path)
-        first = window(whole.slip, wanted, job.slip)
+        first = window(whole.slip, samples, job.slip)
         if first is not None:
-            return part_of(whole, first, first + wanted)
+            return part_of(whole, first, first + samples)
         config = _with_other_pauses(config, job, float(whole.slip.mean()))
     raise ConfigError(
-        job.path, "control.pause_share", f"no {wanted} samples with {job.slip} of slip came",
+        job.path, "control.pause_share", f"no {samples} samples with {job.slip} of slip found",
         "a share near that of the labels",
     )  # fmt: skip
 
 
 def _with_other_pauses(config: AcquireConfig, job: Job, slip_share: float) -> AcquireConfig:
-    """Pauses longer or shorter in proportion to the static samples that came too few or many."""
-    came = (1.0 - slip_share) / max(slip_share, 0.01)
-    share = config.control.pause_share * job.static / max(1, job.slip) / max(came, 0.01)
+    """The configuration with pauses scaled towards the planned ratio of static to slip samples."""
+    ratio = (1.0 - slip_share) / max(slip_share, 0.01)
+    share = config.control.pause_share * job.static / max(1, job.slip) / max(ratio, 0.01)
     control = msgspec.structs.replace(config.control, pause_share=min(max(share, 0.1), 20.0))
     return msgspec.structs.replace(config, control=control)
 
 
 def window(slip: NDArray[np.bool_], length: int, count: int) -> int | None:
-    """Where ``length`` samples begin of which ``count`` are labelled slip, as early as can be."""
+    """First sample of the earliest window of ``length`` samples with ``count`` of slip, or None."""
     total = np.concatenate(([0], np.cumsum(slip)))
     hits = np.flatnonzero(total[length:] - total[:-length] == count)
     return int(hits[0]) if len(hits) else None
 
 
 def part_of(whole: Recording, first: int, end: int) -> Recording:
-    """Samples first to end, time counted from the first of them."""
+    """Samples from ``first`` to ``end`` (exclusive), with time 0 at the first."""
     cut = {
         name: array[first:end]
         for name in whole.__struct_fields__
@@ -95,7 +95,7 @@ def _made(job: Job) -> tuple[Job, Recording]:
 
 
 class _Index(msgspec.Struct, frozen=True):
-    """What a folder was built from."""
+    """Content of ``dataset.json``."""
 
     digest: str
     commit: str
@@ -107,10 +107,10 @@ def build(
     jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress,
     option: str = "--out",
 ) -> int:  # fmt: skip
-    """Make every recording that ``out`` lacks; gives how many those were.
+    """Make the recordings that are missing in ``out``; returns their number.
 
-    Raises UsageError when the folder, which ``option`` names, holds another data set, OSError when
-    it cannot be written.
+    ``option`` is the command line option of the folder, for messages. Raises UsageError if it has
+    another data set, OSError if it cannot be written.
     """
     _claim(out, jobs, origin, option)
     missing = [job for job in jobs if not (out / job.path).exists()]
@@ -136,8 +136,8 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
             found = None
         if found is None or found.digest != digest:
             raise UsageError(
-                f"{out} holds a data set of other settings or of another version of the program",
-                f"--share and settings as they were then, or another folder with {option}",
+                f"{out} holds a data set of other settings or of another program version",
+                f"give the same --share and settings, or another folder with {option}",
             )
         return
     _require_empty(out, option)
@@ -153,75 +153,81 @@ def _require_empty(out: Path, option: str) -> None:
         raise UsageError(f"{out} is not empty", f"give a new folder with {option}")
 
 
-# A lab's own recordings: acquisitions and files of counts, each given to a split
+# Recordings of a lab: acquisitions and files of counts, each assigned to a split
 
 
 class Collected(msgspec.Struct, frozen=True):
-    """How many recordings are of each split, and of what a split has none, if of anything."""
+    """Number of recordings by split, and kinds of recordings that a split does not have."""
 
     counts: dict[Split, int]
     lacking: dict[Split, list[str]]
 
 
 def collect(sources: Sequence[Path], out: Path) -> Collected:
-    """Copy the recordings of acquisitions' folders, and files, into a new folder; of each five of
-    a motion on a surface, three are for training.
+    """Copy recordings (files, and folders of acquisitions) into a new folder. Of each five with the
+    same motion and surface, three are for training.
 
-    Raises BadFile for what is no recording, UsageError for fewer than three, for one that is given
-    twice, by whatever name, for several layouts of taxels and for a folder that is not empty,
-    OSError where nothing can be written.
+    Raises BadFile for a file that is not a recording. Raises UsageError for fewer than three
+    recordings, duplicates, several layouts, and a folder that is not empty. Raises OSError.
     """
     paths = [path for source in sources for path in _files(source)]
-    if len(paths) < LEAST:
-        raise UsageError(f"{len(paths)} recordings make no data set", "give three at least")
+    if len(paths) < MIN_RECORDINGS:
+        raise UsageError(
+            f"{len(paths)} recordings are too few for a data set", f"give at least {MIN_RECORDINGS}"
+        )
     _require_empty(out, "--out")
-    found = [read(path) for path in paths]
-    _require_each_once(paths, found)
-    if len(layouts := sorted({each.taxels for each in found})) > 1:
+    recordings = [read(path) for path in paths]
+    _require_each_once(paths, recordings)
+    if len(layouts := sorted({each.taxels for each in recordings})) > 1:
         mixed = " and ".join(map(str, layouts))
-        raise UsageError(f"fingertips of {mixed} taxels make no data set", "collect one layout")
-    kinds = [_kind(each) for each in found]
-    splits = shared_out(kinds)
+        raise UsageError(
+            f"a data set cannot have fingertips of {mixed} taxels", "collect one layout"
+        )
+    kinds = [_kind(each) for each in recordings]
+    splits = assign_splits(kinds)
     make_private_folder(out)
-    for number, (r, split) in enumerate(zip(found, splits, strict=True)):
-        write(out / f"{number:03d}{SUFFIX}", _of_split(r, split))
-    return Collected({s: splits.count(s) for s in SHARED_OUT[:LEAST]}, _lacking(kinds, splits))
+    for number, (r, split) in enumerate(zip(recordings, splits, strict=True)):
+        write(out / f"{number:03d}{SUFFIX}", _with_split(r, split))
+    counts = {s: splits.count(s) for s in SPLIT_CYCLE[:MIN_RECORDINGS]}
+    return Collected(counts, _lacking(kinds, splits))
 
 
-def _require_each_once(paths: Sequence[Path], found: Sequence[Recording]) -> None:
-    """One recording in two splits would be tested on what it was learnt from."""
+def _require_each_once(paths: Sequence[Path], recordings: Sequence[Recording]) -> None:
+    """Raise UsageError for duplicates, which could be in both the training and the test split."""
     first: dict[str, Path] = {}
-    for path, one in zip(paths, found, strict=True):
+    for path, one in zip(paths, recordings, strict=True):
         other = first.setdefault(hashlib.sha256(one.counts.tobytes()).hexdigest(), path)
         if other is not path:
-            same = "given twice, itself or in its folder" if other == path else (
+            same = "given twice, by itself or in its folder" if other == path else (
                 f"the same recording as {other}"
             )  # fmt: skip
             raise UsageError(f"{path} is {same}", "give each once")
 
 
-def shared_out(kinds: Sequence[str]) -> list[Split]:
-    """The split of each recording, in their order. A kind with enough of them is in every split;
-    those with fewer are dealt out as if they were one kind, or all would be for training."""
-    many, dealt = Counter(kinds), Counter[str]()
+def assign_splits(kinds: Sequence[str]) -> list[Split]:
+    """Split of each recording, in order. A kind with at least MIN_RECORDINGS is in every split;
+    rarer kinds are assigned as one group, because alone all would be for training."""
+    totals, assigned = Counter(kinds), Counter[str]()
     splits = []
     for kind in kinds:
-        group = kind if many[kind] >= LEAST else ""
-        splits.append(SHARED_OUT[dealt[group] % len(SHARED_OUT)])
-        dealt[group] += 1
+        group = kind if totals[kind] >= MIN_RECORDINGS else ""
+        splits.append(SPLIT_CYCLE[assigned[group] % len(SPLIT_CYCLE)])
+        assigned[group] += 1
     return splits
 
 
 def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[str]]:
-    there = set(zip(kinds, splits, strict=True))
-    all_kinds = sorted(set(kinds))
-    found = {s: [kind for kind in all_kinds if (kind, s) not in there] for s in SHARED_OUT[:LEAST]}
-    return {split: missing for split, missing in found.items() if missing}
+    present = set(zip(kinds, splits, strict=True))
+    missing = {
+        s: [kind for kind in sorted(set(kinds)) if (kind, s) not in present]
+        for s in SPLIT_CYCLE[:MIN_RECORDINGS]
+    }
+    return {split: kinds for split, kinds in missing.items() if kinds}
 
 
-def _kind(collected: Recording) -> str:
-    """What was done on what, as far as it is known."""
-    known = collected.metadata
+def _kind(recording: Recording) -> str:
+    """Cause or motion, and surface, as far as the metadata has them."""
+    known = recording.metadata
     if known is None or (known.surface, known.motion, known.cause) == (OWN, NO_MOTION, ""):
         return "no known motion"
     return f"{known.cause or known.motion} on {known.surface}"
@@ -238,9 +244,9 @@ def _files(source: Path) -> list[Path]:
     return found
 
 
-def _of_split(collected: Recording, split: Split) -> Recording:
-    known = collected.metadata or Metadata(
+def _with_split(recording: Recording, split: Split) -> Recording:
+    known = recording.metadata or Metadata(
         set="slide", split=split, surface=OWN, motion=NO_MOTION, speed_mps=0.0, spin_radps=0.0,
         direction="", seed=0,
     )  # fmt: skip
-    return msgspec.structs.replace(collected, metadata=msgspec.structs.replace(known, split=split))
+    return msgspec.structs.replace(recording, metadata=msgspec.structs.replace(known, split=split))

@@ -1,7 +1,7 @@
-"""Which recordings a data set has: a pure function of its TOML file.
+"""Plan of the recordings of a data set: a pure function of its TOML file.
 
-A recording's seed lies in the block of its split, so that nothing random of one split (textures,
-objects, noise) comes again in another, whatever the set's size.
+Each split has its own range of seeds, so no texture, object or noise occurs in two splits,
+whatever the size of the set.
 """
 
 import hashlib
@@ -26,9 +26,9 @@ from scenarios.acquire.config import (
     load_acquire_config,
     with_values,
 )
-from scenarios.acquire.datasets import drawn_objects
-from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, bare_config
-from scenarios.acquire.datasets.disturbances import Disturbances
+from scenarios.acquire.datasets import random_objects
+from scenarios.acquire.datasets.causes import GRASPED, FixedCause, GraspedCause, base_lift_config
+from scenarios.acquire.datasets.disturbances import DisturbanceSettings
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.trial.result import versions
 from scenarios.world.objects import Name
@@ -38,18 +38,18 @@ DIRECTIONS = {
     "oblique": ("45", "135", "225", "315"),
     "rotation": tuple(TURNS),
 }
-SEEDS = 1_000_000  # seeds of one data set; those of trials are below
+SEEDS = 1_000_000  # seeds of one data set; trials have lower seeds
 BLOCKS: dict[Split, int] = {"train": 0, "validation": 400_000, "test": 700_000}
-MOST_DRAWS = 1000
-LEAST_RECORDINGS = 3  # of a cause: one a split
-PRESSED = ("surface.", "press.", "control.", "sampling.")  # what a grasp knows nothing of
+MAX_TRIES = 1000
+MIN_RECORDINGS = 3  # of a cause: one a split
+PRESSED = ("surface.", "press.", "control.", "sampling.")  # settings that a grasp does not have
 Range = tuple[float, float]
-Share = Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, in proportion to the others
+Share = Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, relative to the other shares
 Number = Annotated[int, Meta(ge=0, le=10_000_000)]
 
 
 class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One row of Table I: percent of the samples a surface. Speed in m/s, of a rotation rad/s."""
+    """Row of Table I: percent of the samples by surface. Speed in m/s, of a rotation rad/s."""
 
     motion: Literal["primary", "oblique", "rotation"]
     speed: Annotated[float, Meta(gt=0.0, le=2.0)]
@@ -57,22 +57,22 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def _check_ranges(*tables: Mapping[str, Range]) -> None:
-    """Raises ValueError for a range the wrong way round, and for what is held: it keeps its
-    distance from the objects of the experiments as config/bodies draws it, and no other way."""
+    """Raise ValueError for a range whose bounds are exchanged, and for a setting of the held
+    object: only config/object_shapes keeps it distinct from the objects of the experiments."""
     for key, (low, high) in ((key, bounds) for table in tables for key, bounds in table.items()):
         if low > high:
             raise ValueError(f"{key}: {low:g} is above {high:g}")
         if key.startswith("object."):
-            raise ValueError(f"{key}: what is held is drawn by config/bodies")
+            raise ValueError(f"{key}: config/object_shapes has the ranges of the held object")
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Some of the recordings, with ranges of their own over those that all share."""
+    """A share of the recordings, with ranges that replace those of the whole set."""
 
     name: Name
     share: Share
     randomise: dict[str, Range] = {}
-    on: dict[str, dict[str, Range]] = {}  # of one surface
+    on: dict[str, dict[str, Range]] = {}  # by surface
 
     def __post_init__(self) -> None:
         _check_ranges(self.randomise, *self.on.values())
@@ -82,26 +82,26 @@ class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Recordings in which something shakes or moves what is touched: see ``causes``."""
+    """Recordings with one cause of disturbance: see ``causes``."""
 
     cause: FixedCause | GraspedCause
-    on: Annotated[list[str], Meta(min_length=1)]  # surfaces, or bodies (config/bodies) of a grasp
+    on: Annotated[list[str], Meta(min_length=1)]  # surfaces; of a grasp, object shapes
     share: Share
     seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
     strokes: bool = False
-    load: Range | None = None  # weight over the first grip's friction; none: held firmly
-    acts: Disturbances | None = None
+    load: Range | None = None  # weight over the first grip's friction; None: full grip
+    disturbances: DisturbanceSettings | None = None
     randomise: dict[str, Range] = {}
 
     def __post_init__(self) -> None:
         _check_ranges(self.randomise)
         if self.load is not None and not 0.0 < self.load[0] <= self.load[1]:
-            raise ValueError(f"load: {self.load[0]:g} to {self.load[1]:g} is no range above 0")
-        firm = self.acts is not None and self.acts.firm
-        if not self.grasped and (self.load is not None or self.acts is not None):
-            raise ValueError(f"{self.cause}: nothing is held, so it has neither load nor acts")
+            raise ValueError(f"load: {self.load[0]:g} to {self.load[1]:g} is not a range above 0")
+        firm = self.disturbances is not None and self.disturbances.firm
+        if not self.grasped and (self.load is not None or self.disturbances is not None):
+            raise ValueError(f"{self.cause}: load and disturbances need a cause grasped_*")
         if self.grasped and firm == (self.load is not None):
-            raise ValueError(f"{self.cause}: either a load for its first grip, or firm acts")
+            raise ValueError(f"{self.cause}: give either load, or disturbances with firm = true")
 
     @property
     def grasped(self) -> bool:
@@ -109,8 +109,8 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A data set's TOML file: rows of Table I, or causes, or both. Surfaces, layout and bodies are
-    named, or are files by their paths."""
+    """A data set's TOML file: rows of Table I, or causes, or both. Surfaces, layout and object
+    shapes are names or paths of files."""
 
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
@@ -121,33 +121,34 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
     held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
     rows: list[DatasetRow] = []
-    parts: list[Part] = []  # their shares are taken in proportion
+    parts: list[Part] = []
     causes: list[CauseRow] = []
-    recordings: Number = 0  # of the causes, each at least three
+    recordings: Number = 0  # of all causes, at least three of each
     randomise: dict[str, Range] = {}
-    on: dict[str, dict[str, Range]] = {}  # of one surface
+    on: dict[str, dict[str, Range]] = {}  # by surface
 
     def __post_init__(self) -> None:
         _check_ranges(self.randomise, *self.on.values())
 
 
 class Job(msgspec.Struct, frozen=True):
-    """One recording to be made."""
+    """A planned recording."""
 
     path: str  # in the data set's folder
-    surface: str  # its name or path, or that of what is held
+    surface: str  # name or path of the surface, or of the object shape
     motion: StrokeMotion | None  # None: no strokes
-    static: int
-    slip: int  # of a cause, static and slip are not distinguished
+    static: int  # samples; of a cause, all samples
+    slip: int
     metadata: Metadata
-    acts: Disturbances | None = None
+    # `acts` in the digest of dataset.json
+    disturbances: DisturbanceSettings | None = msgspec.field(default=None, name="acts")
 
     @property
     def samples(self) -> int:
         return self.static + self.slip
 
 
-WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
+WHOLE = Part(name="whole", share=1.0)  # the part of a set without parts
 
 
 class _Named(msgspec.Struct, frozen=True):
@@ -155,53 +156,55 @@ class _Named(msgspec.Struct, frozen=True):
 
 
 @cache
-def called(kind: str, word: str) -> str:
-    """The name of a surface or body; raises ConfigError for what is unknown or no such thing."""
+def name_of(kind: str, word: str) -> str:
+    """Name of a surface or object shape. Raises ConfigError for an unknown one."""
     if not is_path(word):
         named_layer(kind, word)
         return word
-    section = {"surfaces": "surface", "bodies": "body"}[kind]
+    section = {"surfaces": "surface", "object_shapes": "shape"}[kind]
     return load(_Named, [Layer(word, item_layer(kind, section, word).table[section])]).name
 
 
-def beside(value: Any, folder: Path) -> Any:
-    """A data set's settings, or a part of them, whose paths count from that folder."""
+def resolve_paths(value: Any, folder: Path) -> Any:
+    """A data set's settings, or a part of them, with paths relative to that folder resolved."""
     if isinstance(value, dict):
-        return {beside(key, folder): beside(each, folder) for key, each in value.items()}
+        return {
+            resolve_paths(key, folder): resolve_paths(each, folder) for key, each in value.items()
+        }
     if isinstance(value, list):
-        return [beside(each, folder) for each in value]
+        return [resolve_paths(each, folder) for each in value]
     return str(folder / value) if isinstance(value, str) and is_path(value) else value
 
 
 def fingerprints(*words: str) -> dict[str, str]:
-    """Of the files among them."""
+    """Digests of the files among these words, by path."""
     files = [word for word in words if is_path(word)]
     return {file: hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] for file in files}
 
 
 def load_dataset_config(path: Path) -> DatasetConfig:
-    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
+    """Read a data set's TOML file. Raises ConfigError for a bad file or unknown names."""
     layer = read_toml(path)
-    settings = msgspec.structs.replace(layer, table=beside(layer.table, path.parent))
+    settings = msgspec.structs.replace(layer, table=resolve_paths(layer.table, path.parent))
     config = load(DatasetConfig, [settings])
     surfaces = [*config.on, *(word for part in config.parts for word in part.on)]
     surfaces += [word for row in config.rows for word in row.percent]
     for cause in config.causes:
         for word in cause.on if cause.grasped else ():
-            called("bodies", word)
+            name_of("object_shapes", word)
         surfaces += [] if cause.grasped else cause.on
     for word in surfaces:
-        called("surfaces", word)
-    pressing("planar", config.layout)
+        name_of("surfaces", word)
+    press_config("planar", config.layout)
     if any(cause.grasped for cause in config.causes):
-        bare_config(config.layout)
+        base_lift_config(config.layout)
     if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
-        raise ConfigError(str(path), "rows", "there is nothing to record", "percent above 0")
+        raise ConfigError(str(path), "rows", "no row has samples", "percent above 0")
     return config
 
 
 def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
-    """The same distribution with fewer samples and recordings; of any samples at least one."""
+    """The same distribution with fewer samples and recordings, at least one sample a kind."""
 
     def some(samples: int) -> int:
         return min(samples, max(1, round(samples * share)))
@@ -216,7 +219,7 @@ def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
 
 
 def plan(config: DatasetConfig) -> list[Job]:
-    """All recordings; split by recording within each cause or group of Table I."""
+    """All recordings, each assigned to a split within its cause or group of Table I."""
     jobs = list(_slide_jobs(config)) if config.rows else []
     return jobs + list(_cause_jobs(config, len(jobs)))
 
@@ -225,15 +228,15 @@ def _cause_jobs(config: DatasetConfig, index: int) -> Iterator[Job]:
     counts = apportion(config.recordings, np.array([row.share for row in config.causes]))
     for row, count in zip(config.causes, counts, strict=True):
         rng = np.random.default_rng([config.seed, index])
-        splits = _splits(max(LEAST_RECORDINGS, count), config.held_out, rng)
+        splits = _splits(max(MIN_RECORDINGS, count), config.held_out, rng)
         for k, split in enumerate(splits):
             course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
             word = row.on[k % len(row.on)]
-            name = called("bodies" if row.grasped else "surfaces", word)
+            name = name_of("object_shapes" if row.grasped else "surfaces", word)
             metadata = _metadata(config, split, index, name, word, course, row)
             samples = round(row.seconds / PERIOD_S)
             path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
-            yield Job(path, word, course, samples, 0, metadata, row.acts)
+            yield Job(path, word, course, samples, 0, metadata, row.disturbances)
             index += 1
 
 
@@ -246,7 +249,7 @@ def _slide_jobs(config: DatasetConfig) -> Iterator[Job]:
     for (row, word, share), slip, static in zip(groups, slips, statics, strict=True):
         if share == 0.0:
             continue
-        surface = called("surfaces", word)
+        surface = name_of("surfaces", word)
         count = max(config.least_recordings, round((slip + static) / config.recording_samples))
         rng = np.random.default_rng([config.seed, index])
         parts = zip(
@@ -266,7 +269,7 @@ def _metadata(
     config: DatasetConfig, split: Split, index: int, name: str, word: str,
     course: StrokeMotion | None, row: CauseRow | None,
 ) -> Metadata:  # fmt: skip
-    """Of the index-th recording, on what is called so, of a cause or (none) of Table I."""
+    """Metadata of the index-th recording; ``row`` None: of a row of Table I."""
     seed = config.seed * SEEDS + BLOCKS[split] + index
     part = part_of_job(config.parts, index)
     ranges = config.randomise | config.on.get(word, {}) | part.ranges(word)
@@ -280,8 +283,8 @@ def _metadata(
         spin_radps=course.spin_radps if course else 0.0,
         direction=course.direction if course else "",
         seed=seed, commit=_commit(), layout=config.layout, part=part.name if config.parts else "",
-        parameters=drawn(ranges, seed) if grasped
-        else drawn_on(pressing(word, config.layout), ranges, seed),
+        parameters=random_parameters(ranges, seed) if grasped
+        else random_surface_parameters(press_config(word, config.layout), ranges, seed),
         object=_object(row, word, seed) if row is not None and grasped else {},
         files=fingerprints(word, config.layout),
     )  # fmt: skip
@@ -293,17 +296,17 @@ def _commit() -> str:
 
 
 def _object(row: CauseRow, word: str, seed: int) -> dict[str, Any]:
-    """What is held, drawn far from the objects of the experiments; its settings by their names."""
-    config = bare_config("")
-    body = drawn_objects.draw_object(
-        drawn_objects.body_ranges(word), row.load, config.contact, config.hand.m_per_count,
+    """Settings of a random object, distinct from the objects of the experiments."""
+    config = base_lift_config("")
+    body = random_objects.random_object(
+        random_objects.shape_ranges(word), row.load, config.contact, config.hand.m_per_count,
         sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
     )  # fmt: skip
     return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
 
 
 def part_of_job(parts: Sequence[Part], index: int) -> Part:
-    """The part of the index-th recording: as evenly mixed as the golden ratio does it."""
+    """Part of the index-th recording, evenly mixed by multiples of the golden ratio."""
     at = (index * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0 * sum(part.share for part in parts)
     for part in parts:
         at -= part.share
@@ -313,7 +316,7 @@ def part_of_job(parts: Sequence[Part], index: int) -> Part:
 
 
 def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
-    """Whole parts in these proportions that sum to the total: largest remainders."""
+    """Whole numbers in these proportions that sum to the total, by largest remainders."""
     exact = total * shares / shares.sum()
     parts = np.floor(exact).astype(int)
     order = np.argsort(parts - exact, kind="stable")
@@ -322,38 +325,43 @@ def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
 
 
 def _splits(count: int, held_out: float, rng: np.random.Generator) -> list[Split]:
-    """The rest is for training; at least one recording each, in random order."""
+    """Splits in random order: a share ``held_out``, at least one recording, for validation and the
+    same for test; the rest for training."""
     part = max(1, round(held_out * count))
     sizes: dict[Split, int] = {"train": count - 2 * part, "validation": part, "test": part}
     ordered = [split for split, size in sizes.items() for _ in range(size)]
     return [ordered[i] for i in rng.permutation(count)]
 
 
-def drawn(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
-    """Of a grasp, one value a setting, evenly between its bounds."""
-    held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
-    return _draw(held, np.random.default_rng([seed, 2]))
+def random_parameters(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
+    """Random settings of a grasp, uniform within their ranges."""
+    chosen = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
+    return _uniform(chosen, np.random.default_rng([seed, 2]))
 
 
-def drawn_on(config: AcquireConfig, ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
-    """The same for a pressed fingertip, drawn again while its surface is too near an object of the
-    experiments."""
+def random_surface_parameters(
+    config: AcquireConfig, ranges: Mapping[str, Range], seed: int
+) -> dict[str, float]:
+    """Random settings of a pressed fingertip, with a surface distinct from the objects of the
+    experiments. Raises ConfigError if none is found."""
     rng = np.random.default_rng([seed, 2])
-    for _ in range(MOST_DRAWS):
-        values = _draw(ranges, rng)
-        if drawn_objects.far(drawn_objects.of_surface(with_values(config, values).surface)):
+    for _ in range(MAX_TRIES):
+        values = _uniform(ranges, rng)
+        if random_objects.is_distinct(
+            random_objects.surface_properties(with_values(config, values).surface)
+        ):
             return values
     raise ConfigError(
-        "randomise", "surface", "no surface far from the objects of the experiments was drawn",
+        "randomise", "surface", "no surface found that differs from the objects of the experiments",
         'wider ranges of "surface.friction_kinetic", "surface.texture_rms_m", "surface.radius_x_m"',
     )  # fmt: skip
 
 
-def _draw(ranges: Mapping[str, Range], rng: np.random.Generator) -> dict[str, float]:
+def _uniform(ranges: Mapping[str, Range], rng: np.random.Generator) -> dict[str, float]:
     return {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
 
 
 @cache
-def pressing(surface: str, layout: str) -> AcquireConfig:
-    """Settings of a session on that surface before anything is drawn."""
+def press_config(surface: str, layout: str) -> AcquireConfig:
+    """Settings of a session on that surface without random parameters."""
     return load_acquire_config(surface, "simulated", layout_file(layout))

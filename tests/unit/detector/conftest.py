@@ -1,4 +1,4 @@
-"""Where the paper's published recording may lie: beside the checkout, never in it."""
+"""The authors' recording, which is not part of the repository."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from detector.recordings import Recording, read_csv
 
 
 @pytest.fixture
-def felt() -> Recording:
+def authors_recording() -> Recording:
     path = Path(__file__).parents[4] / "shared" / "data" / "takktile_felt.csv"
     if not path.exists():
         pytest.skip("the authors' recording is not here")

@@ -1,4 +1,4 @@
-"""Where a setting of the decision rule takes effect."""
+"""Probes of the values at which settings of the decision rule take effect."""
 
 from typing import Any
 
@@ -8,13 +8,13 @@ from detector.decision import DecisionRule, RuleSettings
 
 
 def registers(samples: list[tuple[float, ...]], **settings: Any) -> list[bool]:
-    """What the rule says after each sample, of log-odds."""
+    """Whether slip is registered after each sample of log-odds."""
     rule = DecisionRule(RuleSettings(**settings), len(samples[0]))
-    said = []
+    registered = []
     for sample in samples:
         rule.update(1.0 / (1.0 + np.exp(-np.array(sample))))
-        said.append(rule.registered)
-    return said
+        registered.append(rule.registered)
+    return registered
 
 
 def summed(log_odds: float, **settings: Any) -> bool:

@@ -1,4 +1,4 @@
-"""What a training is shown that a hand may have and its data has not."""
+"""Augmentation of training data."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ BATCH, TIME, TAXELS = 400, 60, 6
 
 @pytest.fixture
 def alone(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Nothing but the turns is changed, until a test asks for more."""
+    """Disables every augmentation; a test enables one."""
     still = {"GAIN": 1.0, "OFFSET_COUNTS": 0.0, "NOISE_COUNTS": 0.0, "LOST_SHARE": 0.0,
              "DEAD_SHARE": 0.0, "STUCK_SHARE": 0.0, "SWAPPED_SHARE": 0.0}  # fmt: skip
     for name, value in still.items():
@@ -21,7 +21,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 def ramps() -> np.ndarray:
-    """Counts that rise, of each taxel from a hundred of its own."""
+    """Rising counts, with another offset for each taxel."""
     rising = np.arange(TIME)[:, None] + 100.0 * np.arange(TAXELS)
     return np.tile(rising.astype(np.float32), (BATCH, 1, 1))
 
@@ -30,7 +30,7 @@ def ours(seed: int = 0) -> np.ndarray:
     return augment(ramps(), "ours", np.random.default_rng(seed))
 
 
-def test_a_stuck_taxel_stays_where_it_stood_and_the_others_move_on(
+def test_stuck_taxel_is_constant_and_the_others_are_unchanged(
     alone: pytest.MonkeyPatch,
 ) -> None:
     alone.setattr(module, "STUCK_SHARE", 0.1)
@@ -41,18 +41,18 @@ def test_a_stuck_taxel_stays_where_it_stood_and_the_others_move_on(
     assert np.array_equal(changed.transpose(0, 2, 1)[~stuck], ramps().transpose(0, 2, 1)[~stuck])
 
 
-def test_two_taxels_of_a_finger_stand_in_each_other_s_place(alone: pytest.MonkeyPatch) -> None:
+def test_two_taxels_of_a_finger_are_exchanged(alone: pytest.MonkeyPatch) -> None:
     alone.setattr(module, "SWAPPED_SHARE", 0.3)
     orders = np.round(ours()[:, 0] / 100).astype(int)
-    elsewhere = (orders != np.arange(TAXELS)).sum(axis=1)
-    assert set(elsewhere) == {0, 2}
-    assert 0.22 < (elsewhere == 2).mean() < 0.38
+    exchanged = (orders != np.arange(TAXELS)).sum(axis=1)
+    assert set(exchanged) == {0, 2}
+    assert 0.22 < (exchanged == 2).mean() < 0.38
     assert all(sorted(order) == list(range(TAXELS)) for order in orders)
-    pairs = {tuple(np.flatnonzero(order != np.arange(TAXELS))) for order in orders[elsewhere == 2]}
+    pairs = {tuple(np.flatnonzero(order != np.arange(TAXELS))) for order in orders[exchanged == 2]}
     assert len(pairs) == TAXELS * (TAXELS - 1) // 2
 
 
-def test_the_same_draw_is_the_same_change_and_its_argument_stays() -> None:
+def test_augmentation_is_reproducible_and_does_not_change_its_argument() -> None:
     counts = ramps()
     assert np.array_equal(ours(3), ours(3))
     augment(counts, "ours", np.random.default_rng(3))

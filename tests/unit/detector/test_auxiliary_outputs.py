@@ -1,5 +1,4 @@
-"""Auxiliary outputs beside a network: what they say, that the probability stays as it is, and what
-is refused."""
+"""Auxiliary outputs of a network: values, unchanged slip probability, and refused files."""
 
 from pathlib import Path
 
@@ -12,15 +11,15 @@ from detector.auxiliary_outputs import (
     AuxiliaryOutputs,
     Dense,
     OutputsFile,
+    input_width,
     inputs_of,
     outputs_path,
-    width_of,
 )
-from detector.interface import load_detector, motion_told_by
+from detector.interface import load_detector, motion_reader
 from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import read_network, weights_digest
 from drivers.errors import BadFile
-from tests.unit.detector.networks import walk, write_network
+from tests.unit.detector.network_files import walk, write_network
 
 HIDDEN = 7
 
@@ -35,7 +34,7 @@ def outputs_of(weights: Path, seed: int = 0, **changes: object) -> OutputsFile:
     fields: dict[str, object] = {
         "format": 1, "network": weights_digest(weights), "data_digest": "none", "seed": seed,
         "commit": "", "samples": 1, "scores": {},
-        "layers": (dense(width_of(read_network(weights)), HIDDEN), dense(HIDDEN, OUTPUTS)),
+        "layers": (dense(input_width(read_network(weights)), HIDDEN), dense(HIDDEN, OUTPUTS)),
     }  # fmt: skip
     return OutputsFile(**(fields | changes))  # type: ignore[arg-type]
 
@@ -55,27 +54,27 @@ def loaded(weights: Path) -> StreamingNetwork:
 
 
 def probabilities(detector: StreamingNetwork, counts: np.ndarray, ask: bool) -> np.ndarray:
-    said = []
+    results = []
     for frame in counts:
-        said.append(detector.update(frame))
+        results.append(detector.update(frame))
         if ask:
             detector.motion()
-    return np.array(said)
+    return np.array(results)
 
 
 def test_probability_of_slip_is_the_same_with_outputs_bit_for_bit(weights: Path) -> None:
     counts = walk(300)
     with_outputs = loaded(weights)
-    assert with_outputs.motion() is None  # nothing has been felt yet
-    said = probabilities(with_outputs, counts, ask=True)
+    assert with_outputs.motion() is None  # no frame yet
+    expected = probabilities(with_outputs, counts, ask=True)
     assert with_outputs.motion() is not None
     outputs_path(weights).unlink()
     without = loaded(weights)
-    assert (said == probabilities(without, counts, ask=False)).all()
+    assert (expected == probabilities(without, counts, ask=False)).all()
     assert without.motion() is None
 
 
-def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: Path) -> None:
+def test_motion_uses_the_latest_frame_and_the_state_after_it(weights: Path) -> None:
     counts = walk(40)
     detector = loaded(weights)
     for frame in counts:
@@ -96,22 +95,22 @@ def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: 
     assert motion.turning == pytest.approx(1.0 / (1.0 + np.exp(-out[:, 1])))
 
 
-def test_detector_without_auxiliary_outputs_goes_on_and_tells_nothing() -> None:
+def test_detector_without_auxiliary_outputs_has_no_motion() -> None:
     for name in ["freq-cnn-paper", "tcn-paper", "energy"]:
         detector = load_detector(name, {}, 3)
-        tell = motion_told_by(detector)
+        read_motion = motion_reader(detector)
         for frame in walk(5):
             detector.update(frame)
-        assert tell() is None, name
+        assert read_motion() is None, name
 
 
-def test_outputs_are_told_by_the_detector_that_has_them(weights: Path) -> None:
+def test_motion_of_a_detector_with_auxiliary_outputs_is_read_until_reset(weights: Path) -> None:
     detector = load_detector(weights.stem.partition("-")[0], {"weights": str(weights)}, 3)
-    tell = motion_told_by(detector)
+    read_motion = motion_reader(detector)
     detector.update(walk(1)[0])
-    assert tell() is not None
+    assert read_motion() is not None
     detector.reset()
-    assert tell() is None
+    assert read_motion() is None
 
 
 def test_outputs_of_another_network_are_refused(weights: Path) -> None:
@@ -121,7 +120,7 @@ def test_outputs_of_another_network_are_refused(weights: Path) -> None:
         loaded(weights)
 
 
-def test_a_file_that_holds_no_outputs_is_refused(weights: Path) -> None:
+def test_damaged_outputs_file_is_refused(weights: Path) -> None:
     whole = outputs_path(weights).read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"{}", whole.replace(b"layers", b"lawyers")):
         outputs_path(weights).write_bytes(damaged)
@@ -129,7 +128,7 @@ def test_a_file_that_holds_no_outputs_is_refused(weights: Path) -> None:
             loaded(weights)
 
 
-def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) -> None:
+def test_layers_of_other_sizes_are_refused(weights: Path) -> None:
     first, last = outputs_of(weights).layers
     wrong = [
         (Dense([row[:-1] for row in first.weight], first.bias), last),
@@ -140,5 +139,5 @@ def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) 
     for layers in wrong:
         made = outputs_of(weights, layers=layers)
         outputs_path(weights).write_bytes(msgspec.json.encode(made))
-        with pytest.raises(BadFile, match=r"does not lead|holds no"):
+        with pytest.raises(BadFile, match=r"has not \d+ inputs|holds no"):
             loaded(weights)

@@ -1,4 +1,4 @@
-"""The decision rule: so many samples in a row on one finger, and its whole-stream twin."""
+"""Decision rules, sample by sample and on whole streams."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def feed(r: DecisionRule, *samples: tuple[float, ...]) -> list[list[bool]]:
     return [r.update(np.array(p)).tolist() for p in samples]
 
 
-def latch(r: DecisionRule, *values: float) -> list[bool]:
+def registered_after(r: DecisionRule, *values: float) -> list[bool]:
     states = []
     for p in values:
         r.update(np.array([p]))
@@ -29,21 +29,21 @@ def latch(r: DecisionRule, *values: float) -> list[bool]:
     return states
 
 
-def test_the_paper_s_rule_is_the_default() -> None:
+def test_default_is_the_paper_s_rule() -> None:
     assert (RuleSettings().consecutive, RuleSettings().release) == (2, 3)
     assert RuleSettings().threshold == 0.5
 
 
-def test_a_kind_of_rule_says_which_settings_it_does_not_read() -> None:
-    assert RuleSettings(kind="consecutive").unread == {"drift", "limit"}
-    assert RuleSettings(kind="cusum").unread == {"consecutive"}
+def test_each_kind_of_rule_lists_its_unused_settings() -> None:
+    assert RuleSettings(kind="consecutive").unused == {"drift", "limit"}
+    assert RuleSettings(kind="cusum").unused == {"consecutive"}
 
 
-def test_no_sample_counts_for_more_than_a_detector_can_be_believed() -> None:
+def test_log_odds_of_a_sample_are_limited() -> None:
     assert log_odds(np.array([0.0, 0.5, 1.0])) == pytest.approx([-7.0, 0.0, 7.0])
 
 
-def test_every_rule_tells_its_threshold_and_counts_quiet_samples_anew_when_interrupted() -> None:
+def test_every_rule_restarts_the_count_of_quiet_samples_when_interrupted() -> None:
     for kind in ["consecutive", "cusum"]:
         for fusion in ["any", "mean"]:
             settings = RuleSettings(kind=kind, fusion=fusion, threshold=0.7, release=2)  # type: ignore[arg-type]
@@ -59,7 +59,7 @@ def test_every_rule_tells_its_threshold_and_counts_quiet_samples_anew_when_inter
             assert not r.registered, (kind, fusion)
 
 
-def test_every_rule_forgets_registration_and_evidence_when_it_is_reset_or_interrupted() -> None:
+def test_reset_clears_registration_and_interruption_clears_evidence() -> None:
     for fusion in ["any", "mean"]:
         r = DecisionRule(RuleSettings(fusion=fusion), 3)  # type: ignore[arg-type]
         high = np.full(3, 0.99)
@@ -98,7 +98,7 @@ def test_a_probability_at_the_threshold_is_not_above_it() -> None:
 
 def test_slip_stays_registered_until_enough_quiet_samples_on_all_fingers() -> None:
     r = rule(1, release=3)
-    assert latch(r, 1, 1, 0, 0, 1, 0, 0, 0, 0) == [
+    assert registered_after(r, 1, 1, 0, 0, 1, 0, 0, 0, 0) == [
         False, True, True, True, True, True, True, False, False,
     ]  # fmt: skip
     both = rule(2, release=2)
@@ -117,14 +117,14 @@ def test_events_of_a_stream_countable_by_hand() -> None:
 CUSUM = {"kind": "cusum", "limit": 4.0, "drift": 0.5}
 
 
-def test_cusum_registers_sure_samples_sooner_than_doubtful_ones() -> None:
+def test_cusum_registers_high_probabilities_sooner() -> None:
     for p, expected in ((0.99, 0), (0.95, 1), (0.9, 2), (0.7, 11), (0.6, None)):
         r = DecisionRule(RuleSettings(**CUSUM), 1)  # type: ignore[arg-type]
-        told = [bool(r.update(np.array([p]))[0]) for _ in range(30)]
-        assert (told.index(True) if any(told) else None) == expected
+        registered = [bool(r.update(np.array([p]))[0]) for _ in range(30)]
+        assert (registered.index(True) if any(registered) else None) == expected
 
 
-def test_the_mean_of_the_fingers_decides_and_the_surest_registers() -> None:
+def test_mean_of_the_fingers_decides_and_the_most_probable_finger_registers() -> None:
     r = DecisionRule(RuleSettings(fusion="mean", consecutive=1), 3)
     assert r.update(np.array([0.9, 0.2, 0.2])).tolist() == [False, False, False]
     assert r.update(np.array([0.7, 0.95, 0.4])).tolist() == [False, True, False]
@@ -136,7 +136,7 @@ def test_the_mean_of_the_fingers_decides_and_the_surest_registers() -> None:
     kind=st.sampled_from(["consecutive", "cusum"]), fusion=st.sampled_from(["any", "mean"]),
     limit=st.floats(0.5, 8.0),
 )  # fmt: skip
-def test_events_of_a_whole_stream_are_those_of_the_rule_sample_by_sample(
+def test_events_of_a_whole_stream_equal_those_sample_by_sample(
     seed: int, fingers: int, release: int, kind: str, fusion: str, limit: float
 ) -> None:
     p = np.random.default_rng(seed).uniform(0.0, 1.0, (60, fingers))
@@ -153,7 +153,7 @@ def test_events_of_a_whole_stream_are_those_of_the_rule_sample_by_sample(
     assert registered_events(p, settings).tolist() == expected.tolist()
 
 
-def test_a_finger_that_says_no_number_does_not_make_the_others_deaf() -> None:
+def test_nan_of_one_finger_does_not_block_detection_on_the_others() -> None:
     for kind in ["consecutive", "cusum"]:
         for fusion in ["any", "mean"]:
             for never in [np.nan, 0.5]:

@@ -10,8 +10,8 @@ from scenarios.campaign.config import load_config
 
 DEFAULT = load_config("can", "simulated")
 # What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
-# with `make results` that new ones are no
-# worse, and write the new values here. A test that fails for any other reason has found a mistake.
+# with `make results` that new ones are no worse, and write the new values here. A test that fails
+# for any other reason has found a mistake.
 RULES = {
     "tcn": RuleSettings(
         kind="consecutive", fusion="mean", consecutive=2, threshold=0.7471, release=8

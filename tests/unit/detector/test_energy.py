@@ -1,4 +1,4 @@
-"""The energy detector: a plain formula, streamed exactly, silent when young, cheap to tune."""
+"""The energy detector: exact streaming, no alarm after a reset."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def energies(detector: EnergyDetector, counts: NDArray[np.int16]) -> NDArray[np.
 
 
 def by_hand(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
-    """Mean absolute change over taxels and window, absent changes being zero."""
+    """Mean absolute change over taxels and window; missing changes are zero."""
     out = np.zeros(counts.shape[:2])
     for i in range(len(counts)):
         for j in range(max(1, i - window + 1), i + 1):
@@ -42,7 +42,7 @@ def by_hand(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
     window=st.integers(1, 25), fingers=st.integers(1, 4), n=st.integers(1, 60),
     seed=st.integers(0, 99), spread=st.sampled_from([0, 1, 30, 1023, 32767]),
 )  # fmt: skip
-def test_the_stream_equals_the_plain_formula_exactly(
+def test_streamed_energy_equals_the_formula_exactly(
     window: int, fingers: int, n: int, seed: int, spread: int
 ) -> None:
     counts = frames(n, fingers, seed, spread)
@@ -52,7 +52,7 @@ def test_the_stream_equals_the_plain_formula_exactly(
     assert np.array_equal(energy_series(counts, window), expected)
 
 
-def test_a_long_stream_does_not_drift() -> None:
+def test_energy_of_a_long_stream_does_not_drift() -> None:
     counts = frames(30_000, 1, spread=900)
     detector = EnergyDetector(EnergySettings(), 1)
     assert np.array_equal(energies(detector, counts), energy_series(counts, 10))
@@ -69,7 +69,7 @@ def test_the_probability_is_a_half_exactly_at_the_threshold_and_rises_with_energ
     assert rising[3] < 0.5 < rising[4] < rising[-1] <= 1.0
 
 
-def test_the_first_frame_after_a_reset_is_no_change_however_loaded_it_is() -> None:
+def test_first_frame_after_a_reset_has_no_change() -> None:
     detector = EnergyDetector(EnergySettings(threshold_counts=0.1), 3)
     loaded = np.full((3, 6), -400, np.int16)
     assert not detector.update(loaded).any()

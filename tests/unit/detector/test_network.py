@@ -1,4 +1,4 @@
-"""Networks at run time: a stream is the window, a reset forgets, a bad file is refused."""
+"""Networks at run time: reset, independent fingers, and refused files."""
 
 import random
 from pathlib import Path
@@ -16,10 +16,10 @@ from detector.network_file import (
 from detector.scores.evaluation import stream
 from drivers.errors import BadFile, UsageError
 from grasp.cli.main import main
-from tests.unit.detector.networks import walk, write_network
+from tests.unit.detector.network_files import walk, write_network
 
 
-def test_a_reset_forgets_everything(tmp_path: Path) -> None:
+def test_reset_clears_all_state(tmp_path: Path) -> None:
     for name in ["tcn", "gru"]:
         detector = run_network(read_network(write_network(tmp_path, name)), 3)
         first = stream(detector, walk(151))[0]
@@ -27,7 +27,7 @@ def test_a_reset_forgets_everything(tmp_path: Path) -> None:
         assert np.array_equal(stream(detector, walk(151))[0], first), name
 
 
-def test_fingers_do_not_know_one_another(tmp_path: Path) -> None:
+def test_output_of_a_finger_does_not_depend_on_the_others(tmp_path: Path) -> None:
     for name in ["tcn", "gru", "tcn-paper"]:
         loaded = read_network(write_network(tmp_path, name))
         counts = walk(150)
@@ -37,7 +37,7 @@ def test_fingers_do_not_know_one_another(tmp_path: Path) -> None:
             assert np.abs(alone[:, 0] - together[:, finger]).max() < 1e-6, name
 
 
-def test_weights_of_another_network_do_not_run_under_a_packaged_one_s_name_and_rule(
+def test_weights_of_another_network_are_refused_for_a_packaged_name(
     tmp_path: Path,
 ) -> None:
     for name, of in [("tcn", "tcn-paper"), ("gru", "tcn")]:
@@ -52,7 +52,7 @@ def test_weights_of_another_network_do_not_run_under_a_packaged_one_s_name_and_r
         load_detector(str(path), {}, 3)
 
 
-def test_a_file_of_ours_that_lost_its_card_is_told_by_its_tensors(tmp_path: Path) -> None:
+def test_network_file_without_its_card_still_runs(tmp_path: Path) -> None:
     path = write_network(tmp_path, "tcn")
     whole = stream(run_network(read_network(path), 3), walk(50))[0]
     model = onnx.load(path)
@@ -95,7 +95,7 @@ def change(model: onnx.ModelProto, how: str) -> None:
         model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = 5
 
 
-def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path) -> None:
+def test_damaged_or_foreign_file_is_refused_with_its_path(tmp_path: Path) -> None:
     for how in [
         "cut",
         "empty",
@@ -114,7 +114,7 @@ def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path) -> N
         assert "grasp detector train" in caught.value.remedy, how
 
 
-def test_one_flipped_byte_is_noticed(tmp_path: Path) -> None:
+def test_one_changed_byte_is_detected(tmp_path: Path) -> None:
     for harm in ["anywhere", "the checksum", "its name"]:
         path = write_network(tmp_path, "tcn")
         whole, rng = path.read_bytes(), random.Random(7)
@@ -129,19 +129,19 @@ def test_one_flipped_byte_is_noticed(tmp_path: Path) -> None:
                 read_network(path)
 
 
-def test_a_packaged_network_that_has_gone_is_to_be_installed_again(
+def test_missing_packaged_network_has_the_remedy_to_reinstall(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words in [["detector", "card"], ["run", "lift", "--detector"]]:
         monkeypatch.setattr("detector.network_file.WEIGHTS", tmp_path)
         assert main([*words, "gru"]) == 2, words
-        told = capsys.readouterr().err
-        assert f"{tmp_path / 'gru.onnx'}: cannot be read" in told, words
-        assert "install `grasp` again" in told and "detector train" not in told, words
+        message = capsys.readouterr().err
+        assert f"{tmp_path / 'gru.onnx'}: cannot be read" in message, words
+        assert "install `grasp` again" in message and "detector train" not in message, words
 
 
 def outside(model: onnx.ModelProto, where: str, location: str) -> None:
-    """Take one tensor out of the file."""
+    """Move one tensor to an external file."""
     tensor = model.graph.initializer[0]
     if where == "attribute":
         node = model.graph.node.add(op_type="Constant", output=["unused"])
@@ -161,7 +161,7 @@ def outside(model: onnx.ModelProto, where: str, location: str) -> None:
         tensor.external_data.add(key=key, value=value)
 
 
-def test_a_graph_that_points_to_other_files_is_refused_before_it_is_run(
+def test_graph_with_external_data_is_refused_before_it_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_network(tmp_path, "tcn")
@@ -175,17 +175,17 @@ def test_a_graph_that_points_to_other_files_is_refused_before_it_is_run(
             for name in ("w.bin", "a/w.bin"):
                 (tmp_path / name).write_bytes(bytes(100_000))
             monkeypatch.chdir(tmp_path)
-            monkeypatch.setattr("onnxruntime.InferenceSession", None)  # nobody may ask for it
+            monkeypatch.setattr("onnxruntime.InferenceSession", None)  # must not be called
             with pytest.raises(BadFile, match="other files"):
                 read_network(path)
 
 
-def test_a_file_is_not_read_beyond_the_largest_network(
+def test_file_is_not_read_beyond_the_maximum_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "huge.onnx"
     with path.open("wb") as file:
-        file.truncate(10**12)  # a hole: nothing of it is on the disk
+        file.truncate(10**12)  # a sparse file
     with pytest.raises(BadFile, match="more than 4000000 bytes"):
         read_network(path)
     link = tmp_path / "zero.onnx"

@@ -1,4 +1,4 @@
-"""The networks that come with the project load, answer, and know where they are from."""
+"""Packaged networks: they load, run, and have complete cards."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ from scenarios.campaign.config import load_config
 from scenarios.trial.execution import patience_s
 
 
-def test_every_packaged_detector_has_its_settings_and_none_is_missing() -> None:
+def test_every_packaged_detector_has_a_settings_file() -> None:
     assert set(names("detectors")) == set(DETECTORS)
     assert {"tcn", "gru", "tcn-paper"} <= set(packaged_networks())
 
 
-def test_a_packaged_network_answers_for_three_fingers() -> None:
+def test_packaged_network_runs_with_three_fingers() -> None:
     for name in packaged_networks():
         card = read_network(weights_path(name)).card
         assert card.name == name, name
@@ -27,39 +27,39 @@ def test_a_packaged_network_answers_for_three_fingers() -> None:
 
 
 def counts(seed: int, samples: int) -> np.ndarray:
-    """A fingertip that is shaken hard, (samples, 3, 6)."""
+    """Counts of strong vibration (samples, 3, 6)."""
     return np.random.default_rng(seed).integers(-300, 100, (samples, 3, 6)).astype(np.int16)
 
 
-def answer_after(name: str, before: np.ndarray, same: np.ndarray) -> np.ndarray:
+def output_after(name: str, before: np.ndarray, same: np.ndarray) -> np.ndarray:
     detector = load_config("can", "simulated", name, None, ()).make_detector(3)
     for frame in before:
         detector.update(frame)
     for frame in same:
-        answer = detector.update(frame)
-    return answer
+        output = detector.update(frame)
+    return output
 
 
-def test_what_lies_further_back_than_its_memory_plays_no_part_in_a_detector_s_answer() -> None:
+def test_output_depends_on_the_memory_only() -> None:
     pasts, same = (counts(1, 150), counts(2, 150) // 50), counts(3, 250) // 50
     for name in DETECTORS:
         memory = load_config("can", "simulated", name, None, ()).make_detector(3).memory
         if name == "gru":
-            assert memory == 0  # it fades, and has no end
+            assert memory == 0  # unbounded
             continue
-        one, other = (answer_after(name, past, same[:memory]) for past in pasts)
+        one, other = (output_after(name, past, same[:memory]) for past in pasts)
         assert one == pytest.approx(other, abs=1e-5), name
-        one, other = (answer_after(name, past, same[: memory // 2]) for past in pasts)
+        one, other = (output_after(name, past, same[: memory // 2]) for past in pasts)
         assert (one != other).all(), name
 
 
-def test_patience_with_slip_that_goes_on_covers_the_detector_s_memory() -> None:
+def test_patience_for_continued_slip_is_at_least_the_memory() -> None:
     for name in DETECTORS:
-        for asked_s in [0.05, 2.0]:
-            words = (f"controller.cap_patience_s={asked_s}",)
+        for patience in [0.05, 2.0]:
+            words = (f"controller.cap_patience_s={patience}",)
             config = load_config("can", "simulated", name, None, words).for_lift()
             memory_s = 0.01 * config.make_detector(3).memory
-            assert patience_s(config) == max(asked_s, memory_s), (name, asked_s)
+            assert patience_s(config) == max(patience, memory_s), (name, patience)
 
 
 def test_memory_follows_the_window_that_was_set() -> None:

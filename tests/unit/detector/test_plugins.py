@@ -1,4 +1,4 @@
-"""A detector of one's own: made with what it asks for, guarded, and every mistake is one line."""
+"""Detector plugins: arguments, read-only inputs, and one message for every error."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from onnx import TensorProto, helper
 
 from detector import plugins
 from detector.interface import SlipDetector, load_detector
-from detector.plugins import OwnSettings, code_digest
+from detector.plugins import PluginSettings, code_digest
 from drivers.errors import BadFile
 
 RAISING = """
@@ -56,7 +56,7 @@ def write(folder: Path, text: str, name: str = "mine.py") -> Path:
 
 
 def load(word: str, fingers: int = 3, **arguments: float) -> SlipDetector:
-    return load_detector(word, OwnSettings(tuple(arguments.items())), fingers)
+    return load_detector(word, PluginSettings(tuple(arguments.items())), fingers)
 
 
 def test_a_class_and_a_factory_are_detectors(tmp_path: Path) -> None:
@@ -64,27 +64,25 @@ def test_a_class_and_a_factory_are_detectors(tmp_path: Path) -> None:
         detector = load(f"{write(tmp_path, WHOLE)}:{name}")
         assert (detector.name, detector.threshold, detector.memory) == (name, 0.4, 3), name
         frame = np.zeros((3, 6), np.int16)
-        assert detector.update(frame).tolist() == [0.01] * 3, (
-            name
-        )  # what it was tried with is forgotten
+        assert detector.update(frame).tolist() == [0.01] * 3, name  # the test frames are forgotten
         assert detector.update(frame).tolist() == [0.02] * 3, name
         detector.reset()
         assert detector.update(frame).tolist() == [0.01] * 3, name
 
 
-def test_it_is_made_for_the_fingers_and_with_the_settings_that_it_asks_for(tmp_path: Path) -> None:
+def test_plugin_gets_the_fingers_and_its_settings(tmp_path: Path) -> None:
     detector = load(f"{write(tmp_path, WHOLE)}:Mine", fingers=1, gain=10.0)
     assert detector.update(np.zeros((1, 6), np.int16)).tolist() == [0.1]
 
 
-def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
+def test_plugin_cannot_change_the_counts(tmp_path: Path) -> None:
     text = WHOLE.replace("self.n += 1", "self.n += 1; counts[:] = 0")
     with pytest.raises(BadFile, match="read-only"):
         load(f"{write(tmp_path, text)}:Mine")
 
 
-def test_every_mistake_is_one_line_that_names_the_file(tmp_path: Path) -> None:
-    for text, name, told in [
+def test_every_error_is_one_line_with_the_file(tmp_path: Path) -> None:
+    for text, name, problem in [
         (WHOLE, "Other", "has no class or function 'Other'"),
         ("x = = 1", "Mine", "mine.py, line 1: importing it raised SyntaxError"),
         ("import nothing_of_this_name", "Mine", "line 1: importing it raised ModuleNotFoundError"),
@@ -95,7 +93,7 @@ def test_every_mistake_is_one_line_that_names_the_file(tmp_path: Path) -> None:
         (WHOLE.replace("self.n += 1", "1 / 0"), "Mine", "line 12: update raised ZeroDivisionError"),
         (WHOLE.replace("self.n = 0", "1 / 0"), "Mine", "line 10: reset raised ZeroDivisionError"),
         (WHOLE.replace("self.fingers, min", "2, min"), "Mine", r"shape \(2,\), not \(3,\)"),
-        (WHOLE.replace("return self.buffer", "return None"), "Mine", "not a number a finger"),
+        (WHOLE.replace("return self.buffer", "return None"), "Mine", "not a number per finger"),
         (WHOLE.replace("return self.buffer", "return self.buffer + 0j"), "Mine", "complex128"),
         (WHOLE.replace("return self.buffer", "return ['0.5'] * 3"), "Mine", "not a number"),
         (WHOLE.replace("self.n += 1", "raise SystemExit(0)"), "Mine", "update raised SystemExit"),
@@ -121,23 +119,23 @@ def test_every_mistake_is_one_line_that_names_the_file(tmp_path: Path) -> None:
         ("def __getattr__(name): raise KeyError(name)", "Mine", "Mine raised KeyError"),
     ]:
         path = write(tmp_path, text)
-        with pytest.raises(BadFile, match=told) as raised:
+        with pytest.raises(BadFile, match=problem) as raised:
             load(f"{path}:{name}")
-        assert str(path) in raised.value.message, (text, name, told)
-        assert raised.value.message.isprintable(), (text, name, told)
-        assert raised.value.remedy, (text, name, told)
+        assert str(path) in raised.value.message, (text, name, problem)
+        assert raised.value.message.isprintable(), (text, name, problem)
+        assert raised.value.remedy, (text, name, problem)
 
 
-def test_a_file_that_is_not_there_and_a_setting_that_it_does_not_take(tmp_path: Path) -> None:
+def test_missing_file_and_unknown_setting_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=r"none\.py: cannot be read"):
         load(f"{tmp_path / 'none.py'}:Mine")
-    with pytest.raises(BadFile, match=r"takes no setting own\.window"):
+    with pytest.raises(BadFile, match=r"has no setting plugin\.window"):
         load(f"{write(tmp_path, WHOLE)}:Mine", window=3)
-    with pytest.raises(BadFile, match=r"takes no setting own\.window"):
+    with pytest.raises(BadFile, match=r"has no setting plugin\.window"):
         load(f"{write(tmp_path, WHOLE)}:Mine", window=3)
 
 
-def test_a_changed_file_is_another_detector(tmp_path: Path) -> None:
+def test_changed_file_is_another_detector(tmp_path: Path) -> None:
     word = f"{write(tmp_path, WHOLE)}:Mine"
     before = code_digest(word)
     frame = np.zeros((3, 6), np.int16)
@@ -147,18 +145,18 @@ def test_a_changed_file_is_another_detector(tmp_path: Path) -> None:
     assert code_digest(word) != before
 
 
-def test_what_an_installed_package_offers_is_found_by_its_name(
+def test_entry_point_of_an_installed_package_is_found_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, WHOLE, "acme_slip.py")
-    told = tmp_path / "acme-1.0.dist-info"
-    told.mkdir()
-    write(told, "Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n", "METADATA")
-    write(told, "[grasp.detectors]\nacme = acme_slip:Mine\nbroken = acme_slip:None_of_it\n"
+    dist_info = tmp_path / "acme-1.0.dist-info"
+    dist_info.mkdir()
+    write(dist_info, "Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n", "METADATA")
+    write(dist_info, "[grasp.detectors]\nacme = acme_slip:Mine\nbroken = acme_slip:None_of_it\n"
           "gone = acme_none.part:Mine\n"
           "energy = acme_slip:Mine\n", "entry_points.txt")  # fmt: skip
     monkeypatch.syspath_prepend(str(tmp_path))
-    plugins.offered.cache_clear()
+    plugins.installed_plugins.cache_clear()
     try:
         assert load("acme").threshold == 0.4
         assert len(code_digest("acme")) == 64
@@ -167,17 +165,17 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
         with pytest.raises(BadFile, match="gone: cannot be imported: ModuleNotFoundError"):
             load("gone")
         assert code_digest("gone") == "gone"
-        packaged = load_detector("energy", {}, 3)  # nobody takes the place of a packaged one
+        packaged = load_detector("energy", {}, 3)  # a plugin does not replace a packaged detector
         assert packaged.threshold == 0.5
     finally:
-        plugins.offered.cache_clear()
+        plugins.installed_plugins.cache_clear()
 
 
 # Weights without our card
 
 
 def weights(path: Path, shape: list[int | str], last: str = "Sigmoid") -> Path:
-    """A graph that takes counts of that shape: mean over all but the first axis, and an end."""
+    """A graph of the mean of counts of that shape, and an output operator."""
     counts = helper.make_tensor_value_info("counts", TensorProto.FLOAT, shape)
     p = helper.make_tensor_value_info("probability", TensorProto.FLOAT, [shape[0]])
     axes = list(range(1, len(shape)))
@@ -194,7 +192,7 @@ def weights(path: Path, shape: list[int | str], last: str = "Sigmoid") -> Path:
     return path
 
 
-def test_weights_without_a_card_are_told_by_their_tensors(tmp_path: Path) -> None:
+def test_mode_of_weights_without_a_card_follows_from_the_tensors(tmp_path: Path) -> None:
     for shape, memory in [(["n", 6], 0), (["batch", 20, 6], 20), (["fingers", 6], 0)]:
         path = weights(tmp_path / "lab.onnx", shape)
         detector = load_detector(str(path), {}, 3)
@@ -211,14 +209,14 @@ def test_weights_without_a_card_are_told_by_their_tensors(tmp_path: Path) -> Non
         )
 
 
-def test_weights_that_cannot_be_used_are_refused_by_name(tmp_path: Path) -> None:
-    for shape, last, told in [
+def test_unusable_weights_are_refused(tmp_path: Path) -> None:
+    for shape, last, problem in [
         ([3, 6], "Sigmoid", "input 'counts' is"),
         (["n", "m"], "Sigmoid", "input 'counts' is"),
         (["n", 6], "Exp", "not a probability"),
     ]:
         path = weights(tmp_path / "lab.onnx", shape, "Identity" if last == "Exp" else last)
-        if last == "Exp":  # e^0 is a probability, 1 + e^0 is none
+        if last == "Exp":  # cos 0 is a probability, its double is not
             model = onnx.load(path)
             model.graph.node[-1].op_type = "Cos"
             model.graph.node.append(
@@ -230,11 +228,11 @@ def test_weights_that_cannot_be_used_are_refused_by_name(tmp_path: Path) -> None
             model.graph.node[-1].input[:] = ["one", "one"]
             model.graph.output[0].name = "probability"
             onnx.save(model, path)
-        with pytest.raises(BadFile, match=told):
+        with pytest.raises(BadFile, match=problem):
             load_detector(str(path), {}, 3)
 
 
-def test_a_layout_that_weights_were_not_made_for_is_refused(tmp_path: Path) -> None:
+def test_weights_for_another_layout_are_refused(tmp_path: Path) -> None:
     from drivers.errors import UsageError
 
     path = weights(tmp_path / "lab.onnx", ["n", 8])

@@ -1,4 +1,4 @@
-"""Spectral baselines: the published one as defined, the fair one as the authors' analysis."""
+"""Spectral detectors, compared with their definitions."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from detector.psd import (
     PsdSettings,
 )
 from detector.scores.evaluation import stream
-from tests.unit.detector.networks import walk
+from tests.unit.detector.network_files import walk
 
 
 def test_the_published_power_is_summed_over_taxels_first_and_from_1_to_50_hz() -> None:
@@ -32,14 +32,14 @@ def test_the_published_power_is_summed_over_taxels_first_and_from_1_to_50_hz() -
     assert np.allclose(p[-1], odds / (1 + odds))
 
 
-def test_what_taxels_do_against_one_another_the_published_one_cannot_see() -> None:
+def test_psd_misses_opposite_changes_of_taxels_and_psd_fair_does_not() -> None:
     counts = np.zeros((150, 1, 6), np.int16)
-    counts[::2, 0, 0], counts[::2, 0, 1] = 1827, -1465  # ten deviations each
+    counts[::2, 0, 0], counts[::2, 0, 1] = 1827, -1465  # ten standard deviations each
     assert stream(PsdDetector(PsdSettings(), 1), counts)[0].max() < 1e-6
     assert stream(PsdFairDetector(PsdFairSettings(), 1), counts)[0][-1, 0] > 0.99
 
 
-def test_a_sine_of_known_amplitude_gives_the_authors_figure() -> None:
+def test_sine_of_known_amplitude_has_the_amplitude_of_the_authors_analysis() -> None:
     """|FFT| of a sine at a bin of the window is half its amplitude times the window's length."""
     t = np.arange(63)
     counts = np.zeros((63, 1, 6), np.int16)
@@ -48,7 +48,7 @@ def test_a_sine_of_known_amplitude_gives_the_authors_figure() -> None:
     assert stream(PsdFairDetector(settings, 1), counts)[0][-1, 0] == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_reset_forgets() -> None:
+def test_reset_clears_all_state() -> None:
     for name in ["psd", "psd-fair"]:
         detector = load_detector(name, {}, 3)
         first = stream(detector, walk(130))[0]

@@ -1,4 +1,4 @@
-"""The recording file: what is written is read back, anything else is refused with the remedy."""
+"""Recording files: written and read back; anything else is refused with a remedy."""
 
 from pathlib import Path
 from typing import Any
@@ -65,7 +65,7 @@ def test_labels_are_chosen_by_name() -> None:
         recording(moved_m=None).label("moved")
 
 
-def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_recording_is_read_back_unchanged(tmp_path: Path) -> None:
     for fingers in [1, 3]:
         path = tmp_path / "a.npz"
         written = recording(fingers=fingers)
@@ -80,7 +80,7 @@ def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
         assert back.source == str(path), fingers
 
 
-def test_what_nobody_measured_is_none(tmp_path: Path) -> None:
+def test_missing_arrays_are_none(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     nothing = dict.fromkeys(("slip_true", "metadata", *OPTIONAL))
     write(path, recording(**nothing))
@@ -93,7 +93,7 @@ def test_a_data_set_is_read_sorted_whole_or_by_split(tmp_path: Path) -> None:
         path = tmp_path / f"{name}.npz"
         path.parent.mkdir(exist_ok=True)
         write(path, recording(metadata=msgspec.structs.replace(METADATA, split=split)))
-    (tmp_path / "a/.1.npz.99").write_bytes(b"left by a process that was killed")
+    (tmp_path / "a/.1.npz.99").write_bytes(b"partial file of a killed process")
     names = [Path(r.source).relative_to(tmp_path).as_posix() for r in read_dataset(tmp_path)]
     assert names == ["a/1.npz", "b/2.npz", "c.npz"]
     assert len(read_dataset(tmp_path, "train")) == 2
@@ -153,7 +153,7 @@ def test_wrong_arrays_are_refused(good: Path) -> None:
         assert problem in refused(good).problem, (changes, problem)
 
 
-def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
+def test_recording_that_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="slip is"):
         write(tmp_path / "a.npz", recording(slip=np.zeros(4, np.bool_)))
     with pytest.raises(BadFile, match="suffix"):

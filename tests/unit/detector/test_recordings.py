@@ -1,4 +1,4 @@
-"""The data file: read as it is, refused with file, line, problem and remedy."""
+"""CSV recordings: read unchanged, or refused with file, line, problem and remedy."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def refused(folder: Path, *lines: str) -> BadFile:
     return caught.value
 
 
-def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_csv_is_read_unchanged(tmp_path: Path) -> None:
     path = write(tmp_path, *GOOD)
     r = read_csv(path)
     assert r.t_s.tolist() == [0.0, 0.01]
@@ -49,7 +49,7 @@ def test_true_labels_are_read_if_they_are_there(tmp_path: Path) -> None:
     assert r.slip.tolist() == [False, False]
 
 
-def test_byte_order_marks_line_ends_of_windows_and_blank_lines_do_no_harm(tmp_path: Path) -> None:
+def test_byte_order_mark_crlf_and_blank_lines_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "tip.csv"
     path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join((*GOOD, "", "")).encode())
     assert len(read_csv(path).t_s) == 2
@@ -62,13 +62,13 @@ def test_jittered_times_are_kept_and_one_long_step_is_one_missed_sample(tmp_path
     assert missed_samples(r.t_s).sum() == 1
 
 
-def test_a_gap_beyond_which_a_sensor_is_stale_is_refused(tmp_path: Path) -> None:
+def test_too_many_missed_samples_in_a_row_are_refused(tmp_path: Path) -> None:
     error = refused(tmp_path, HEADER, *map(row, [0.0, 0.01, 0.08]))
     assert (error.line, error.problem) == (4, "6 samples are missing before this")
 
 
-def test_a_device_that_never_ends_is_refused_at_once() -> None:
-    with pytest.raises(BadFile, match="is no file"):
+def test_character_device_is_refused() -> None:
+    with pytest.raises(BadFile, match="is not a file"):
         read("/dev/zero")
 
 
@@ -100,21 +100,23 @@ def test_times_that_do_not_increase_are_refused(tmp_path: Path) -> None:
         assert (error.line, error.problem) == (3, "time does not increase"), second
 
 
-def test_the_authors_recording_has_jitter_and_one_missed_sample(felt: Recording) -> None:
-    assert felt.counts.shape == (416, 1, 6)
-    assert missed_samples(felt.t_s).sum() == 1
-    assert np.diff(felt.t_s).min() < 0.0065
+def test_the_authors_recording_has_jitter_and_one_missed_sample(
+    authors_recording: Recording,
+) -> None:
+    assert authors_recording.counts.shape == (416, 1, 6)
+    assert missed_samples(authors_recording.t_s).sum() == 1
+    assert np.diff(authors_recording.t_s).min() < 0.0065
 
 
-def test_a_recording_at_another_rate_is_refused_with_what_it_has(tmp_path: Path) -> None:
-    for hz, told in [(50, "20 ms apart, 50 Hz"), (500, "2 ms"), (1000, "1 ms")]:
+def test_recording_at_another_rate_is_refused_with_its_rate(tmp_path: Path) -> None:
+    for hz, problem in [(50, "20 ms apart, 50 Hz"), (500, "2 ms"), (1000, "1 ms")]:
         rows = [f"{k / hz:.4f},{','.join(['-100'] * 6)},0" for k in range(200)]
-        with pytest.raises(BadFile, match=told) as raised:
+        with pytest.raises(BadFile, match=problem) as raised:
             read_csv(write(tmp_path, "t_s,p0,p1,p2,p3,p4,p5,slip", *rows))
-        assert "100 Hz" in raised.value.remedy, (hz, told)
+        assert "100 Hz" in raised.value.remedy, (hz, problem)
 
 
-def test_a_rate_that_is_a_little_off_is_read(tmp_path: Path) -> None:
+def test_recording_at_a_slightly_different_rate_is_read(tmp_path: Path) -> None:
     for hz in [90, 100, 110]:
         rows = [f"{k / hz:.4f},{','.join(['-100'] * 6)},0" for k in range(200)]
         assert len(read_csv(write(tmp_path, "t_s,p0,p1,p2,p3,p4,p5,slip", *rows)).t_s) == 200, hz

@@ -1,4 +1,4 @@
-"""Figures that can be counted by hand or by brute force, and the authors' recording as a check."""
+"""Metrics of samples and events, compared with values counted by hand."""
 
 import itertools
 import math
@@ -21,10 +21,10 @@ from detector.scores.evaluation import (
 from detector.scores.events import (
     EventMetrics,
     pooled,
+    score_events,
     slips_of,
+    true_events,
 )
-from detector.scores.events import judge as judged
-from detector.scores.events import true_events as slips
 from detector.scores.metrics import (
     auc,
     calibration_error,
@@ -57,14 +57,14 @@ def times(n: int) -> NDArray[np.float64]:
     return np.arange(n) * 0.01
 
 
-def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
+def metrics_of(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
     registered = np.array(events, np.intp).reshape(-1, 2)
     found = slips_of(slip, times(len(slip)), **more)  # type: ignore[arg-type]
-    return pooled([judged(registered, found)])
+    return pooled([score_events(registered, found)])
 
 
 class Scripted:
-    """A detector that says what it was told to."""
+    """A detector with scripted probabilities."""
 
     name = "scripted"
     threshold = 0.5
@@ -88,10 +88,10 @@ def recording(slip: NDArray[np.bool_], fingers: int = 1) -> Recording:
 # --- samples
 
 
-def test_a_confusion_gives_the_textbook_figures() -> None:
+def test_confusion_matrix_has_textbook_metrics() -> None:
     labels = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1, 1], bool)
-    verdicts = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 0], bool)
-    c = confusion(verdicts, labels)
+    predictions = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 0], bool)
+    c = confusion(predictions, labels)
     assert (c.static_static, c.static_slip, c.slip_static, c.slip_slip) == (4, 2, 1, 3)
     assert c.accuracy == 0.7
     assert c.balanced_accuracy == pytest.approx((4 / 6 + 3 / 4) / 2)
@@ -101,7 +101,7 @@ def test_a_confusion_gives_the_textbook_figures() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.5, 0.7, 1.0]), st.booleans()), min_size=2))
-def test_the_auc_is_the_share_of_pairs_in_the_right_order(pairs: list[tuple[float, bool]]) -> None:
+def test_auc_is_the_share_of_correctly_ordered_pairs(pairs: list[tuple[float, bool]]) -> None:
     slip = [p for p, label in pairs if label]
     static = [p for p, label in pairs if not label]
     won = [(a > b) + 0.5 * (a == b) for a, b in itertools.product(slip, static)]
@@ -109,10 +109,10 @@ def test_the_auc_is_the_share_of_pairs_in_the_right_order(pairs: list[tuple[floa
     assert found == (pytest.approx(sum(won) / len(won)) if won else None)
 
 
-def test_the_interval_draws_whole_strokes_and_repeats_for_a_seed() -> None:
+def test_bootstrap_resamples_whole_strokes_and_is_reproducible() -> None:
     labels = flags(50, 50, 50, 50, 50, 50)
     p = labels.astype(float)
-    p[250:] = 0.0  # one stroke of three is not heard at all
+    p[250:] = 0.0  # one stroke of three is missed
     assert stroke_intervals(p, labels, 0.5, seed=1)["auc"] == (0.5, 1.0)
     assert auc(p, labels) == pytest.approx(5 / 6)
     rough = np.random.default_rng(0).random(300)
@@ -121,7 +121,7 @@ def test_the_interval_draws_whole_strokes_and_repeats_for_a_seed() -> None:
     assert once != other
 
 
-def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None:
+def test_calibration_error_is_the_difference_of_probability_and_frequency() -> None:
     labels = np.array([0, 0, 1, 1], bool)
     assert calibration_error(labels.astype(float), labels) == 0.0
     assert calibration_error(np.array([0.25, 0.25, 0.95, 0.95]), labels) == pytest.approx(0.15)
@@ -132,50 +132,50 @@ def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None
 # --- events
 
 
-def test_short_static_gaps_do_not_divide_a_slip() -> None:
+def test_short_static_gaps_do_not_split_a_slip() -> None:
     slip = flags(5, 10, 3, 10, 12, 4)
-    assert slips(slip, times(len(slip)), 0.0).tolist() == [[5, 15], [18, 28], [40, 44]]
-    assert slips(slip, times(len(slip)), 0.1).tolist() == [[5, 28], [40, 44]]
-    assert slips(slip, times(len(slip)), 1.0).tolist() == [[5, 44]]
-    assert slips(flags(5), times(5), 0.1).shape == (0, 2)
+    assert true_events(slip, times(len(slip)), 0.0).tolist() == [[5, 15], [18, 28], [40, 44]]
+    assert true_events(slip, times(len(slip)), 0.1).tolist() == [[5, 28], [40, 44]]
+    assert true_events(slip, times(len(slip)), 1.0).tolist() == [[5, 44]]
+    assert true_events(flags(5), times(5), 0.1).shape == (0, 2)
 
 
-def test_a_caught_slip_has_a_delay_and_a_release_delay() -> None:
-    m = judge(flags(100, 50, 100), [[104, 155]])
+def test_detected_slip_has_a_delay_and_a_release_delay() -> None:
+    m = metrics_of(flags(100, 50, 100), [[104, 155]])
     assert (m.true_events, m.missed_events, m.registered_events, m.false_events) == (1, 0, 1, 0)
     assert (m.event_recall, m.event_precision, m.false_events_per_min) == (1.0, 1.0, 0.0)
     assert three(m.delay_ms) == (40.0, 40.0, 40.0)
     assert three(m.release_delay_ms) == (50.0, 50.0, 50.0)
 
 
-def test_a_missed_slip_is_a_delay_without_end() -> None:
-    m = judge(flags(100, 50, 100, 30, 100), [[102, 160]])
+def test_missed_slip_has_an_infinite_delay() -> None:
+    m = metrics_of(flags(100, 50, 100, 30, 100), [[102, 160]])
     assert (m.event_recall, m.missed_events) == (0.5, 1)
     assert three(m.delay_ms) == (20.0, math.inf, math.inf)
     assert three(m.release_delay_ms) == (100.0, 100.0, 100.0)
 
 
-def test_an_event_that_begins_in_static_time_is_false_and_counted_by_static_minutes() -> None:
-    m = judge(flags(3000, 50, 2950), [[500, 520], [3010, 3040], [4000, 4003]])
+def test_event_that_starts_in_static_time_is_false_and_counts_per_static_minute() -> None:
+    m = metrics_of(flags(3000, 50, 2950), [[500, 520], [3010, 3040], [4000, 4003]])
     assert (m.false_events, m.event_precision) == (2, pytest.approx(1 / 3))
     assert m.false_events_per_min == pytest.approx(2 / (59.5 / 60))
 
 
-def test_an_alarm_that_never_ends_catches_nothing() -> None:
-    m = judge(flags(100, 50, 100, 50, 100), [[10, 400]])
+def test_event_that_started_before_a_slip_does_not_detect_it() -> None:
+    m = metrics_of(flags(100, 50, 100, 50, 100), [[10, 400]])
     assert (m.event_recall, m.false_events, m.event_precision) == (0.0, 1, 0.0)
     assert m.release_delay_ms is None
 
 
-def test_an_event_may_begin_a_little_before_the_label_but_not_much() -> None:
-    early = judge(flags(100, 50, 100), [[98, 150]])
+def test_event_may_start_20_ms_before_the_label() -> None:
+    early = metrics_of(flags(100, 50, 100), [[98, 150]])
     assert (early.event_recall, early.false_events) == (1.0, 0)
     assert three(early.delay_ms) == (-20.0, -20.0, -20.0)
-    assert judge(flags(100, 50, 100), [[97, 150]]).false_events == 1
+    assert metrics_of(flags(100, 50, 100), [[97, 150]]).false_events == 1
 
 
-def test_a_second_event_in_the_same_slip_is_not_false_and_the_last_one_is_released() -> None:
-    m = judge(flags(100, 50, 100), [[105, 120], [130, 148]])
+def test_second_event_in_a_slip_is_not_false_and_its_end_is_the_release() -> None:
+    m = metrics_of(flags(100, 50, 100), [[105, 120], [130, 148]])
     assert (m.registered_events, m.false_events, m.event_precision) == (2, 0, 1.0)
     assert three(m.delay_ms) == (50.0, 50.0, 50.0)
     assert three(m.release_delay_ms) == (-20.0, -20.0, -20.0)
@@ -183,28 +183,28 @@ def test_a_second_event_in_the_same_slip_is_not_false_and_the_last_one_is_releas
 
 def test_slips_and_false_events_before_the_first_sample_are_not_counted() -> None:
     slip = flags(20, 50, 100, 50, 100)
-    m = judge(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
+    m = metrics_of(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
     assert (m.true_events, m.registered_events, m.false_events) == (1, 1, 0)
     assert three(m.delay_ms) == (50.0, 50.0, 50.0)
-    assert judge(slip, [], first_sample=170).true_events == 1
-    assert judge(slip, [], first_sample=171).true_events == 0
+    assert metrics_of(slip, [], first_sample=170).true_events == 1
+    assert metrics_of(slip, [], first_sample=171).true_events == 0
 
 
-def test_a_slip_that_outlasts_the_data_ends_with_its_last_sample() -> None:
-    assert three(judge(flags(50, 50), []).delay_ms) == (math.inf, math.inf, math.inf)
-    caught = judge(flags(50, 50), [[60, 100]])
+def test_slip_at_the_end_of_the_data_ends_with_the_last_sample() -> None:
+    assert three(metrics_of(flags(50, 50), []).delay_ms) == (math.inf, math.inf, math.inf)
+    caught = metrics_of(flags(50, 50), [[60, 100]])
     assert three(caught.release_delay_ms) == (0.0, 0.0, 0.0)
 
 
-def test_with_a_speed_delays_are_given_in_mm_slipped() -> None:
+def test_with_a_speed_delays_are_given_in_mm_too() -> None:
     slip = flags(100, 50, 100, 50, 100)
-    m = judge(slip, [[105, 150], [249, 300]], speed_mps=np.where(slip, 0.05, 0.0))
+    m = metrics_of(slip, [[105, 150], [249, 300]], speed_mps=np.where(slip, 0.05, 0.0))
     assert three(m.delay_mm) == (0.0, 2.5, 2.5)
-    assert judge(slip, []).delay_mm is None
+    assert metrics_of(slip, []).delay_mm is None
 
 
 def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.float64]:
-    """A speed that creeps for so many samples before the label's first rise, with a gap of rest."""
+    """Speed with creep before the first rise of the label, and a gap of rest in it."""
     speed = np.where(slip, 0.01, 0.0)
     onset = int(slip.argmax())
     speed[onset - samples : onset] = 1e-3
@@ -212,26 +212,26 @@ def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.
     return speed
 
 
-def test_an_event_while_the_contact_creeps_towards_the_label_is_early_and_not_false() -> None:
+def test_event_during_creep_before_the_label_is_early_and_not_false() -> None:
     for begins, hit in [(92, True), (91, False), (97, True)]:
         slip = flags(100, 30, 70)
-        m = judge(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
+        m = metrics_of(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
         assert (m.missed_events, m.false_events) == ((0, 0) if hit else (1, 1)), (begins, hit)
 
 
-def test_a_late_answer_to_one_slip_is_no_early_one_to_the_next() -> None:
-    """The contact goes on creeping between them, as it does where an object is dragged."""
+def test_late_event_of_one_slip_is_not_an_early_event_of_the_next() -> None:
+    """The contact creeps between the slips, as for a dragged object."""
     slip = flags(100, 11, 24, 65)
     creeps = np.full(200, 2e-3)
-    late, early = (judge(slip, [[begins, 140]], speed_mps=creeps) for begins in (112, 122))
+    late, early = (metrics_of(slip, [[begins, 140]], speed_mps=creeps) for begins in (112, 122))
     assert (late.missed_events, late.false_events) == (2, 1)
     assert (early.missed_events, early.false_events) == (1, 0)
 
 
-# --- the whole sheet
+# --- the whole evaluation
 
 
-def test_a_scripted_detector_gets_the_score_that_can_be_counted() -> None:
+def test_evaluation_of_a_scripted_detector_is_as_counted_by_hand() -> None:
     slip = flags(110, 40, 60)
     p = flags(113, 40, 57).astype(float)
     ticks = itertools.count(0, 5_000)
@@ -242,8 +242,16 @@ def test_a_scripted_detector_gets_the_score_that_can_be_counted() -> None:
     assert (e.detector, e.data, e.n_samples) == ("scripted", "by hand", 110)
     assert e.accuracy == pytest.approx(104 / 110)
     assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 0)
-    assert three(e.delay_ms) == (40.0, 40.0, 40.0)  # three late, and the second one registers
-    assert three(e.release_delay_ms) == (50.0, 50.0, 50.0)  # three late, and the third releases
+    assert three(e.delay_ms) == (
+        40.0,
+        40.0,
+        40.0,
+    )  # 3 samples late, registered by the 2nd
+    assert three(e.release_delay_ms) == (
+        50.0,
+        50.0,
+        50.0,
+    )  # 3 samples late, released by the 3rd
     assert three(e.compute_us) == (5.0, 5.0, 5.0)
     assert (e.threshold, "auc" in e.intervals) == (0.5, False)
     assert set(msgspec.json.decode(msgspec.json.encode(e))) == JSON_FIELDS
@@ -264,7 +272,7 @@ def streamed(slip: NDArray[np.bool_], p: NDArray[np.bool_], cause: str = "") -> 
     return Streamed(made, p.astype(float)[:, None], np.empty(0))
 
 
-def test_several_recordings_are_scored_as_one_and_false_events_by_their_cause() -> None:
+def test_metrics_pool_recordings_and_list_false_events_by_cause() -> None:
     caught = streamed(flags(300, 50, 250), flags(305, 45, 250))
     shaken = streamed(flags(600), flags(200, 10, 100, 10, 280), "tightening")
     e = evaluate_streams(Scripted(np.zeros(1)), RuleSettings(), [caught, shaken], "both")
@@ -275,13 +283,13 @@ def test_several_recordings_are_scored_as_one_and_false_events_by_their_cause() 
         "slide": 0.0, "tightening": pytest.approx(2 / (5.0 / 60)),
     }  # fmt: skip
     assert e.false_events_per_min == pytest.approx(2 / (9.5 / 60))
-    # one finger each: a hand has three, and three times the false events
+    # one finger each: a hand of three has three times the false events
     assert e.false_events_per_min_hand == pytest.approx(3 * 2 / (9.5 / 60))
     low, high = e.intervals["false_events_per_min"]
     assert (low, high) == (0.0, pytest.approx(2 / (5.0 / 60)))
 
 
-def test_the_other_label_is_scored_on_demand_and_missed_where_it_is_not_there() -> None:
+def test_another_label_can_be_scored_and_is_refused_if_it_is_missing() -> None:
     slip, slip_true = flags(200, 50, 50), flags(220, 30, 50)
     made = msgspec.structs.replace(recording(slip), slip_true=slip_true)
     results = [
@@ -296,12 +304,15 @@ def test_the_other_label_is_scored_on_demand_and_missed_where_it_is_not_there() 
         Streamed(recording(slip), np.zeros((300, 1)), np.empty(0), "slip_true").labels  # noqa: B018
 
 
-def test_hearing_the_pad_shear_before_the_contact_slides_is_early_and_not_false() -> None:
+def test_detection_of_pad_shear_before_sliding_is_early_and_not_false() -> None:
     slip, slip_true = flags(200, 50, 50), flags(210, 40, 50)
     made = msgspec.structs.replace(recording(slip), slip_true=slip_true)
-    said = flags(203, 47, 50).astype(float)[:, None]
+    output = flags(203, 47, 50).astype(float)[:, None]
     sheet = evaluate_streams(
-        Scripted(np.zeros(1)), RuleSettings(), [Streamed(made, said, np.empty(0), "slip_true")], "x"
+        Scripted(np.zeros(1)),
+        RuleSettings(),
+        [Streamed(made, output, np.empty(0), "slip_true")],
+        "x",
     )
     assert (sheet.missed_events, sheet.false_events) == (0, 0)
     assert three(sheet.delay_ms) == (-60.0, -60.0, -60.0)

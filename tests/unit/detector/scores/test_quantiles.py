@@ -1,4 +1,4 @@
-"""Quantiles: samples that occurred, exact ranks, and what never came."""
+"""Quantiles: nearest rank, and infinite samples."""
 
 import math
 
@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from detector.scores.quantiles import Quantiles, quantile, quantiles
 
 
-def test_quantiles_are_samples_that_occurred() -> None:
+def test_quantiles_are_samples() -> None:
     assert quantiles([3.0, 1.0, 2.0]) == Quantiles(3, 1.0, 2.0, 3.0, 3.0, 3.0)
     assert quantiles(np.arange(1.0, 101.0)) == Quantiles(100, 10.0, 50.0, 90.0, 99.0, 100.0)
 
 
-def test_what_never_came_is_infinity_and_null_in_json() -> None:
+def test_missing_sample_is_infinite_and_null_in_json() -> None:
     found = quantiles([1.0, 2.0, 3.0, None])
     assert found is not None
     assert (found.p50, found.p90) == (2.0, math.inf)

@@ -1,4 +1,4 @@
-"""The sweep: every point is the sheet's, the best keeps to its budget, the frontier only falls."""
+"""Sweep of decision rules: points agree with the evaluation, the best keeps to its budget."""
 
 import numpy as np
 import pytest
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, evaluate_streams
-from detector.scores.sweep import best, frontier, rules, sweep
+from detector.scores.sweep import best, pareto_front, rules, sweep
 from tests.unit.detector.scores.test_evaluation import Scripted, flags, times
 
 
 def noisy(seed: int, fingers: int = 1) -> Streamed:
-    """Slip is heard, with a lag, over a noise that at times sounds the same."""
+    """Delayed response to slip, with noise that sometimes looks like slip."""
     rng = np.random.default_rng(seed)
     slip = flags(300, 60, 400, 60, 300, 60, 200)
-    heard = np.convolve(slip, np.ones(6) / 6)[: len(slip)]
-    odds = 8 * heard - 4 + rng.normal(0, 2, len(slip)) + 5 * (rng.random(len(slip)) < 0.01)
+    response = np.convolve(slip, np.ones(6) / 6)[: len(slip)]
+    odds = 8 * response - 4 + rng.normal(0, 2, len(slip)) + 5 * (rng.random(len(slip)) < 0.01)
     p: NDArray[np.float64] = 1 / (1 + np.exp(-odds))
     counts = np.zeros((len(slip), fingers, 6), np.int16)
     made = Recording(times(len(slip)), counts, slip, None, "made")
@@ -26,7 +26,7 @@ def noisy(seed: int, fingers: int = 1) -> Streamed:
 STREAMS = [noisy(seed) for seed in range(3)]
 
 
-def test_a_point_is_what_the_sheet_says_of_its_rule() -> None:
+def test_sweep_point_equals_the_evaluation_of_its_rule() -> None:
     for p in sweep(STREAMS, list(rules(RuleSettings()))[::40]):
         sheet = evaluate_streams(Scripted(np.zeros(1)), p.rule, STREAMS, "made")
         assert p.false_per_min == sheet.false_events_per_min_hand
@@ -36,7 +36,7 @@ def test_a_point_is_what_the_sheet_says_of_its_rule() -> None:
         assert np.allclose(swept, (sheet.delay_ms.p50, sheet.delay_ms.p90, sheet.delay_ms.p99))
 
 
-def test_the_best_rule_keeps_to_the_budget_and_no_other_that_does_is_quicker() -> None:
+def test_best_rule_is_the_fastest_within_the_budget() -> None:
     points = sweep(STREAMS, rules(RuleSettings()))
     for budget in (0.0, 5.0, 60.0):
         chosen = best(points, budget)
@@ -47,15 +47,15 @@ def test_the_best_rule_keeps_to_the_budget_and_no_other_that_does_is_quicker() -
     assert best([], 1.0) is None
 
 
-def test_more_false_events_buy_less_delay_along_the_frontier() -> None:
-    line = frontier(sweep(STREAMS, rules(RuleSettings())))
+def test_delay_falls_with_false_events_on_the_pareto_front() -> None:
+    line = pareto_front(sweep(STREAMS, rules(RuleSettings())))
     rates, delays = [p.false_per_min for p in line], [p.delay_ms for p in line]
     assert len(line) > 3
     assert rates == sorted(rates)
     assert delays == sorted(delays, reverse=True)
 
 
-def test_a_finger_alone_counts_for_a_third_of_a_hand() -> None:
+def test_single_finger_counts_as_a_third_of_a_hand() -> None:
     rule = RuleSettings()
     (alone,), (hand,) = sweep([noisy(0)], [rule]), sweep([noisy(0, fingers=3)], [rule])
     assert alone.false_per_min == pytest.approx(3 * hand.false_per_min)

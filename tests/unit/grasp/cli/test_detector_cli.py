@@ -9,8 +9,8 @@ from detector.network_file import weights_path
 from detector.recordings import write
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
-from tests.unit.detector.networks import write_network
-from tests.unit.detector.toys import toys
+from tests.unit.detector.network_files import write_network
+from tests.unit.detector.toy_recordings import toys
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,9 @@ def test_no_warning_for_a_user_rule_or_packaged_weights(
     rule, copied = tmp_path / "rule.toml", tmp_path / "copied.onnx"
     rule.write_text("[rule]\nthreshold = 0.9\n")
     shutil.copy(weights_path("tcn"), copied)
-    shutil.copy(weights_path("tcn").with_name("tcn.heads.json"), tmp_path / "copied.heads.json")
+    shutil.copy(
+        weights_path("tcn").with_name("tcn.auxiliary.json"), tmp_path / "copied.auxiliary.json"
+    )
     for words in (
         ["--set", f"network.weights={lab}", "--config", str(rule)],
         ["--set", f"network.weights={lab}", "--set", "rule.threshold=0.9"],

@@ -26,7 +26,7 @@ class Training:
 
     def __init__(self) -> None:
         self.calls: list[str] = []
-        self.step, self.settings, self.stands_still = 2, SimpleNamespace(steps=2), False
+        self.step, self.settings, self.stalled = 2, SimpleNamespace(steps=2), False
 
     def resume(self, checkpoint: Path) -> None:
         self.calls.append(f"resume {checkpoint.name}")
@@ -119,5 +119,5 @@ def test_no_network_is_trained_on_an_incomplete_data_set(
     words = ["detector", "train", "tcn", "--data", str(tmp_path), "--out", str(out)]
     assert main(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"{tmp_path}: 0 of 84 recordings are there (`grasp dataset build` goes on" in line
+    assert f"{tmp_path}: 0 of 84 recordings exist (`grasp dataset build` continues" in line
     assert not list(tmp_path.glob("mine*"))

@@ -1,4 +1,4 @@
-"""What an acquisition leaves, however it ends: the recording of every run, and labelled samples."""
+"""Files of an acquisition, complete or ended early: recording and labelled samples."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ def acquired(runs: Path, on_tick: Any = lambda sample: None, seconds: float = 4.
     return acquire.run(config(), motion("0", 0.05, 1.0), 0, seconds, runs, False, on_tick)
 
 
-def test_a_run_leaves_a_folder_as_every_run_does(tmp_path: Path) -> None:
+def test_acquisition_writes_recording_result_and_samples(tmp_path: Path) -> None:
     finished = acquired(tmp_path)
     (folder,) = tmp_path.iterdir()
     assert folder.name.endswith("-acquire-planar")
@@ -43,17 +43,17 @@ def test_a_run_leaves_a_folder_as_every_run_does(tmp_path: Path) -> None:
     )
 
 
-def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
+def test_recording_has_the_whole_session_and_the_labelled_samples(
     tmp_path: Path,
 ) -> None:
-    seen: list[Sample] = []
-    finished = acquired(tmp_path, seen.append)
+    samples: list[Sample] = []
+    finished = acquired(tmp_path, samples.append)
     assert finished.recording is not None
     recording = RunRecording(Path(finished.recording), CHANNELS)
     frames, arms, presses, truths = (list(recording.of(t)) for t in (TACTILE, ARM, PRESS, TRUTH))
-    assert len(frames) == len(arms) == len(presses) == len(truths) == len(seen)
+    assert len(frames) == len(arms) == len(presses) == len(truths) == len(samples)
     assert presses[0][1].phase == PressPhase.APPROACH
-    assert [m.asked for _, m in presses] == [sample.asked for sample in seen]
+    assert [m.command for _, m in presses] == [sample.command for sample in samples]
     labelled = read(finished.recordings[0])
     last = np.array([m.counts[:6] for _, m in frames[-finished.samples :]])
     assert (labelled.counts[:, 0] == last).all()
@@ -61,19 +61,19 @@ def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
     assert msgspec.json.decode(recording.metadata["config"])["surface"]["name"] == "planar"
 
 
-def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: Path) -> None:
-    seen: list[Sample] = []
+def test_sigterm_keeps_the_recorded_data_and_stops_the_arm(tmp_path: Path) -> None:
+    samples: list[Sample] = []
 
     def end(sample: Sample) -> None:
-        seen.append(sample)
-        if len(seen) == 500:
+        samples.append(sample)
+        if len(samples) == 500:
             os.kill(os.getpid(), signal.SIGTERM)
 
     with signals.taken():
         finished = acquired(tmp_path, end, seconds=20.0)
     assert finished.outcome is AcquireOutcome.INTERRUPTED
     assert finished.failure is not None and finished.failure.end is not None
-    assert finished.failure.message == f"terminated (SIGTERM) in phase {seen[-1].phase}"
+    assert finished.failure.message == f"terminated (SIGTERM) in phase {samples[-1].phase}"
     assert finished.failure.end.arm == "the arm stands"
     assert finished.recording is not None
     recording = RunRecording(Path(finished.recording), CHANNELS)
@@ -82,7 +82,7 @@ def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: P
     assert len(read(finished.recordings[0]).t_s) == finished.samples > 100
 
 
-def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
+def test_pause_of_the_process_splits_the_labelled_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     patient = ("tactile.stale_after_missed=20", "arm.stale_after_s=1.0")
@@ -90,20 +90,20 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     ticks = 0
 
     @contextmanager
-    def remembered(*given: Any) -> Iterator[PressRig]:
+    def opened(*given: Any) -> Iterator[PressRig]:
         with open_acquire_rig(*given) as rig:
             clocks.append(rig.clock)
             yield rig
 
-    def stand_still(tick: Sample) -> None:
+    def pause(tick: Sample) -> None:
         nonlocal ticks
         ticks += 1
         if ticks == 500:
             clocks[0].sleep_until_ns(clocks[0].now_ns + 150_000_000)
 
-    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
+    monkeypatch.setattr(acquire, "open_acquire_rig", opened)
     finished = acquire.run(
-        config("planar", *patient), motion("0", 0.05, 1.0), 0, 6.0, tmp_path, False, stand_still
+        config("planar", *patient), motion("0", 0.05, 1.0), 0, 6.0, tmp_path, False, pause
     )
     assert finished.failure is None
     parts = [read(path) for path in finished.recordings]
@@ -113,17 +113,17 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     assert 14 <= finished.missed_periods <= 15 and finished.repeated < 60
 
 
-def striking(sample: Sample) -> None:
-    """A bug in what watches, in the midst of a stroke."""
+def failing(sample: Sample) -> None:
+    """An observer that raises during a stroke."""
     if sample.phase is PressPhase.STROKE and abs(sample.arm.velocity_mps[0]) > 0.02:
-        raise ZeroDivisionError("in what watches")
+        raise ZeroDivisionError("in the observer")
 
 
-def test_bug_of_ours_ends_a_session_as_a_fault_does_and_the_arm_stands(tmp_path: Path) -> None:
-    finished = acquired(tmp_path, striking)
+def test_internal_error_ends_a_session_and_stops_the_arm(tmp_path: Path) -> None:
+    finished = acquired(tmp_path, failing)
     assert finished.outcome is AcquireOutcome.INTERNAL_ERROR
     assert finished.samples > 0
-    assert finished.bug is not None and "in what watches" in finished.bug.traceback
+    assert finished.bug is not None and "in the observer" in finished.bug.traceback
     assert finished.failure is not None and finished.failure.end is not None
     assert finished.failure.kind == "internal"
     assert finished.failure.end.arm == "the arm stands"

@@ -1,4 +1,4 @@
-"""Acquisition on the simulated rig: force held by the fingertip, strokes, and both labels."""
+"""Acquisition on the simulated rig: force control, strokes, and both labels."""
 
 from typing import Any
 
@@ -48,7 +48,7 @@ def edges(label: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("surface", ["sphere", "cylinder-x"])
-def test_the_fingertips_own_estimate_holds_the_force(surface: str) -> None:
+def test_force_is_controlled_by_the_estimate_of_the_fingertip(surface: str) -> None:
     made, _ = session(surface=surface)
     estimates = np.array([tick.force_n for tick in made.ticks])
     true = np.array([tick.truth.normal_n for tick in made.ticks if tick.truth])
@@ -67,8 +67,7 @@ def test_the_label_follows_the_fingertips_velocity(plain: tuple[Session, Recordi
 def test_the_contact_slides_later_than_the_fingertip_moves(
     plain: tuple[Session, Recording],
 ) -> None:
-    """The pad is sheared first, and the mount dragged along: true slip begins after the label, by
-    less than 150 ms."""
+    """The pad is sheared first, so true slip starts after the label, by less than 150 ms."""
     _, r = plain
     assert r.slip_true is not None
     starts = np.flatnonzero(np.diff(r.slip.astype(int)) == 1) + 1
@@ -99,7 +98,7 @@ def test_the_arm_stops_when_the_fingertips_fall_silent() -> None:
         assert not rig.cell.arm.moving(rig.clock.now_ns)
 
 
-def test_hardware_needs_a_calibration_of_its_own() -> None:
+def test_hardware_needs_a_calibration() -> None:
     hardware = load_acquire_config("planar", "hardware")
     with pytest.raises(ConfigError, match="counts_per_newton"):
         counts_per_newton(hardware, 0)

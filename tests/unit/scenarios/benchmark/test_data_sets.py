@@ -1,4 +1,4 @@
-"""Data sets that are not all there, folders of several, and labelled recordings by their folder."""
+"""Incomplete data sets, and labelled recordings by their folder."""
 
 import json
 from pathlib import Path
@@ -10,16 +10,16 @@ from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import INDEX
 from scenarios.benchmark.data_sets import require_whole
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.toy_recordings import toy, toys
 
-THERE = 9
-GO_ON = "`grasp dataset build` goes on with it"
+PRESENT = 9
+CONTINUE = "`grasp dataset build` continues it"
 
 
 def filled(folder: Path) -> Path:
-    """As somebody put it together: recordings, and nothing that says how many."""
+    """A folder of recordings without an index."""
     for split in ("train", "validation", "test"):
-        for recording in toys(split, THERE // 3, 0):  # type: ignore[arg-type]
+        for recording in toys(split, PRESENT // 3, 0):  # type: ignore[arg-type]
             path = folder / split / f"{recording.source}.npz"
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path, recording)
@@ -27,27 +27,27 @@ def filled(folder: Path) -> Path:
 
 
 def built(folder: Path, of: int) -> Path:
-    """As `grasp dataset build` left it, which was to make so many."""
+    """A folder of `grasp dataset build` with ``of`` planned recordings."""
     filled(folder)
     index = {"digest": "0", "commit": "0", "recordings": of, "dataset": {}}
     (folder / INDEX).write_text(json.dumps(index))
     return folder
 
 
-def test_nothing_learns_from_a_data_set_that_is_not_all_there(tmp_path: Path) -> None:
-    whole, half = built(tmp_path / "whole", THERE), built(tmp_path / "half", 84)
+def test_incomplete_data_set_is_refused_for_training(tmp_path: Path) -> None:
+    whole, half = built(tmp_path / "whole", PRESENT), built(tmp_path / "half", 84)
     require_whole([whole])
-    with pytest.raises(BadFile, match="half: 9 of 84 recordings are there") as refused:
+    with pytest.raises(BadFile, match="half: 9 of 84 recordings exist") as refused:
         require_whole([whole, half])
-    assert GO_ON in refused.value.remedy
+    assert CONTINUE in refused.value.remedy
     (half / INDEX).unlink()
     require_whole([whole, half])
 
 
-def test_an_acquisition_is_scored_by_its_folder(
+def test_acquisition_is_evaluated_by_its_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whole, or cut where too many samples were missing."""
+    """With one file, or several split where too many samples were missing."""
     words = ["detector", "evaluate", "energy", "--recording"]
     for number, name in enumerate(("samples-1.npz", "samples-2.npz"), 1):
         write(tmp_path / name, toy(number, "test"))

@@ -1,4 +1,4 @@
-"""What an evaluation keeps for its page: every slip, and the worst of them as traces."""
+"""Evaluation files: slips, and traces of the worst ones."""
 
 from pathlib import Path
 
@@ -18,18 +18,17 @@ from scenarios.benchmark.evaluation_file import (
     trace,
 )
 from scenarios.benchmark.scoring import contender
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 RULE = RuleSettings(kind="consecutive", consecutive=1, threshold=0.5, fusion="any", release=1)
 
 
-def streamed(heard: dict[int, int]) -> Streamed:
-    """Two slips, of 50 samples from 200 and 400 on, at 50 mm/s; each is heard so many samples
-    late."""
+def streamed(delays: dict[int, int]) -> Streamed:
+    """Two slips, of 50 samples from 200 and 400 on, at 50 mm/s; detected after ``delays``."""
     slip = np.zeros(600, bool)
     slip[200:250] = slip[400:450] = True
     p = np.full((600, 1), 0.1)
-    for onset, late in heard.items():
+    for onset, late in delays.items():
         p[onset + late : onset + 50] = 0.9
     counts = np.zeros((600, 1, 6), np.int16)
     counts[200:, :, 0] = -30
@@ -40,7 +39,7 @@ def streamed(heard: dict[int, int]) -> Streamed:
     return Streamed(recording, p, np.zeros(0))
 
 
-def test_a_trace_is_of_the_samples_around_its_slip_pressing_upwards() -> None:
+def test_trace_has_the_samples_around_its_slip_with_positive_pressing() -> None:
     one = streamed({200: 7})
     (slip, _) = scored_slips(one, RULE)
     shown = trace(one, slip, RULE)
@@ -51,7 +50,7 @@ def test_a_trace_is_of_the_samples_around_its_slip_pressing_upwards() -> None:
     assert shown.slipping == [(0.0, pytest.approx(0.5))]
 
 
-def test_slips_and_misses_are_those_of_the_sheet() -> None:
+def test_slips_and_misses_equal_those_of_the_evaluation() -> None:
     made = contender("psd-fair", toys("test", 4, 50), "toys")
     sheet = made.evaluation()
     kept = evaluated(made, sheet)
@@ -60,7 +59,7 @@ def test_slips_and_misses_are_those_of_the_sheet() -> None:
     assert kept.choices
 
 
-def test_a_file_is_read_as_it_was_written_and_another_is_refused(tmp_path: Path) -> None:
+def test_evaluation_file_is_read_back_and_another_file_is_refused(tmp_path: Path) -> None:
     made = contender("energy", toys("test", 2, 50), "toys")
     file = EvaluationFile(
         data="toys", label="slip", command="grasp", versions={},
@@ -70,5 +69,5 @@ def test_a_file_is_read_as_it_was_written_and_another_is_refused(tmp_path: Path)
     path.write_bytes(msgspec.json.encode(file))
     assert read_evaluation(path) == file
     path.write_text('{"format": "something"}')
-    with pytest.raises(BadFile, match="is no evaluation"):
+    with pytest.raises(BadFile, match="is not an evaluation"):
         read_evaluation(path)

@@ -1,4 +1,4 @@
-"""From a lab's own recordings to a rule: a long lift, and a file of counts."""
+"""Label-free calibration of a rule on the recording of a hold."""
 
 import json
 import re
@@ -11,13 +11,13 @@ import pytest
 
 from detector.recordings import write
 from grasp.cli.main import main
-from tests.unit.detector.toys import toy
+from tests.unit.detector.toy_recordings import toy
 
 
-def held(path: Path, restless: float) -> Path:
-    """Three fingers that press for 50 s, as restlessly (counts), and open."""
+def write_hold(path: Path, noise: float) -> Path:
+    """Three fingers that press for 50 s with that noise (counts), then open."""
     n = 6000
-    counts = np.random.default_rng(0).normal(0.0, restless, (n, 3, 6))
+    counts = np.random.default_rng(0).normal(0.0, noise, (n, 3, 6))
     counts[200:5500] -= 60.0
     one = toy(0, "test")
     made = msgspec.structs.replace(
@@ -30,27 +30,27 @@ def held(path: Path, restless: float) -> Path:
 
 @pytest.fixture
 def hold(tmp_path: Path) -> Path:
-    return held(tmp_path / "hold.npz", 1.5)
+    return write_hold(tmp_path / "hold.npz", 1.5)
 
 
-def test_a_rule_without_labels_is_toml_that_the_next_run_takes(
+def test_calibrated_rule_is_a_settings_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hold = held(tmp_path / "restless.npz", 20.0)
+    hold = write_hold(tmp_path / "noisy.npz", 20.0)
     assert main(["detector", "tune", "energy", "--unlabelled", str(hold)]) == 0
     text = capsys.readouterr().out
     assert "load_counts" in text and "is kept" not in text
     rule = tomllib.loads(text)["rule"]
-    own = tmp_path / "own.toml"
-    own.write_text(text)
-    words = ["detector", "evaluate", "energy", "--recording", str(hold), "--config", str(own)]
+    rule_file = tmp_path / "rule.toml"
+    rule_file.write_text(text)
+    words = ["detector", "evaluate", "energy", "--recording", str(hold), "--config", str(rule_file)]
     assert main([*words, "--json"]) == 0
     sheet = json.loads(capsys.readouterr().out)
-    assert 0.5 < rule["threshold"] < 1.0  # higher than the packaged one: this hand is restless
-    assert sheet["registered_events"] <= 4  # a budget of one a minute, and the hand's own motion
+    assert 0.5 < rule["threshold"] < 1.0  # above the packaged one, because of the noise
+    assert sheet["registered_events"] <= 4  # a budget of one a minute, and the hand's motion
 
 
-def test_a_calm_hold_takes_no_rule_below_the_one_that_is_there(
+def test_calibrated_threshold_is_not_below_the_configured_one(
     hold: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["detector", "tune", "energy", "--unlabelled", str(hold)]) == 0

@@ -1,4 +1,4 @@
-"""Recordings that are read to be scored."""
+"""Reading of recordings for scoring, and evidence of a rule."""
 
 from pathlib import Path
 
@@ -8,8 +8,8 @@ import pytest
 
 from detector.recordings import Recording, write
 from scenarios.benchmark.scoring import contender, evidence, read_split
-from tests.unit.detector.impact_toys import struck
-from tests.unit.detector.toys import toy, toys
+from tests.unit.detector.impact_recordings import impact_recording
+from tests.unit.detector.toy_recordings import toy, toys
 from tests.unit.scenarios.conftest import EAGER
 
 
@@ -24,22 +24,22 @@ def cut(recording: Recording, samples: int) -> Recording:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """One whole recording, and one of which nothing is scored."""
+    """A complete recording, and one that is too short."""
     write(tmp_path / "whole.npz", toy(1, "test"))
     write(tmp_path / "short.npz", cut(toy(2, "test"), 65))
     return tmp_path
 
 
-def test_a_recording_too_short_to_be_scored_is_left_out_and_told(folder: Path) -> None:
-    told: list[str] = []
-    (found,) = read_split([folder], "test", told.append)
+def test_recording_too_short_to_be_scored_is_left_out_and_reported(folder: Path) -> None:
+    lines: list[str] = []
+    (found,) = read_split([folder], "test", lines.append)
     assert found.source.endswith("whole.npz")
-    (line,) = told
+    (line,) = lines
     assert "1 recordings of at most 100 samples" in line
 
 
-def test_a_rule_evidence_the_slips_that_it_was_judged_by_and_on_no_tap() -> None:
-    taps = [struck((3.0, 0.003), n=500)]
+def test_evidence_of_a_rule_counts_slips_without_taps() -> None:
+    taps = [impact_recording((3.0, 0.003), n=500)]
     slips = toys("test", 2, 0)
     rule = contender("energy", slips, "test", assignments=[EAGER]).config.rule
     alone, both = (

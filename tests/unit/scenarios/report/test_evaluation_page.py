@@ -9,7 +9,7 @@ from scenarios.benchmark.evaluation_file import EvaluationFile, evaluated
 from scenarios.benchmark.scoring import contender
 from scenarios.report.evaluation_page import evaluation_page
 from scenarios.report.page import BOTTOM, LEFT, RIGHT, TOP
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toy_recordings import toys
 
 
 def made(path: Path, names: tuple[str, ...] = ("energy", "psd-fair"), data: str = "toys") -> Path:

@@ -21,7 +21,7 @@ LEFT_OUT = {
     "psd",
     "psd_fair",
     "network",
-    "own",
+    "plugin",
 }  # `energy` is asked for
 
 

@@ -1,4 +1,4 @@
-"""Data sets: the plan of the paper's, equal builds, and builds that were ended go on."""
+"""Building of data sets: the paper's distribution, and continued builds."""
 
 from collections import Counter
 from pathlib import Path
@@ -54,7 +54,7 @@ def few(paper: DatasetConfig) -> list[Job]:
     return [small[0], small[40], small[-1]]
 
 
-def test_the_papers_set_is_distributed_as_table_1_says(jobs: list[Job]) -> None:
+def test_paper_data_set_has_the_distribution_of_table_1(jobs: list[Job]) -> None:
     samples: Counter[tuple[str, float, str]] = Counter()
     for job in jobs:
         speed = job.motion.speed_mps or job.motion.spin_radps
@@ -87,9 +87,7 @@ def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
     assert plan(paper) == jobs
 
 
-def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
-    tmp_path: Path, few: list[Job]
-) -> None:
+def test_continued_build_makes_equal_missing_recordings(tmp_path: Path, few: list[Job]) -> None:
     build(few, {}, tmp_path / "set", HERE, quiet)
     path = tmp_path / "set" / few[1].path
     before = path.read_bytes()

@@ -1,4 +1,4 @@
-"""A lab's own recordings as a data set that training and tuning take."""
+"""Collecting recordings of a lab into a data set for training and tuning."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ import pytest
 
 from detector.recordings import read_dataset, write
 from grasp.cli.main import main
-from tests.unit.detector.toys import toy
+from tests.unit.detector.toy_recordings import toy
 
 ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" for k in range(9))
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> list[str]:
-    """Two acquisitions, one of them cut in two, and a file from elsewhere."""
+def sources(tmp_path: Path) -> list[str]:
+    """Two acquisitions, one of them split, and a CSV file."""
     for seed, name in enumerate(("one/samples.npz", "two/samples-1.npz", "two/samples-2.npz")):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
@@ -22,26 +22,28 @@ def own(tmp_path: Path) -> list[str]:
     return [str(tmp_path / name) for name in ("one", "two", "else.csv")]
 
 
-def test_each_recording_is_of_one_split_and_all_splits_are_there(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_each_recording_has_one_split_and_every_split_has_recordings(
+    sources: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "own"
-    assert main(["dataset", "collect", *own, "--out", str(out)]) == 0
+    out = tmp_path / "set"
+    assert main(["dataset", "collect", *sources, "--out", str(out)]) == 0
     assert "2 for train, 1 for validation, 1 for test" in capsys.readouterr().out
     sizes = [len(read_dataset(out, split)) for split in ("train", "validation", "test")]
     assert sizes == [2, 1, 1] and len(read_dataset(out)) == 4
     assert main(["detector", "tune", "energy", "--data", str(out), "--budget", "60"]) == 0
 
 
-def test_one_recording_by_two_names_is_refused(
-    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_duplicate_recordings_are_refused(
+    sources: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its copies would be in two splits, and what is tested on would have been learnt from."""
+    """Otherwise one recording could be in the training and the test split."""
     (tmp_path / "link").symlink_to(tmp_path / "one")
-    told = {
-        tmp_path / "one" / "samples.npz": "is given twice, itself or in its folder",
+    problems = {
+        tmp_path / "one" / "samples.npz": "is given twice, by itself or in its folder",
         tmp_path / "link": "is the same recording as",
     }
-    for again, how in told.items():
-        assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
-        assert how in capsys.readouterr().err
+    for again, problem in problems.items():
+        assert (
+            main(["dataset", "collect", *sources, str(again), "--out", str(tmp_path / "set")]) == 2
+        )
+        assert problem in capsys.readouterr().err

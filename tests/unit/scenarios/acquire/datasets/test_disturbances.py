@@ -1,27 +1,29 @@
-"""Impacts found on the contact law: what just moves an object, and what only swings it."""
+"""Impulses found by simulation: the threshold of motion, and that of the mallet."""
 
 import numpy as np
 import pytest
 
-from scenarios.acquire.datasets.causes import bare_config
-from scenarios.acquire.datasets.disturbances import AIM_M, JUST_M, GripTrials
-from scenarios.acquire.datasets.drawn_objects import body_ranges, draw_object
+from scenarios.acquire.datasets.causes import base_lift_config
+from scenarios.acquire.datasets.disturbances import AIM_M, MOVED_M, GripTrials
+from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
 
 
 @pytest.fixture(scope="module")
 def bench() -> GripTrials:
-    config, rng = bare_config(""), np.random.default_rng(3)
-    body = draw_object(
-        body_ranges("straight"), None, config.contact, config.hand.m_per_count, 20.0, rng
+    config, rng = base_lift_config(""), np.random.default_rng(3)
+    body = random_object(
+        shape_ranges("straight"), None, config.contact, config.hand.m_per_count, 20.0, rng
     )
     return GripTrials(body, config.contact, config.guard.full_grip_n, False, rng)
 
 
 @pytest.mark.parametrize("direction", ["top", "side"])
-def test_what_just_moves_it_does_and_a_little_less_does_not(
+def test_threshold_impulse_moves_the_object_and_a_lower_one_does_not(
     bench: GripTrials, direction: str
 ) -> None:
-    known = bench.impulses(direction)
-    assert bench.tried(bench.impact(direction, known.just))[1] >= JUST_M
-    assert bench.tried(bench.impact(direction, 0.95 * known.just))[1] < JUST_M
-    assert bench.tried(bench.impact(direction, known.aim))[1] == pytest.approx(AIM_M, rel=0.15)
+    impulses = bench.impulses(direction)
+    assert bench.simulate_impact(bench.impact(direction, impulses.threshold))[1] >= MOVED_M
+    assert bench.simulate_impact(bench.impact(direction, 0.95 * impulses.threshold))[1] < MOVED_M
+    assert bench.simulate_impact(bench.impact(direction, impulses.mallet))[1] == pytest.approx(
+        AIM_M, rel=0.15
+    )

@@ -1,4 +1,4 @@
-"""Fingertips of eight taxels, from the acquisition to a lift; a detector of six is refused."""
+"""Fingertips of eight taxels: data sets, lifts, and refused detectors of six taxels."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def test_a_data_set_has_recordings_of_the_layout_that_it_names(folder: Path) -> 
         assert (r.counts.std(axis=0) > 0.1).all()  # every taxel has its own noise
 
 
-def test_a_detector_of_another_layout_is_refused_by_its_name(folder: Path) -> None:
+def test_detector_of_another_layout_is_refused(folder: Path) -> None:
     made = read_dataset(folder)
     for name in ("gru", "tcn-paper", "psd"):
         with pytest.raises(UsageError, match=f"'{name}' was made for fingertips of 6 taxels"):

@@ -1,4 +1,4 @@
-"""A data set names surfaces, bodies and layouts of one's own by the paths of their files."""
+"""Data sets with the user's surfaces and layouts, given by the paths of their files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, load_dataset_config, plan
 from scenarios.rigs.workers import Workers
 
-Own = Callable[..., Path]
+Copy = Callable[..., Path]
 STROKES = """name = "mine"
 seed = 9
 static_samples = 300
@@ -31,8 +31,8 @@ percent = {{ {} }}
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Own:
-    """Writes a packaged thing under another name, in a folder of its own."""
+def copy(tmp_path: Path) -> Copy:
+    """Writes a copy of a packaged settings file under another name."""
     folder = tmp_path / "things"
     folder.mkdir()
 
@@ -55,9 +55,9 @@ def made(jobs: list[Job], out: Path) -> int:
     return datasets.build(jobs, {}, out, Workers(0), lambda done, total: None)
 
 
-def test_strokes_on_a_surface_and_with_a_layout_of_ones_own(own: Own, tmp_path: Path) -> None:
-    own("surfaces", "sphere", "dome")
-    own("layouts", "eight", "two-rows")
+def test_strokes_on_a_user_surface_with_a_user_layout(copy: Copy, tmp_path: Path) -> None:
+    copy("surfaces", "sphere", "dome")
+    copy("layouts", "eight", "two-rows")
     words = '"things/dome.toml" = 1.0, planar = 1.0'
     path = data_set(tmp_path, words, 'layout = "things/two-rows.toml"\n')
     config = load_dataset_config(path)

@@ -1,4 +1,4 @@
-"""What a data set's plan keeps apart: splits, seeds and textures; and what may not be held."""
+"""Plans of data sets: separate seeds and textures of splits, and refused settings."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -15,7 +15,7 @@ from scenarios.acquire.datasets.plan import (
     Job,
     load_dataset_config,
     plan,
-    pressing,
+    press_config,
     reduced,
 )
 from scenarios.rigs.simulated import any_cell
@@ -35,7 +35,7 @@ def of_split(jobs: list[Job], split: str) -> list[Job]:
 
 
 @pytest.mark.parametrize("name", ["paper", "mallet"])
-def test_no_seed_of_one_split_comes_again_in_another_whatever_the_sets_size(name: str) -> None:
+def test_splits_have_different_seeds_at_any_size_of_the_set(name: str) -> None:
     every = [job for share in (0.05, 0.31, 1.0) for job in jobs_of(name, share)]
     seeds = {
         split: {job.metadata.seed for job in of_split(every, split)}
@@ -52,27 +52,27 @@ def test_seeds_are_unique_over_all_sets_and_above_those_of_trials() -> None:
     assert min(every) >= SEEDS
 
 
-def test_textures_of_training_are_none_of_those_of_the_test(
+def test_splits_have_different_textures(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    drawn: list[bytes] = []
+    textures: list[bytes] = []
     make = fingertip.height_field
 
     def noted(surface: Surface, rng: np.random.Generator) -> tuple[np.ndarray, float]:
         field, step = make(surface, rng)
-        drawn.append((field / field.std()).round(3).tobytes())  # whatever its height
+        textures.append((field / field.std()).round(3).tobytes())  # independent of its height
         return field, step
 
     monkeypatch.setattr(fingertip, "height_field", noted)
     found: dict[str, set[bytes]] = {}
     for job in (job for name in SETS for job in some_of_each_split(jobs_of(name, 0.3))):
-        drawn.clear()
+        textures.clear()
         if job.metadata.cause in GRASPED:
-            any_cell(lift_config(job.metadata, job.acts, turns=False), job.metadata.seed)
+            any_cell(lift_config(job.metadata, job.disturbances, turns=False), job.metadata.seed)
         else:
-            any_cell(pressing(job.surface, ""), job.metadata.seed)
-        found.setdefault(job.metadata.split, set()).update(drawn)
-        assert len(set(drawn)) == len(drawn)
+            any_cell(press_config(job.surface, ""), job.metadata.seed)
+        found.setdefault(job.metadata.split, set()).update(textures)
+        assert len(set(textures)) == len(textures)
     assert min(map(len, found.values())) > 8
     assert not found["train"] & (found["test"] | found["validation"])
     assert not found["validation"] & found["test"]
@@ -93,12 +93,10 @@ GRASP = '[[causes]]\ncause = "grasped_slip"\non = ["straight"]\nshare = 1\nsecon
 
 
 @pytest.mark.parametrize("where", ["randomise", "causes"])
-def test_no_draw_takes_an_object_back_to_those_of_the_experiments(
-    where: str, tmp_path: Path
-) -> None:
-    """The margin is kept where an object is drawn; what is replaced afterwards would not be."""
+def test_ranges_of_a_held_object_outside_its_shape_are_refused(where: str, tmp_path: Path) -> None:
+    """A range that replaces a property of the random object could violate the margin."""
     of_the_can = '"object.mass_kg" = [0.3, 0.3]'
     more = f"randomise = {{ {of_the_can} }}" if where == "causes" else f"[randomise]\n{of_the_can}"
     with pytest.raises(ConfigError) as caught:
         load_dataset_config(written(tmp_path, GRASP.format("[1, 2]") + more))
-    assert "config/bodies" in f"{caught.value} {caught.value.allowed}"
+    assert "config/object_shapes" in f"{caught.value} {caught.value.allowed}"

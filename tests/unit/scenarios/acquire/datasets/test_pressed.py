@@ -1,4 +1,4 @@
-"""Pressed disturbances: the fingertip is shaken; only true motion of the contact is labelled."""
+"""Pressed disturbances: only true motion of the contact is labelled as slip."""
 
 import msgspec
 import numpy as np
@@ -20,8 +20,8 @@ def jobs() -> list[Job]:
 
 def first(jobs: list[Job], cause: str, **parameters: float) -> Recording:
     job = next(job for job in jobs if job.metadata.cause == cause)
-    drawn = {**job.metadata.parameters, **parameters}
-    metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
+    values = {**job.metadata.parameters, **parameters}
+    metadata = msgspec.structs.replace(job.metadata, parameters=values)
     return make(msgspec.structs.replace(job, metadata=metadata))
 
 
@@ -30,7 +30,7 @@ def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) ->
     r = first(jobs, cause)
     assert r.slip_true is not None
     assert not r.slip.any()
-    assert r.slip_true.mean() < 0.03  # a shaken pad may slide for moments, there and back
+    assert r.slip_true.mean() < 0.03  # a vibrating pad may slide for moments
     assert r.metadata is not None
     assert (r.metadata.set, r.metadata.cause) == ("disturbances", cause)
 
@@ -40,6 +40,6 @@ def test_strokes_under_lost_samples_slip_half_a_millimetre_and_more(jobs: list[J
     assert r.slip_true is not None and r.contact_speed_mps is not None
     assert not (r.slip & ~r.slip_true).any()
     edges = np.flatnonzero(np.diff(r.slip, prepend=False, append=False)).reshape(-1, 2)
-    ways = [r.contact_speed_mps[a:b].sum() * 0.01 for a, b in edges]
-    assert len(ways) >= 3
-    assert min(ways) > 0.0004
+    distances = [r.contact_speed_mps[a:b].sum() * 0.01 for a, b in edges]
+    assert len(distances) >= 3
+    assert min(distances) > 0.0004

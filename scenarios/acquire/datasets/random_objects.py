@@ -1,10 +1,9 @@
-"""Objects that training touches, drawn from stated ranges, none of them near an object of the
-experiments; and how near a surface is to one.
+"""Random objects for training data, all distinct from the objects of the experiments.
 
-How near is a distance in the space of normalised properties (``SCALES``): the root of the summed
-squares of differences, each as a share of its property's stated span, some of them in the
-logarithm. Objects have all the properties, surfaces those that a fingertip can feel. ``MARGIN`` is
-kept from every object of config/objects and from those kept for testing alike.
+The distance of two objects is Euclidean in the space of normalised properties (``SCALES``): each
+difference is divided by the span of its property, some on a logarithmic scale. Surfaces only have
+the properties that a fingertip can measure. Training objects keep a distance of ``MARGIN`` from all
+objects of config/objects and from those reserved for testing.
 """
 
 import itertools
@@ -29,8 +28,8 @@ from scenarios.world.settings import (
 
 Range = tuple[float, float]
 Forces = tuple[float, float, float]  # of each finger, N
-MARGIN = 0.35  # as the can and the box are apart, the two most alike of the six
-# Span of each property, and whether in the logarithm; curvatures 1/m, upwards and around.
+MARGIN = 0.35  # distance of can and box, the most similar pair of the six objects
+# Span of each property, and whether it is logarithmic; curvatures 1/m, upwards and around.
 SCALES = {
     "half_width_m": (0.02, 0.065, False),
     "mass_kg": (0.05, 1.0, True),
@@ -42,16 +41,16 @@ SCALES = {
     "curved_around": (0.0, 30.0, False),
 }
 MASS = "mass_kg"
-NEAR_COUNTS, ASIDE_COUNTS = 6, 1  # grips tried: past first contact; a finger from another
-LEAST_N = (0.75, 0.3, 0.3)  # of a first grip: variation between trials takes some of it away
-CARRIED = 1.5  # times its weight, by a full grip, so that an impact does not simply knock it out
-MOST_TRIES = 1000
+NEAR_COUNTS, ASIDE_COUNTS = 6, 1  # search range: past first contact; between two fingers
+MIN_GRIP_N = (0.75, 0.3, 0.3)  # forces of a first grip, with a reserve for variation of trials
+CARRIED = 1.5  # friction of a full grip over the weight, so that an impact does not eject it
+MAX_TRIES = 1000
 LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
 
 
-class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Ranges of one kind of object, from config/bodies. ``LOGARITHMIC`` ones are drawn evenly in
-    the logarithm, the others evenly."""
+class ShapeRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Ranges of one object shape, from config/object_shapes: log-uniform for ``LOGARITHMIC``
+    properties, uniform for the others."""
 
     name: Name
     shape: Literal["straight", "ellipsoid"]
@@ -75,11 +74,11 @@ class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     def __post_init__(self) -> None:
         for name, (low, high) in self.ranges().items():
             if low > high or (name in (*LOGARITHMIC, "thumb_n") and low <= 0.0):
-                raise ValueError(f"{name}: {low:g} to {high:g} is no range, or has no logarithm")
+                raise ValueError(f"{name}: {low:g} to {high:g} is not a range, or has no logarithm")
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    body: BodyRanges
+    shape: ShapeRanges
 
 
 class _Objects(msgspec.Struct, frozen=True):
@@ -87,20 +86,20 @@ class _Objects(msgspec.Struct, frozen=True):
 
 
 @cache
-def body_ranges(name: str) -> BodyRanges:
-    """By its name in config/bodies, or the path of a file; raises ConfigError."""
-    return load(_File, [item_layer("bodies", "body", name)]).body
+def shape_ranges(name: str) -> ShapeRanges:
+    """Ranges by the name in config/object_shapes, or the path of a file. Raises ConfigError."""
+    return load(_File, [item_layer("object_shapes", "shape", name)]).shape
 
 
 @cache
-def kept_away() -> tuple[GraspObject, ...]:
-    """Every object of the experiments, and those kept for testing."""
+def excluded_objects() -> tuple[GraspObject, ...]:
+    """All objects of the experiments, and those reserved for testing."""
     every = [*names("objects"), *names(f"objects/{UNSEEN}")]
     return tuple(load(_Objects, [named_layer("objects", name)]).object for name in every)
 
 
 def distance(one: dict[str, Range], other: dict[str, Range]) -> float:
-    """Between what both have; a property is an interval, and within it there is no distance."""
+    """Distance in the common properties; overlapping ranges have distance 0."""
     squares = 0.0
     for name in one.keys() & other.keys():
         low, high, logarithmic = SCALES[name]
@@ -111,8 +110,8 @@ def distance(one: dict[str, Range], other: dict[str, Range]) -> float:
     return math.sqrt(squares)
 
 
-def of_object(body: GraspObject) -> dict[str, Range]:
-    """Properties of an object, of any mass from its own to that with its added weights."""
+def object_properties(body: GraspObject) -> dict[str, Range]:
+    """Properties of an object; its mass is the range up to that with added weights."""
     up, around = 0.0, 0.0
     if body.shape == "ellipsoid":
         up, around = body.half_width_m / body.half_height_m**2, 1.0 / body.half_width_m
@@ -121,8 +120,8 @@ def of_object(body: GraspObject) -> dict[str, Range]:
     return _points(found) | {MASS: (body.mass_kg, body.total_kg)}
 
 
-def of_surface(surface: FixedSurface) -> dict[str, Range]:
-    """Those of a fixed surface; upwards is along the fingertip's x."""
+def surface_properties(surface: FixedSurface) -> dict[str, Range]:
+    """Properties of a fixed surface; upwards is along the fingertip's x."""
     found = {name: getattr(surface, name) for name in SCALES if hasattr(surface, name)}
     radii = {"curved_up": surface.radius_x_m, "curved_around": surface.radius_y_m}
     found["wall_stiffness_npm"] = WALL_STIFFNESS_NPM
@@ -133,57 +132,60 @@ def _points(values: dict[str, float]) -> dict[str, Range]:
     return {name: (value, value) for name, value in values.items()}
 
 
-def far(properties: dict[str, Range]) -> bool:
-    """Is it no nearer than MARGIN to any object of the experiments?"""
-    return all(distance(properties, of_object(body)) >= MARGIN for body in kept_away())
+def is_distinct(properties: dict[str, Range]) -> bool:
+    """Whether the distance to every object of the experiments is at least MARGIN."""
+    return all(
+        distance(properties, object_properties(body)) >= MARGIN for body in excluded_objects()
+    )
 
 
-def draw_object(
-    ranges: BodyRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
+def random_object(
+    ranges: ShapeRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
     full_grip_n: float, rng: np.random.Generator,
 ) -> GraspObject:  # fmt: skip
-    """An object far from those of the experiments. With ``load_share`` it weighs so much of what
-    friction carries in its first grip; without, what its ranges say, and a full grip carries it."""
-    for _ in range(MOST_TRIES):
-        body = _drawn(ranges, rng)
-        grip = first_grip(body, hand, m_per_count, _between(ranges.thumb_n, rng, True))
+    """Random object distinct from those of the experiments. With ``load_share``, its weight is that
+    share of the friction of its first grip. Otherwise a full grip carries it. Raises ConfigError.
+    """
+    for _ in range(MAX_TRIES):
+        body = _sampled(ranges, rng)
+        grip = first_grip(body, hand, m_per_count, _random(ranges.thumb_n, rng, True))
         if grip is None:
             continue
         counts, pressed_n = grip
         mass_kg = body.mass_kg
         if load_share is not None:
             carries_n = body.friction_static * sum(pressed_n)
-            mass_kg = _between(load_share, rng) * carries_n / contact.GRAVITY_MPS2
+            mass_kg = _random(load_share, rng) * carries_n / contact.GRAVITY_MPS2
         body = msgspec.structs.replace(body, grip_counts=counts, mass_kg=mass_kg)
         firm = full_grip_n * body.friction_kinetic >= CARRIED * mass_kg * contact.GRAVITY_MPS2
-        if (firm or load_share is not None) and far(of_object(body)):
+        if (firm or load_share is not None) and is_distinct(object_properties(body)):
             return body
     raise ConfigError(
-        "config/bodies", ranges.name,
-        "no object far from those of the experiments, with a grip that holds it, was drawn",
+        "config/object_shapes", ranges.name,
+        "no object found that differs from those of the experiments and has a grip that holds it",
         "wider ranges",
     )  # fmt: skip
 
 
-def _drawn(ranges: BodyRanges, rng: np.random.Generator) -> GraspObject:
+def _sampled(ranges: ShapeRanges, rng: np.random.Generator) -> GraspObject:
     values: dict[str, Any] = {
-        name: _between(bounds, rng, name in LOGARITHMIC) for name, bounds in ranges.ranges().items()
+        name: _random(bounds, rng, name in LOGARITHMIC) for name, bounds in ranges.ranges().items()
     }
     values["friction_kinetic"] = values["friction_static"] * values.pop("kinetic_share")
     del values["thumb_n"]
     return GraspObject(name=ranges.name, shape=ranges.shape, grip_counts=(0, 0, 0), **values)
 
 
-def _between(bounds: Range, rng: np.random.Generator, logarithmic: bool = False) -> float:
+def _random(bounds: Range, rng: np.random.Generator, logarithmic: bool = False) -> float:
     low, high = np.log(bounds) if logarithmic else bounds
     value = float(rng.uniform(low, high))
     return math.exp(value) if logarithmic else value
 
 
-def relaxed_n(
+def relaxed_forces_n(
     body: GraspObject, hand: ContactSettings, m_per_count: float, counts: Counts3
 ) -> Forces:
-    """What the pads press with at those counts once they have relaxed, N."""
+    """Forces of the pads at those counts after relaxation, N."""
     p, pressed = contact.parameters(hand, body), np.zeros(contact.FINGERS)
     width_m, _ = laws.width_and_slope(p, 0.0)
     travel = m_per_count * np.array(counts, float)
@@ -195,18 +197,18 @@ def relaxed_n(
 def first_grip(
     body: GraspObject, hand: ContactSettings, m_per_count: float, thumb_n: float
 ) -> tuple[Counts3, Forces] | None:
-    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N, and what
-    the pads press with once they have relaxed; None where none do."""
+    """Finger positions in whole counts that give the thumb's force nearest to ``thumb_n``, and the
+    relaxed forces. None if no positions reach MIN_GRIP_N."""
     p = contact.parameters(hand, body)
     width_m, _ = laws.width_and_slope(p, 0.0)
     first = int((HALF_APERTURE_M - width_m) / m_per_count)
     near = range(max(0, first - 1), min(255, first + NEAR_COUNTS) + 1)
-    least_off, best = math.inf, None
+    least_error, best = math.inf, None
     for a, b, c in itertools.product(near, near, near):
         if not c <= b <= c + ASIDE_COUNTS or abs(2 * a - b - c) > 2:
             continue
-        relaxed = relaxed_n(body, hand, m_per_count, (a, b, c))
-        off = abs(relaxed[0] - thumb_n)
-        if min(np.subtract(relaxed, LEAST_N)) >= 0.0 and off < least_off:
-            least_off, best = off, ((a, b, c), relaxed)
+        relaxed = relaxed_forces_n(body, hand, m_per_count, (a, b, c))
+        error = abs(relaxed[0] - thumb_n)
+        if min(np.subtract(relaxed, MIN_GRIP_N)) >= 0.0 and error < least_error:
+            least_error, best = error, ((a, b, c), relaxed)
     return best

@@ -1,4 +1,4 @@
-"""Toy recordings: bursts of coloured noise stand for slip, faint ones for rest."""
+"""Artificial recordings: strong coloured noise as slip, weak noise as rest."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from detector.recordings import Metadata, Recording, Split
 
 
 def toy(seed: int, split: Split, n: int = 900, loudness: float = 8.0) -> Recording:
-    """One finger, slip strokes of half a second, three loaded taxels."""
+    """One finger with three loaded taxels, strokes of half a second."""
     rng = np.random.default_rng(seed)
     slip = np.zeros(n, bool)
     at = int(rng.integers(110, 160))
