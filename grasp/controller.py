@@ -130,8 +130,7 @@ class GraspController:
         )  # fmt: skip
 
     def abort_commands(self) -> tuple[Command, ...]:
-        """Commands for when no further step is possible: those of the safe state that was entered,
-        or else of the safe state of a fault."""
+        """Commands if no further step is possible: of the safe state entered, or of a fault's."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
             hand = self._abort_state.hand_commands(self.response.slow_closing())
@@ -217,8 +216,7 @@ class GraspController:
         if not self._grip_complete(obs):
             return
         if self._contact.thumb_lost:
-            cause = "the thumb measures no contact at its position: no object, or a narrower one"
-            self._fail(obs, cause)
+            self._fail(obs, "no contact at the thumb's position: no object, or a narrower one")
         elif self._lasted(obs, self._settings.baseline_s):
             move = self._line.move(self._settings.lift_height_m, self._settings.lift_speed_mps)
             self._transition(Trigger.READY, obs, "the detector has its baseline", move)
@@ -400,7 +398,7 @@ class GraspController:
             self._fail(obs, "the thumb closed fully and met no object")
             return False
         if not self._firm and (name := obs.gripper.not_at_target):
-            self._fail(obs, f"finger {name} stopped on contact short of its position; the gripper "
-                       "closes a finger in contact no further at this force")  # fmt: skip
+            cause = f"finger {name} stopped on contact short of its position"
+            self._fail(obs, f"{cause}; at this force the gripper closes it no further")
             return False
         return True

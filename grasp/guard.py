@@ -121,8 +121,7 @@ class ForceGuard:
         the force: to the limit at the stated stiffness, and to limit plus overshoot with the
         margins. None before the first grasp, and where several motors press at once.
 
-        A measured force that exceeds what the closing explains is counted as part of the first
-        grasp.
+        Measured force that the closing does not explain counts as part of the first grasp.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None
@@ -191,16 +190,14 @@ class ForceGuard:
     def _limited_speed(
         self, requested_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
     ) -> float:
-        """The requested speed within the safe travel; beyond, at most the speed that the overshoot
-        allows."""
+        """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``."""
         free = self.safe_travel(state, measured_n) or self._free_counts
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return requested_mps if within else min(requested_mps, self.closing_speed_mps)
 
     @property
     def thumb_limit_counts(self) -> int | None:
-        """The thumb's largest allowed position; None where only force ends a closing, or where B
-        and C close too."""
+        """The thumb's largest position; None where only force ends a closing, or B and C close."""
         alone = self._settings.cap_mode == "every_finger"
         return self._travel_limits[0] if alone and self._travel_limits is not None else None
 

@@ -47,16 +47,14 @@ class SafeState(msgspec.Struct, frozen=True):
 
     @property
     def closes_hand(self) -> bool:
-        """Whether the hand closes to the limit: the object may be in the air, or a closing for slip
-        is half done."""
+        """Whether the hand closes: the object may be in the air, or a closing is half done."""
         if self.phase is State.STOPPED:
             return self.half_closed
         return self.phase is State.FAULT and self.before in AIRBORNE_STATES
 
     @property
     def leaves_hand(self) -> bool:
-        """Whether the hand gets no command: it has no contact, it keeps its grip, or the object is
-        lost."""
+        """Whether the hand gets no command: no contact, a grip to keep, or a lost object."""
         if self.before in UNMOVED_STATES or self.phase is State.LOST:
             return True
         kept = self.before in CONTACT_STATES - CLOSING_STATES and not self.half_closed
@@ -79,8 +77,7 @@ class SafeState(msgspec.Struct, frozen=True):
         return obs.hand_rests
 
     def unconfirmed_arm(self, obs: Observation, stale_ns: float) -> tuple[str, ...]:
-        """Why the arm's standstill is not confirmed; a state older than ``stale_ns`` confirms
-        nothing. Empty if it is confirmed."""
+        """Why the arm's standstill is not confirmed, as by a state older than ``stale_ns``."""
         if obs.arm.age_ns(obs.t_ns) > stale_ns:
             return ("the arm does not report: whether it has stopped is unknown",)
         if self.arm_implausible:

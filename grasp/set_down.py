@@ -1,8 +1,7 @@
 """SetDown: from the top of the lift down to the table, where the hand opens.
 
-The slip distance is unknown, and so is the height of the arm at which the object touches the table.
-From there on the closed fingers slide down along the object. Where the object widens, this drives
-them apart and the grip tightens.
+The slip distance and so the arm's height at which the object touches the table are unknown. From
+there on the fingers slide down along the object; where it widens, the grip tightens.
 """
 
 import math
@@ -51,8 +50,8 @@ class Step(Enum):
 
 
 class SetDown:
-    """Logic of the states `lower.descend` and `lower.feel`. The run ends in `lost` if it stays
-    uncertain whether the object stands on the table."""
+    """States `lower.descend` and `lower.feel`. If it stays uncertain whether the object stands on
+    the table, the run ends in `lost`."""
 
     def __init__(
         self,
@@ -198,11 +197,13 @@ class SetDown:
         too_high = self._line.height_m(obs) > self._highest_support_m + AT_HEIGHT_M
         changed = rise_n >= CHECK_N or (tight and -rise_n >= CHECK_N)
         if changed and not too_high:
-            cause = f"a step down changed the grip by {rise_n:+.1f} N: the object stands"
-            return self._release(obs, cause)
+            return self._release(
+                obs, f"the object stands: a step changed the grip by {rise_n:+.1f} N"
+            )
         if self._tightenings >= MAX_TIGHTENINGS or grip_n >= (1 + MAX_RISE_SHARE) * self._least_n:
-            unsure = "the grip tightens, but it is not certain that the object stands"
-            return Transition(Trigger.LOSE, unsure)
+            return Transition(
+                Trigger.LOSE, "the grip tightens; uncertain whether the object stands"
+            )
         unchanged = "a step down did not tighten the grip"
         if too_high:
             return self._descend_fast("no object can stand yet" if changed else unchanged)

@@ -44,8 +44,7 @@ def config_dir() -> Path:
 
 
 def names(kind: str) -> list[str]:
-    """Names for which config/<kind>/<name>.toml exists. Held-out ones are in the kind
-    <kind>/unseen instead."""
+    """Names for which config/<kind>/<name>.toml exists; held-out ones are in <kind>/unseen."""
     return sorted(p.stem for p in (config_dir() / kind).glob("*.toml"))
 
 
@@ -95,8 +94,7 @@ def without_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
 
 
 def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
-    """Read config/<kind>/<name>.toml, also a held-out one. Raises ConfigError with the known names
-    and the caller's ``others``."""
+    """Read config/<kind>/<name>.toml. Raises ConfigError with the known names and ``others``."""
     known, testing = [*names(kind), *others], names(f"{kind}/{UNSEEN}")
     if name in testing:
         kind = f"{kind}/{UNSEEN}"
@@ -119,14 +117,13 @@ def is_path(word: str) -> bool:
 
 
 def item_layer(kind: str, section: str, word: str) -> Layer:
-    """Read an item by its name in config/<kind>, or from a user's file by its path. Such a file has
-    only that section, and a name that is not taken. Raises ConfigError."""
+    """Read an item by name in config/<kind>, or from a user's file with only that section and a
+    name that is not taken. Raises ConfigError."""
     if not is_path(word):
         return named_layer(kind, word)
     layer = read_toml(Path(word))
     for key in sorted(layer.table.keys() - {section}):
-        raise ConfigError(word, key, f"does not belong to the {section}",
-                          f"only [{section}]; other settings: --config")  # fmt: skip
+        raise ConfigError(word, key, f"does not belong to the {section}", f"only [{section}]")
     if not isinstance(layer.table.get(section), dict):
         raise ConfigError(word, section, "missing", f"a section [{section}]")
     return with_free_name(layer, kind, section)
@@ -145,8 +142,7 @@ def with_free_name(layer: Layer, kind: str, section: str, chosen: Any = None) ->
 
 
 def file_of(kind: str, word: str) -> Path:
-    """Path of a file given by path or by name in config/<kind>; raises ConfigError for an unknown
-    name."""
+    """Path of a file given by path or name in config/<kind>; raises ConfigError if unknown."""
     if is_path(word) or os.sep in word:
         return Path(word)
     return Path(named_layer(kind, word).source)

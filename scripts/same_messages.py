@@ -45,7 +45,7 @@ RENAMED = {
     r"slip goes on and": "slip continues and",
     r"the force can rise no more": "the force cannot rise further",
     r"slip goes on, and the hold ends by its clock": "slip continues; the hold ends after hold_s",
-    r"N: it stands": "N: the object stands",
+    r"a step down (changed the grip by \S+ N): it stands": r"the object stands: a step \1",
 }  # fmt: skip
 
 Run = tuple[str, ...]  # arguments of `grasp run`

@@ -103,7 +103,7 @@ class GripperConformance:
         assert state is not None
         return state
 
-    def test_it_tells_its_state_soon_and_how_old_it_is(self, bench: Bench[Gripper]) -> None:
+    def test_state_is_reported_soon_with_its_age(self, bench: Bench[Gripper]) -> None:
         gripper = bench.device
         bench.until(gripper.poll, lambda: gripper.state is not None)
         first = self.state(gripper)
@@ -120,7 +120,7 @@ class GripperConformance:
         assert not self.state(gripper).active
         assert self.state(self.ready(bench)).fault == 0
 
-    def test_fingers_go_where_they_are_told(self, bench: Bench[Gripper]) -> None:
+    def test_fingers_move_to_their_targets(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         applied = gripper.move_to(self.far, self.speed_mps, self.force_n)
         assert applied.targets_counts == self.far
@@ -133,9 +133,7 @@ class GripperConformance:
         pairs = zip(self.state(gripper).positions, counts, strict=True)
         assert all(abs(at - there) <= NEAR_COUNTS for at, there in pairs)
 
-    def test_no_status_from_before_a_command_passes_for_its_answer(
-        self, bench: Bench[Gripper]
-    ) -> None:
+    def test_a_status_from_before_a_command_is_not_fresh(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         assert not self.state(gripper).at_rest
@@ -170,7 +168,7 @@ class GripperConformance:
         self.at_rest_at(gripper, (self.further_counts[0], before[1], before[2]))
         assert self.state(gripper).positions[0] <= self.further_counts[0]
 
-    def test_hold_stops_fingers_on_their_way(self, bench: Bench[Gripper]) -> None:
+    def test_hold_stops_moving_fingers(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, 0.022, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
@@ -178,7 +176,7 @@ class GripperConformance:
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest)
         assert self.state(gripper).positions[0] < self.far[0] - NEAR_COUNTS
 
-    def test_an_open_hand_is_seen_to_be_open(self, bench: Bench[Gripper]) -> None:
+    def test_an_open_hand_is_reported_open(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
@@ -187,7 +185,7 @@ class GripperConformance:
             gripper.poll, lambda: self.state(gripper).at_rest and self.state(gripper).is_open, 20.0
         )
 
-    def test_a_lost_link_is_told_by_poll_and_by_no_verb(self, bench: Bench[Gripper]) -> None:
+    def test_a_lost_link_is_raised_by_poll_and_by_no_command(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")
@@ -313,15 +311,13 @@ class ArmConformance:
         arm.move_to(there_m, self.speed_mps, self.acceleration_mps2)
         return there_m
 
-    def test_it_tells_where_it_is_and_how_old_that_is(self, bench: Bench[Arm]) -> None:
+    def test_position_is_reported_with_its_age(self, bench: Bench[Arm]) -> None:
         state = self.state(self.standing(bench))
         assert 0 <= state.age_ns(bench.now_ns()) < 1_000_000_000
         applied = (*state.position_m, *state.velocity_mps)
         assert all(math.isfinite(value) for value in applied)
 
-    def test_a_move_is_under_way_at_once_and_ends_where_it_was_told(
-        self, bench: Bench[Arm]
-    ) -> None:
+    def test_a_move_starts_at_once_and_ends_at_its_target(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         there_m = self.rises(arm)
         assert self.state(arm).moving
@@ -336,7 +332,7 @@ class ArmConformance:
         assert math.dist(self.state(arm).position_m, there_m) < NEAR_M
         assert fastest < 1.1 * self.speed_mps
 
-    def test_a_stop_stands_it_on_its_way(self, bench: Bench[Arm]) -> None:
+    def test_a_stop_ends_a_move(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         before_m = self.state(arm).position_m
         there_m = self.rises(arm)
@@ -373,7 +369,7 @@ class ArmConformance:
         arm.poll(bench.now_ns())
         assert math.dist(self.state(arm).position_m, at_m) < 0.001
 
-    def test_a_lost_link_is_told(self, bench: Bench[Arm]) -> None:
+    def test_a_lost_link_is_raised(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")

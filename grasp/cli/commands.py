@@ -83,8 +83,7 @@ def _add_run(group: Parser) -> None:
     press.set_defaults(view=False)
     for name, parser in (("lift", lift), ("tap", tap)):
         share(parser, "object profile detector")
-        parser.option("--trials N", f"number of trials (default: {TRIALS[name]})",
-                      whole(1, 10_000))  # fmt: skip
+        parser.option("--trials N", f"trials to run (default: {TRIALS[name]})", whole(1, 10_000))
         parser.option("--out FILE", "SQLite file with one row per trial", file_with_folders)
         parser.flag("--resume", "continue --out: run missing trials and those ended by a device")
         parser.flag("--report", "write an HTML page for each recording")
@@ -92,8 +91,7 @@ def _add_run(group: Parser) -> None:
     for name, parser in (("lift", lift), ("tap", tap), ("acquire", press)):
         parser.set_defaults(scenario=name)
         parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-        parser.option("--pace", "pace of virtual time (default: real on a terminal, else max)",
-                      choices=("real", "max"))  # fmt: skip
+        parser.option("--pace", "virtual time (default: real if shown)", choices=("real", "max"))
         share(parser, "rig seed config set json confirm dry")
 
 
@@ -124,8 +122,7 @@ def _add_recordings(root: Parser) -> None:
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
     export.option("run RUN", "folder or recording.mcap of a run, or a campaign's file", Path)
-    export.option("--to", "format (default: by --out or csv)",
-                  choices=("csv", "svg", "gif", "layout"))  # fmt: skip
+    export.option("--to", "default: by --out, else csv", choices=("csv", "svg", "gif", "layout"))
     export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
 
 
@@ -136,8 +133,7 @@ def _add_campaign(group: Parser) -> None:
         "grasp campaign run paper", "grasp campaign run mine.toml --jobs 4 --config lab.toml",
         "grasp campaign run mine.toml --resume"))  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
-    run.option("--out FILE", "SQLite file (default: runs/campaigns/<name>.sqlite)",
-               file_with_folders)  # fmt: skip
+    run.option("--out FILE", "(default: runs/campaigns/<name>.sqlite)", file_with_folders)
     run.option("--detector NAME", "use instead of the campaign file's detectors")
     run.option("--profile NAME", "use instead of the campaign file's profiles")
     run.option("--repetitions N", "use instead of the campaign file's number", whole(1, 10_000))
@@ -187,8 +183,7 @@ def _add_detector(group: Parser) -> None:
     share(evaluate, "config set json")
     share(tune, "config set json")
     card = group.command("card", "show a network's training data, seed, commit, calibration")
-    card.option("network NAME|FILE.onnx", "network (default: list all packaged detectors)",
-                nargs="?")  # fmt: skip
+    card.option("network NAME|FILE.onnx", "(default: list all packaged detectors)", nargs="?")
     share(card, "json")
     train = group.command("train", "train a network and write its weights (extra `train`)", ". "
         "Stops early and calibrates on the split `validation`; never uses `test`.")  # fmt: skip
@@ -236,8 +231,7 @@ def _add_devices(root: Parser) -> None:
 
 def _add_lab(parser: Parser, moves: bool = True) -> None:
     """Add the shared options; if the command ``moves``, `--confirm-motion` and `--dry-run` too."""
-    parser.option("--rig NAME", "hardware, or a .toml file of a rig with real devices",
-                  default="hardware")  # fmt: skip
+    parser.option("--rig NAME", "hardware, or a .toml file of a similar rig", default="hardware")
     share(parser, "config set json confirm dry" if moves else "config set json")
 
 
@@ -252,8 +246,7 @@ def _add_gripper(group: Parser) -> None:
     step.option("--mm MM", "travel of the fingertip, at most 5", decimal(0.01, 5), default=2.0)
     step.flag("--open", "open instead of closing")
     for parser, finger in ((close, "all"), (step, "A")):
-        parser.option("--finger", "finger; A is the thumb", choices=(*FINGERS, "all"),
-                      default=finger)  # fmt: skip
+        parser.option("--finger", "A is the thumb", choices=(*FINGERS, "all"), default=finger)
     for parser in (activate, close, step):
         _add_lab(parser)
 
@@ -297,8 +290,7 @@ def _add_calibrate(group: Parser) -> None:
         "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",))  # fmt: skip
     noise.option("--detector NAME", "detector to tune", default="tcn")
     noise.option("--budget N", "false events per minute and hand", decimal(0.001, 60), default=0.5)
-    noise.option("--seconds N", "duration of the hold, s", decimal(SHORTEST_HOLD_S + 5, 3600),
-                 default=180.0)  # fmt: skip
+    noise.option("--seconds N", "of hold", decimal(SHORTEST_HOLD_S + 5, 3600), default=180.0)
     for parser in (force, hand, noise):
         parser.option("--out FILE", "new .toml file to write", file_to_write, required=True)
         parser.option("--note TEXT", "text to add to the source in the file", default="")

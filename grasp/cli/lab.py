@@ -98,8 +98,7 @@ def warn_of_weak_calibration(calibration: Any) -> None:
 
 
 def warn_of_slow_arm(config: Any) -> None:
-    """Warn of a low speed slider of the arm. One that prevents a run is reported when the arm is
-    opened."""
+    """Warn of a low speed slider. One that prevents a run is reported when the arm is opened."""
     if config.devices.arm:
         return
     with suppress(GraspError):
@@ -174,8 +173,7 @@ class TerminalOperator:
             print(f">>> {text}", file=sys.stderr, flush=True)
 
     def _read(self) -> bool:
-        """Read available input; False at its end. Bounded, so that endless input does not block the
-        loop."""
+        """Read available input; False at its end. Bounded, so that endless input does not block."""
         for _ in range(READS):
             try:
                 if not select.select([sys.stdin], [], [], 0)[0]:

@@ -142,8 +142,7 @@ def _ask(question: str) -> None:
 
 
 def _dry_run(config: Any, args: argparse.Namespace) -> int:
-    """Print the run's plan and checks; exit code 0 only if it would start. Raises UsageError on a
-    rig without real devices."""
+    """Print plan and checks; exit code 0 only if the run would start. Raises UsageError."""
     _check_real(config)
     if args.resume or args.out is not None:
         raise UsageError("--dry-run checks only devices and settings, and opens no file",
@@ -181,8 +180,7 @@ def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace
 
 
 def dry_code(failed: list[Any]) -> int:
-    """Exit code that the run would have with these failed checks. A run checks the cell first, then
-    the devices, then the hand."""
+    """Exit code of a run with these failed checks; it checks cell, devices and hand in order."""
     if not failed:
         return exits.SUCCESS
     codes = [exits.code_of(check.kind or DeviceFault.kind) for check in failed]

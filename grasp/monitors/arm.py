@@ -38,8 +38,7 @@ class ArmHistory:
         self._unsent = False  # the command has not been sent yet
 
     def sent(self, command: MoveArm | StopArm, arm: ArmState) -> None:
-        """Take a command that is sent while the arm is in this state. A repeated stop changes
-        nothing."""
+        """Take a command sent in this state of the arm. A repeated stop changes nothing."""
         before, stop = self.command, isinstance(command, StopArm)
         if not (stop and isinstance(before, StopArm)):
             self.command, self._stopped_m, self._unsent = command, None, True

@@ -65,14 +65,12 @@ def impossible(h: GripperHistory, s: MonitorSettings) -> Data:
         if abs(here - was.position_counts) > most:
             return {"finger": name, "how": f"jumped from {was.position_counts} to {here} counts"}
         if touched_at is not None and abs(here - touched_at) > CONTACT_COUNTS:
-            how = f"reports contact but moved from {touched_at} to {here} counts"
-            return {"finger": name, "how": how}
+            return {"finger": name, "how": f"moved in contact from {touched_at} to {here} counts"}
     return None
 
 
 def silent(h: GripperHistory, s: MonitorSettings) -> Data:
-    """Fails if the status does not show the last command. A faulty, inactive hand is exempt: its
-    fault explains it."""
+    """Fails if the status does not show the last command, except for a faulty, inactive hand."""
     silent_s = (h.state.t_ns - h.fresh_ns) * 1e-9
     refuses = h.state.fault and not h.state.active
     long = silent_s > s.echo_s and h.outdated_reads >= OUTDATED_READS

@@ -26,8 +26,7 @@ class RunMonitor:
         self._contact = contact
 
     def check(self, obs: Observation, state: State) -> tuple[Fault, ...]:
-        """Why the run cannot continue: faults in the observation, or else the first check that
-        fails; empty if it can."""
+        """Why the run cannot continue: faults of the observation, or the first failed check."""
         if obs.faults:
             return obs.faults
         if obs.frame is not None and obs.frame.stale and state not in OPEN_STATES:

@@ -10,11 +10,11 @@ from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.campaign.config import load_config
 
-Own = Callable[..., Path]
+UserFile = Callable[..., Path]
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Own:
+def user_file(tmp_path: Path) -> UserFile:
     """Writes a packaged object under another name."""
 
     def write(name: str = "mine", kind: str = "objects", like: str = "can", more: str = "") -> Path:
@@ -26,12 +26,12 @@ def own(tmp_path: Path) -> Own:
     return write
 
 
-def test_a_user_object_is_named_by_its_path(own: Own) -> None:
-    config = load_config(str(own()), "simulated", "energy")
+def test_a_user_object_is_named_by_its_path(user_file: UserFile) -> None:
+    config = load_config(str(user_file()), "simulated", "energy")
     can = load_config("can", "simulated", "energy")
     assert config.object.name == "mine"
     assert config.object.grip_counts == can.object.grip_counts
-    heavier = load_config(str(own()), "simulated", "energy", None, ["object.mass_kg=0.4"])
+    heavier = load_config(str(user_file()), "simulated", "energy", None, ["object.mass_kg=0.4"])
     assert heavier.object.mass_kg == 0.4
 
 
@@ -103,9 +103,13 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(
     ],
 )
 def test_kind_of_a_file_is_found_from_its_content(
-    text: str | None, expected: str, own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str | None,
+    expected: str,
+    user_file: UserFile,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    file = own()
+    file = user_file()
     if text is not None:
         file.write_text(text)
     assert main(["config", str(file)]) == 0

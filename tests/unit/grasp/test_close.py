@@ -91,6 +91,6 @@ def test_first_stage_that_does_not_end_in_time_is_not_waited_for() -> None:
     assert moving(requested_ns + STAGE_NS // 2) == FIRST
     assert moving(requested_ns + STAGE_NS) == FIRST
     assert moving(requested_ns + STAGE_NS + 1) == SLOWLY
-    later_ns = requested_ns + 3 * STAGE_NS  # another answer has its own time
+    later_ns = requested_ns + 3 * STAGE_NS  # another response has its own time
     assert two_stage.closing(hand(later_ns)) == FIRST
     assert moving(later_ns + STAGE_NS) == FIRST

@@ -57,10 +57,10 @@ def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
 def test_lost_preshape_command_is_repeated() -> None:
     d = Driver()
     d.until(State.SHAPE)
-    told = d.commands.pop()
+    command = d.commands.pop()
     for _ in range(3):
         assert d.step(gripper=d.hand(positions=(0, 0, 0))).state is State.SHAPE
-        assert d.commands.pop() == told
+        assert d.commands.pop() == command
     assert d.step().state is State.TARE
 
 
@@ -187,7 +187,7 @@ def test_missing_contact_is_a_fault_before_the_lift() -> None:
     for _ in range(80):
         d.step(measured_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.FAULT
-    assert "measures no contact" in d.controller.fault_cause
+    assert "no contact" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 

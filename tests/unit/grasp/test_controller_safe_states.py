@@ -53,7 +53,7 @@ def test_run_finishes_once_the_safe_state_is_confirmed() -> None:
     d.step(errors=LOST)
     d.commands.clear()
     d.step()
-    assert not d.controller.finished  # what it was told before may still set the hand going
+    assert not d.controller.finished  # an earlier command may still start the hand
     d.rest()
     assert d.controller.finished
     assert d.commands == []
@@ -128,7 +128,7 @@ def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> 
 
 @pytest.mark.parametrize(
     "fault",
-    [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="leapt")],
+    [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="jumped")],
 )
 def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fault: Fault) -> None:
     d = Driver().lift()

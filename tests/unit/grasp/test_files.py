@@ -16,12 +16,12 @@ def test_writing_replaces_a_file_and_leaves_no_partial_file(
     before = os.umask(0o022)
     try:
         for content in (b"first", b"second"):
-            write_whole(tmp_path / "told.json", content, private)
-            assert (tmp_path / "told.json").read_bytes() == content
+            write_whole(tmp_path / "new.json", content, private)
+            assert (tmp_path / "new.json").read_bytes() == content
     finally:
         os.umask(before)
-    assert (tmp_path / "told.json").stat().st_mode & 0o777 == mode
-    assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
+    assert (tmp_path / "new.json").stat().st_mode & 0o777 == mode
+    assert [path.name for path in tmp_path.iterdir()] == ["new.json"]
 
 
 def test_missing_parent_folders_are_made_private(tmp_path: Path) -> None:

@@ -145,10 +145,10 @@ def test_run_ends_with_its_controller_or_at_its_deadline() -> None:
     late.loop.run(0.05)
     said = [inputs.stop and inputs.stop.code for inputs in late.inputs]
     assert said == [None] * 5 + ["run_timeout"] * 20
-    excused = Bench(stop_s=0.2)
-    excused.controller.arm_delay_ns = 30_000_000.0  # by an arm that is slowed down
-    excused.loop.run(0.05)
-    assert [inputs.stop is not None for inputs in excused.inputs][:9] == [False] * 8 + [True]
+    slow_arm = Bench(stop_s=0.2)
+    slow_arm.controller.arm_delay_ns = 30_000_000.0  # because of a slow arm
+    slow_arm.loop.run(0.05)
+    assert [inputs.stop is not None for inputs in slow_arm.inputs][:9] == [False] * 8 + [True]
 
 
 @pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])

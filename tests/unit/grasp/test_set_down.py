@@ -10,7 +10,7 @@ from tests.unit.grasp.builders import LOST, arm
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import grip_forces, near, probed, tightened
 
-SURE = "grasp.set_down.MAX_RISE_SHARE"  # of a grip that may tighten without an answer
+SURE = "grasp.set_down.MAX_RISE_SHARE"  # largest rise without a conclusive probe
 
 HOME_M = 0.4
 GRIP = grip_forces(3.0)
@@ -93,7 +93,7 @@ def test_grip_that_has_tightened_much_is_lowered_no_further(
     monkeypatch.setattr(SURE, 0.25)
     d = probed(2.6, 2.6)
     assert d.controller.state is State.LOST
-    assert "not certain" in d.controller.machine.log[-1].cause
+    assert "uncertain" in d.controller.machine.log[-1].cause
 
 
 def test_grip_that_tightens_while_lowering_stops_the_arm_without_opening() -> None:
@@ -142,7 +142,7 @@ def test_inconclusive_probes_end_with_hand_and_height_kept(
     monkeypatch.setattr("grasp.set_down.MAX_TIGHTENINGS", 1)
     d = probed(GRIP[0], GRIP[0])
     assert d.controller.state is State.LOST
-    assert "not certain" in d.controller.machine.log[-1].cause
+    assert "uncertain" in d.controller.machine.log[-1].cause
     assert [type(c) for c in d.commands] == [StopArm, MoveArm, StopArm]
 
 

@@ -101,10 +101,10 @@ def test_keyboard_interrupt_of_python_has_a_cause() -> None:
     assert "SIGHUP" in signals.cause(Interruption(signal.SIGHUP))
 
 
-GUARDED = """
+WATCHED = """
 import ctypes, os, signal, sys, threading, time
 from grasp import signals
-def told():
+def send_signals():
     time.sleep(0.1)
     os.kill(os.getpid(), signal.SIGTERM)
     if sys.argv[1] == "twice":
@@ -116,14 +116,14 @@ def told():
 with signals.taken():
     try:
         with signals.watchdog(lambda: os.write(1, b"devices are safe")), signals.deferred():
-            threading.Thread(target=told, daemon=True).start()
+            threading.Thread(target=send_signals, daemon=True).start()
             try:
-                while sys.argv[1] in ("twice", "held"):  # pursues a safe state
+                while sys.argv[1] in ("twice", "held"):  # in a safe state
                     signals.check(end=False)
                     time.sleep(0.01)
             except signals.Stuck as stuck:
                 print(stuck)
-                for _ in range(250):  # an abort
+                for _ in range(250):  # during an abort
                     signals.check(end=False)
                     time.sleep(0.01)
                 if sys.argv[1] == "held":
@@ -140,9 +140,9 @@ with signals.taken():
 """
 
 
-def guarded(how: str) -> tuple[int, str]:
+def watched(how: str) -> tuple[int, str]:
     done = subprocess.run(
-        [sys.executable, "-c", GUARDED, how], capture_output=True, text=True, timeout=30,
+        [sys.executable, "-c", WATCHED, how], capture_output=True, text=True, timeout=30,
         check=False,
     )  # fmt: skip
     return done.returncode, done.stdout
@@ -150,12 +150,12 @@ def guarded(how: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize("how", ["stuck", "twice"])
 def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
-    assert guarded(how) == (0, "terminated (SIGTERM) while the program hung\n")
+    assert watched(how) == (0, "terminated (SIGTERM) while the program hung\n")
 
 
 def test_held_key_interrupts_the_requested_stop_only_once() -> None:
-    assert guarded("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
+    assert watched("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
 
 
 def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:
-    assert guarded("native") == (5, "devices are safe")
+    assert watched("native") == (5, "devices are safe")

@@ -146,7 +146,7 @@ def test_detector_gets_the_counts_and_the_controller_its_output() -> None:
 def test_counts_relative_to_an_earlier_tare_are_ignored(phase: State) -> None:
     b = Bench(FakeController(phase))
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
-    b.controller.state = State.FAULT  # before this run took its own
+    b.controller.state = State.FAULT  # before this run has taken rest counts
     obs = b.decide(frame(-9))
     assert (obs.measured_n, obs.responsive_n, b.detector.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
     assert not obs.overloaded
@@ -411,16 +411,16 @@ def broken() -> None:
 
 
 def refused() -> None:
-    raise Refused("no samples; no answer", "give it samples")
+    raise Refused("no samples; no output", "give it samples")
 
 
 FAILURES = [
-    pytest.param(refused, "no samples; no answer", id="its own words"),
+    pytest.param(refused, "no samples; no output", id="its message"),
     pytest.param(broken, "ZeroDivisionError: no samples", id="raises"),
     pytest.param(lambda: np.array([0.9, np.nan, 0.1]), "no probabilities", id="no number"),
     pytest.param(lambda: np.array([0.9, 1.5, 0.1]), "no probabilities", id="above one"),
     pytest.param(lambda: np.zeros(6), "shape (6,)", id="wrong shape"),
-    pytest.param(lambda: None, "shape NoneType", id="no answer"),
+    pytest.param(lambda: None, "shape NoneType", id="no output"),
 ]
 
 
@@ -449,17 +449,17 @@ def test_failing_detector_with_an_open_hand_gives_zeros_and_no_fault(
 MOTION = Motion([0.01] * 3, [90] * 3, [0.2] * 3)
 
 
-def motion_after(output: NDArray[np.float64], tell: Callable[[], Motion | None]) -> Observation:
+def motion_after(output: NDArray[np.float64], motion: Callable[[], Motion | None]) -> Observation:
     """Kind of slip observed in a frame by a detector with auxiliary outputs."""
     guard, controller = cast(ForceGuard, FakeGuard()), cast(GraspController, FakeController())
-    step = GraspStep(FakeDetector(lambda: output), controller, guard, motion=tell)
+    step = GraspStep(FakeDetector(lambda: output), controller, guard, motion=motion)
     return step.decide(step_input(frame(-1))).observation
 
 
 def test_kind_of_slip_is_read_only_when_slip_is_likely() -> None:
     assert motion_after(SURE, lambda: MOTION).motion == MOTION
     assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
-    assert Bench().decide(frame(-1)).motion is None  # of a detector that cannot tell
+    assert Bench().decide(frame(-1)).motion is None  # of a detector without auxiliary outputs
 
 
 def test_controller_gets_all_inputs_of_the_step() -> None:

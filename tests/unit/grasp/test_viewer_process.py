@@ -1,4 +1,4 @@
-"""Viewer processes: what they are sent, what they lose, and that nobody waits for them."""
+"""Viewer processes: messages that they get and lose; the run never waits for them."""
 
 import os
 import signal
@@ -35,7 +35,7 @@ def viewer() -> Iterator[ViewerProcess]:
 
 
 def show_until_lost(viewer: ViewerProcess) -> None:
-    """A pipe holds a few hundred messages; whoever waited for a reader would hang here."""
+    """A pipe holds a few hundred messages; a sender that waited for a reader would hang here."""
     deadline = time.monotonic() + 20.0
     while viewer.lost == 0 and time.monotonic() < deadline:
         viewer.show(GLIMPSE)

@@ -56,19 +56,19 @@ def refused(words: list[str], capsys: Capture) -> str:
     return err
 
 
-def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+def leaves(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
     """All settings of a type, with their declarations."""
     if isinstance(kind, inspect.Metadata):
-        yield from leaves(kind.type, way)
+        yield from leaves(kind.type, path)
     elif isinstance(kind, inspect.UnionType):
         for part in kind.types:
             if isinstance(part, inspect.StructType):
-                yield from leaves(part, way)
+                yield from leaves(part, path)
     elif isinstance(kind, inspect.StructType):
         for field in kind.fields:
-            yield from leaves(field.type, (*way, field.encode_name))
-    elif not isinstance(kind, inspect.DictType) and len(way) > 1:
-        yield ".".join(way), kind
+            yield from leaves(field.type, (*path, field.encode_name))
+    elif not isinstance(kind, inspect.DictType) and len(path) > 1:
+        yield ".".join(path), kind
 
 
 def wrong(kind: Any) -> list[str]:
@@ -91,12 +91,12 @@ def wrong(kind: Any) -> list[str]:
 def test_an_invalid_setting_is_refused_in_one_line(
     data: st.DataObject, tmp_path: Path, capsys: Capture
 ) -> None:
-    way, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
+    path, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
     value = data.draw(st.sampled_from(wrong(kind)))
     if data.draw(st.booleans()):
-        words = ["--set", f"{way}={value}"]
+        words = ["--set", f"{path}={value}"]
     else:
-        (tmp_path / "lab.toml").write_text(f"{way} = {value}\n")
+        (tmp_path / "lab.toml").write_text(f"{path} = {value}\n")
         words = ["--config", str(tmp_path / "lab.toml")]
     refused(["config", *words], capsys)
 

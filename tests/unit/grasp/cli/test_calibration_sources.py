@@ -28,11 +28,11 @@ def output(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
 ) -> list[str]:
     """Lines about sources that a run prints before it opens a device."""
-    begun: list[Any] = []
-    monkeypatch.setattr(run, "run_trials", lambda *asked: begun.append(asked) or 0)
+    started: list[Any] = []
+    monkeypatch.setattr(run, "run_trials", lambda *arguments: started.append(arguments) or 0)
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     assert main([*typed, *words]) == 0
-    assert begun
+    assert started
     return [line for line in capsys.readouterr().err.splitlines() if " by: " in line]
 
 

@@ -38,11 +38,11 @@ def test_dry_run_of_a_stop_queries_no_device_also_with_json(
 ) -> None:
     typed = ["arm", "stop", "--dry-run", "--set", "ur.host=127.0.0.1"]
     assert main([*typed, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"would": "end any program that runs on the arm at 127.0.0.1",
+    result = json.loads(capsys.readouterr().out)
+    assert result == {"would": "end any program that runs on the arm at 127.0.0.1",
                     "exit_code": 0}  # fmt: skip
     assert main(typed) == 0
-    assert capsys.readouterr().out == f"would {told['would']}\n"
+    assert capsys.readouterr().out == f"would {result['would']}\n"
 
 
 HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"

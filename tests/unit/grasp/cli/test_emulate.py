@@ -15,7 +15,7 @@ from grasp.cli import emulate
 from grasp.cli.emulate import Console, check_address
 from scenarios.campaign.config import load_config
 
-ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # nobody else's here
+ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # not used by other tests
 
 
 def test_an_address_beyond_loopback_needs_its_option_and_is_numeric() -> None:

@@ -27,7 +27,7 @@ code = main()
 print("left", Strike.left)
 sys.exit(code)
 """
-ENTRY = "import grasp.cli.entry"  # whose first lines are Python's own still
+ENTRY = "import grasp.cli.entry"  # before this module runs, Ctrl-C has Python's handler
 
 
 def interrupted_at(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
@@ -46,7 +46,7 @@ def test_ctrl_c_at_any_import_ends_with_130_and_no_traceback(
     place: int | str, tmp_path: Path
 ) -> None:
     done = interrupted_at(place, tmp_path / "runs")
-    assert "left" not in done.stdout or "left -1" in done.stdout  # it was struck
+    assert "left" not in done.stdout or "left -1" in done.stdout  # the signal was raised
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr and "ignored" not in done.stderr
     assert "damaged" not in done.stderr

@@ -31,7 +31,7 @@ class Training:
     def resume(self, checkpoint: Path) -> None:
         self.calls.append(f"resume {checkpoint.name}")
 
-    def run(self, minutes: float | None, checkpoint: Path, tell: Any) -> None:
+    def run(self, minutes: float | None, checkpoint: Path, report: Any) -> None:
         checkpoint.write_text("how far it is")
         self.calls.append("run")
 
@@ -95,7 +95,7 @@ def test_an_interrupted_training_states_its_checkpoint_and_how_to_continue(
     tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    def run(minutes: float | None, checkpoint: Path, tell: Any) -> None:
+    def run(minutes: float | None, checkpoint: Path, report: Any) -> None:
         checkpoint.write_text("how far it is")
         training.step, training.settings.steps = 120, 2000
         raise KeyboardInterrupt
@@ -103,9 +103,11 @@ def test_an_interrupted_training_states_its_checkpoint_and_how_to_continue(
     monkeypatch.setattr(training, "run", run)
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 130
-    told = f"interrupted at step 120 of 2000, saved in {tmp_path / 'mine.checkpoint'} (to continue"
+    expected = (
+        f"interrupted at step 120 of 2000, saved in {tmp_path / 'mine.checkpoint'} (to continue"
+    )
     output = capsys.readouterr().err
-    assert told in output and "with --resume" in output
+    assert expected in output and "with --resume" in output
     assert (tmp_path / "mine.checkpoint").is_file() and not (tmp_path / "mine.onnx").exists()
 
 

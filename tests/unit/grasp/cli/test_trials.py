@@ -41,7 +41,7 @@ def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
     """Make the first trial the last one, with results as from the hardware rig."""
     run = trial_series.run
 
-    def told(experiment: Any, *rest: Any) -> Iterator[Any]:
+    def run_once(experiment: Any, *rest: Any) -> Iterator[Any]:
         finished, row = next(iter(run(experiment, *rest)))
         failure = changes.get("failure")
         result = msgspec.structs.replace(finished.result, rig="hardware", end=changes.get("end"))
@@ -49,7 +49,7 @@ def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
         if changes.get("signalled"):
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(trial_series, "run", told)
+    monkeypatch.setattr(trial_series, "run", run_once)
 
 
 def test_trial_that_leaves_a_closed_hand_is_reported_with_release_and_resume(

@@ -17,10 +17,10 @@ SLIPPING = view.TickView(
 )  # fmt: skip
 
 
-def output(width: int, seen: view.TickView = SLIPPING) -> list[str]:
+def output(width: int, shown_view: view.TickView = SLIPPING) -> list[str]:
     console = Console(width=width, force_terminal=True, color_system=None)
     with console.capture() as capture:
-        console.print(view.panel(seen, console.width))
+        console.print(view.panel(shown_view, console.width))
     return capture.get().splitlines()
 
 
@@ -58,14 +58,14 @@ def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
 
 
 def verdict(**changes: object) -> SimpleNamespace:
-    told = {
+    values = {
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
         "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
         "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip
-    return SimpleNamespace(**(told | changes))
+    return SimpleNamespace(**(values | changes))
 
 
 def test_verdict_of_a_lost_object_ends_with_arm_hand_and_release_command() -> None:
@@ -99,14 +99,14 @@ class FakeView:
 def test_one_trial_shows_phases_and_a_series_only_registrations(
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = FakeView()
-    monkeypatch.setattr(view, "Lines", lambda: seen)
+    shown_view = FakeView()
+    monkeypatch.setattr(view, "Lines", lambda: shown_view)
     monkeypatch.setattr(view, "tick_view", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:
         decision = SimpleNamespace(state=phase, slip=SimpleNamespace(event=None))
         display.tick(SimpleNamespace(decision=decision))
-    assert len(seen.taken) == shown
+    assert len(shown_view.taken) == shown
     event = SimpleNamespace(state=phases[-1], slip=SimpleNamespace(event="slip"))
     display.tick(SimpleNamespace(decision=event))
-    assert len(seen.taken) == shown + 1
+    assert len(shown_view.taken) == shown + 1

@@ -107,7 +107,7 @@ def assert_never_blamed(
     """Assert that no check fails for a rising arm that gets a new target ``end`` after 2 s."""
     model = ArmModel(ArmModelSettings(start_m=(X, Y, Z)), 0)
     checked = CheckedArm()
-    goals = {(0, 0): (X, Y, Z + 0.5)}  # when told, when it is on its way
+    goals = {(0, 0): (X, Y, Z + 0.5)}  # time of the command, time of its arrival
     for now_ms in range(phase_ms, 8000, 10):
         now_ns = now_ms * MS
         sample = model.read(now_ns)
@@ -145,7 +145,7 @@ def test_an_arm_that_overshoots_more_than_braking_explains_is_detected(
     ramp_mps2: float,
 ) -> None:
     """A target 0.1 mm ahead at 0.25 m/s allows braking after 0.25 s plus 2 mm."""
-    room_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + OFF_LINE_M + 0.0001
+    limit_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + OFF_LINE_M + 0.0001
 
     def failed_at(m: float) -> str:
         checked = CheckedArm()
@@ -154,7 +154,7 @@ def test_an_arm_that_overshoots_more_than_braking_explains_is_detected(
         checked.command(up(0.0001, 0.25, ramp_mps2), rising)
         return checked.update(at(0.3, m, speed_mps=0.25))
 
-    assert (failed_at(room_m - 1e-5), failed_at(room_m + 1e-5)) == ("", "arm_wrong_way")
+    assert (failed_at(limit_m - 1e-5), failed_at(limit_m + 1e-5)) == ("", "arm_wrong_way")
 
 
 def test_a_stopped_arm_may_be_at_any_position() -> None:

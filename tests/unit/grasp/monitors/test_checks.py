@@ -99,7 +99,7 @@ def test_report_mode_ends_a_run_only_for_vital_checks() -> None:
 
 def test_data_of_an_inactive_hand_are_plausible_and_of_a_jumping_one_not() -> None:
     assert not implausible([failed("gripper_inactive")], GRIPPER)
-    jumped = failed("gripper_impossible", finger="A", how="leapt")
+    jumped = failed("gripper_impossible", finger="A", how="jumped")
     assert implausible([failed("gripper_inactive"), jumped], GRIPPER)
     assert not implausible([jumped], ARM)
 

@@ -45,8 +45,8 @@ def failed_at(states: list[GripperState], **settings: Any) -> str:
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_echo_s(value: float) -> None:
     def after(s: float) -> str:
-        looks = [round(i * s / OUTDATED_READS * 1e9) for i in range(1, OUTDATED_READS + 1)]
-        return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in looks)], echo_s=value)
+        reads = [round(i * s / OUTDATED_READS * 1e9) for i in range(1, OUTDATED_READS + 1)]
+        return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in reads)], echo_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
 
@@ -72,10 +72,10 @@ def test_hand_that_moves_in_the_first_status_gets_the_start_time() -> None:
 
 
 def test_each_fresh_status_restarts_time_and_read_count() -> None:
-    answers = (0, 4, 9)  # four looks between them at most
-    looks = [gripper(i * 120_000_000, fresh=i in answers) for i in range(15)]
-    assert failed_at(looks[:14]) == ""
-    assert failed_at(looks) == "gripper_silent"
+    fresh_reads = (0, 4, 9)  # at most four status reads between them
+    reads = [gripper(i * 120_000_000, fresh=i in fresh_reads) for i in range(15)]
+    assert failed_at(reads[:14]) == ""
+    assert failed_at(reads) == "gripper_silent"
     often = [gripper(i * 10_000_000, fresh=i < 100) for i in range(110)]
     assert failed_at(often, echo_s=0.2) == ""
 
@@ -87,9 +87,9 @@ def test_finger_that_starts_from_rest_gets_the_start_time() -> None:
 
 
 def test_first_outdated_status_is_not_counted() -> None:
-    looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
-    assert failed_at(looks[:5]) == ""
-    assert failed_at(looks) == "gripper_silent"
+    reads = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
+    assert failed_at(reads[:5]) == ""
+    assert failed_at(reads) == "gripper_silent"
 
 
 @pytest.mark.parametrize(
@@ -97,8 +97,8 @@ def test_first_outdated_status_is_not_counted() -> None:
     [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
 )
 def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, codes: str) -> None:
-    looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
-    assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == codes
+    reads = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
+    assert failed_at([msgspec.structs.replace(look, active=active) for look in reads]) == codes
 
 
 def moving(t_s: float, position: int, asked: int = 90) -> GripperState:
@@ -151,18 +151,18 @@ def test_finger_in_contact_may_move_after_another_request() -> None:
 
 
 def test_no_finger_is_faster_than_twice_full_speed() -> None:
-    def leap(counts: int) -> str:
+    def jump(counts: int) -> str:
         return failed_at([gripper(0), gripper(TICK, (55 + counts, 55, 55))])
 
     most = JUMP_COUNTS + round(FINGER_COUNTS_PS * 0.01)
-    assert (leap(most), leap(most + 1)) == ("", IMPOSSIBLE)
+    assert (jump(most), jump(most + 1)) == ("", IMPOSSIBLE)
 
 
 @pytest.mark.parametrize("first_took_ns", [0, 200_000_000])
 def test_a_late_status_allows_more_motion_but_no_larger_jump(
     first_took_ns: int,
 ) -> None:
-    def leap(counts: int, took_s: float) -> str:
+    def jump(counts: int, took_s: float) -> str:
         first, then = gripper(0), gripper(TICK, (55 + counts, 55, 55))
         states = [
             msgspec.structs.replace(first, took_ns=first_took_ns),
@@ -170,8 +170,8 @@ def test_a_late_status_allows_more_motion_but_no_larger_jump(
         ]
         return failed_at(states)
 
-    assert (leap(-14, 0.0), leap(-14, 0.09)) == ("gripper_impossible", "")
-    assert (leap(38, 0.09), leap(39, 0.09)) == ("", "gripper_impossible")
+    assert (jump(-14, 0.0), jump(-14, 0.09)) == ("gripper_impossible", "")
+    assert (jump(38, 0.09), jump(39, 0.09)) == ("", "gripper_impossible")
 
 
 def test_a_jump_is_detected_at_any_time_of_a_run() -> None:

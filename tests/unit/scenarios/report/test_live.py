@@ -28,7 +28,7 @@ class Listener:
         self.told.append(message)
         return True
 
-    def tell(self, message: Message) -> None:
+    def show_waiting(self, message: Message) -> None:
         self.show(message)
 
     def close(self) -> None:
