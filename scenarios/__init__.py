@@ -1,1 +1,1 @@
-"""Experiments: scripted scenarios, their scoring, and the world they run in."""
+"""Experiments: scripted scenarios, their scoring, and the simulated world they run in."""

@@ -20,7 +20,7 @@ from grasp.cli.options import OBJECT_HELP, decimal, share, whole
 from grasp.cli.parser import Parser
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, open_loop_onset_s
-from scenarios.rigs.simulated import Draw, draw
+from scenarios.rigs.simulated import TrialSample, sample_trial
 from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 from scenarios.world.settings import HALF_APERTURE_M
@@ -132,7 +132,9 @@ def present(config: LiftConfig, criteria: Criteria) -> Grip:
     return _evaluated(config, criteria, config.object.grip_counts, trials)
 
 
-def _evaluated(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[Draw]) -> Grip:
+def _evaluated(
+    config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[TrialSample]
+) -> Grip:
     pressed, carried = _forces(config, counts, trials)
     relaxed = pressed * (1 - config.contact.relaxation_fraction)
     flags = {
@@ -152,10 +154,10 @@ def _evaluated(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: 
     )
 
 
-def _trials(config: LiftConfig, samples: int) -> list[Draw]:
+def _trials(config: LiftConfig, draws: int) -> list[TrialSample]:
     return [
-        draw(config.variation, config.object, config.hand, np.random.default_rng(child))
-        for child in np.random.SeedSequence(0).spawn(samples)
+        sample_trial(config.variation, config.object, config.hand, np.random.default_rng(child))
+        for child in np.random.SeedSequence(0).spawn(draws)
     ]
 
 
@@ -172,7 +174,7 @@ def _candidates(config: LiftConfig) -> Iterator[Counts3]:
 
 
 def _forces(
-    config: LiftConfig, counts: Counts3, trials: list[Draw]
+    config: LiftConfig, counts: Counts3, trials: list[TrialSample]
 ) -> tuple[Floats, NDArray[np.float64]]:
     """Initial normal forces (n, 3), N, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))

@@ -50,7 +50,7 @@ _ACTIVATION_NS = 20_000_000_000  # longest activation; assumed
 POSITION_ERROR_COUNTS = 16  # largest position error; a target farther back means opening
 
 LATCHED_NOTE = "contact is latched: closing has no effect without a higher force"
-AT_TARGET_NOTE = "already there"
+AT_TARGET_NOTE = "already at the target"
 
 
 class Activation(Enum):
@@ -193,9 +193,7 @@ class HandTracker:
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
         took_ns = 0 if self._clock is None else self._clock() - now_ns
         if changed or self._fingers is None:
-            self._position_jumped = self._position_jumped or self._has_jumped(
-                status, now_ns + took_ns
-            )
+            self._position_jumped |= self._has_jumped(status, now_ns + took_ns)
             self._changed_ns = now_ns
             self._fingers = finger_states(status)
         self._seq += 1
@@ -234,8 +232,8 @@ class HandTracker:
 
     # Activation
 
-    def _begin_activation(self, step: Activation, command: CommandRegisters) -> None:
-        self._activation = step
+    def _begin_activation(self, stage: Activation, command: CommandRegisters) -> None:
+        self._activation = stage
         self._deadline_ns = self._now_ns + _ACTIVATION_NS
         self._exchange.request(command)
 

@@ -183,12 +183,14 @@ class ThreadedGripper:
             return self._execute(called_ns, lambda: self._core.activate(dropping))
 
     def open(self, speed_mps: float) -> Applied:
-        asked = Applied((0, 0, 0), speed_mps, self.least_force_n, note=_DEFERRED_NOTE)
-        return self._command(lambda: self._core.open(speed_mps), asked)
+        request = Applied((0, 0, 0), speed_mps, self.least_force_n, note=_DEFERRED_NOTE)
+        return self._command(lambda: self._core.open(speed_mps), request)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
-        asked = Applied(targets_counts, speed_mps, force_n, note=_DEFERRED_NOTE)
-        return self._command(lambda: self._core.move_to(targets_counts, speed_mps, force_n), asked)
+        request = Applied(targets_counts, speed_mps, force_n, note=_DEFERRED_NOTE)
+        return self._command(
+            lambda: self._core.move_to(targets_counts, speed_mps, force_n), request
+        )
 
     def close_fast(
         self,
@@ -198,21 +200,21 @@ class ThreadedGripper:
         speed_mps: float,
     ) -> Applied:
         targets = closing_targets(closing, limits_counts, self._positions)
-        asked = Applied(targets, speed_mps, force_cap_n, note=_DEFERRED_NOTE)
+        request = Applied(targets, speed_mps, force_cap_n, note=_DEFERRED_NOTE)
         return self._command(
-            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), asked
+            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), request
         )
 
     def hold(self) -> Applied:
-        asked = Applied(self._positions, 0.0, self.least_force_n, note=_DEFERRED_NOTE)
-        return self._command(self._core.hold, asked)
+        request = Applied(self._positions, 0.0, self.least_force_n, note=_DEFERRED_NOTE)
+        return self._command(self._core.hold, request)
 
     @property
     def _positions(self) -> Counts3:
         """Last known finger positions."""
         return (0, 0, 0) if self._state is None else self._state.positions
 
-    def _command(self, verb: _Verb, asked: Applied) -> Applied:
+    def _command(self, verb: _Verb, request: Applied) -> Applied:
         self._mark_polled()
         called_ns = self._clock()
         if self._thread_ended:
@@ -227,7 +229,7 @@ class ThreadedGripper:
         with self._deferred_lock:
             self._deferred = called_ns, verb
         self._wake.set()
-        return asked
+        return request
 
     def _execute(self, called_ns: int, verb: _Verb) -> Applied:
         """Execute a verb; the caller holds the lock."""

@@ -21,7 +21,7 @@ from grasp.cli.output import print_status, show
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
-from scenarios.lab.hand import guard_of
+from scenarios.lab.hand import hand_guard
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.wired import ANY_BOARD
 
@@ -94,19 +94,19 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
     lab.warn_of_weak_calibration(config.calibration)
-    guard_of(config)  # raises where a run would be refused
+    hand_guard(config)  # raises where a run would be refused
 
     def plan() -> str:
         hold = f"close on an object for {args.seconds:g} s, then open"
         return f"move the fingers: {hold}; the arm does not move"
 
     def look() -> str:
-        preflight.check_close(config, preflight.active_hand(config), CLOSED)
+        preflight.check_close(config, preflight.read_active_hand(config), CLOSED)
         lab.warn_of_mode(config)
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        counts = calibrate.held_still(config, permit, args.seconds, operator, print_status)
+        counts = calibrate.record_still_object(config, permit, args.seconds, operator, print_status)
         found = tune_without_labels(detector_config, [(counts, *find_hold(counts))], args.budget)
         return _rule_file(args, found, found.rule == detector_config.rule)
 
@@ -150,7 +150,11 @@ def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
         f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %) for {args.budget:g} false events a "
         f"minute at {found.load_counts:.0f} counts of load; {how}"
     )
-    lines = ["[source]", f"rule = {calibrate.noted(source, args.note)}", *rule_lines(found.rule)]
+    lines = [
+        "[source]",
+        f"rule = {calibrate.quoted_source(source, args.note)}",
+        *rule_lines(found.rule),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -161,10 +165,10 @@ def tactile_watch(args: argparse.Namespace) -> int:
         raise UsageError("--out writes the rest codes and needs --rest", "add --rest")
     report, seconds, most = None, 0, args.seconds or WATCH_S
     with suppress(KeyboardInterrupt):  # what was measured before is reported
-        for report in fingertips.listen(lab.load_config(args), most):
+        for report in fingertips.watch(lab.load_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
-                print(report.in_words(), flush=True)
+                print(report.summary(), flush=True)
     if report is None:
         return exits.report("interrupted", "interrupted", "", args.json)
     return show(args, {**msgspec.to_builtins(report), "exit_code": 0}, report.table())
@@ -176,7 +180,7 @@ def _measure_rest(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_whole(args.out, text.encode())
     if not args.json:
-        print_status(report.in_words())
+        print_status(report.summary())
     value = {"rest": report.codes, "samples": report.samples, "noise_counts": report.noise_counts}
     return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
 

@@ -17,7 +17,7 @@ from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
 from scenarios.campaign.config import RunConfig, load_config, load_for_devices
 from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
-from scenarios.rigs.calibration import own_layers
+from scenarios.rigs.calibration import user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import check_read, trial_layers
 
@@ -69,7 +69,7 @@ def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
         if keys <= acquiring:
             return f"settings for --config, of an acquisition: {', '.join(keys)}"
     config = load_for_devices("can", "simulated", path, detector=detector)
-    check_read(config.rule, config.controller, own_layers(path, ()))
+    check_read(config.rule, config.controller, user_layers(path, ()))
     return f"settings for --config, {', '.join(keys)}"
 
 

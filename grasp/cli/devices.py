@@ -11,9 +11,9 @@ from drivers.ur.link import preflight as arm_preflight
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
 from scenarios.lab import arm, hand, preflight
-from scenarios.rigs.device_checks import STRANGE, arm_checks, other_devices, read_gripper
+from scenarios.rigs.device_checks import WRONG_DEVICE, arm_checks, other_devices, read_gripper
 from scenarios.rigs.permission import arm_address, gripper_address
-from scenarios.rigs.rig import calibration, not_active, to_open
+from scenarios.rigs.rig import calibration, not_active_error, settings_to_open
 
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: the hand is active"
@@ -42,7 +42,7 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     if args.json:
         return code
     for each in strange:
-        lab.say(f"{each} ({STRANGE})")
+        lab.say(f"{each} ({WRONG_DEVICE})")
     if fault.code:
         lab.say(f"{fault.text} ({fault.remedy})")
     if now.ready and (other := mode_warning(now.mode)):
@@ -77,9 +77,9 @@ def gripper_activate(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
 
     def look() -> str:
-        to_open(config)  # raises without a calibration
+        settings_to_open(config)  # raises without a calibration
         seen = preflight.check_activation(config)
-        return IDLE if seen is None else SET_BASIC if seen.well else ALL
+        return IDLE if seen is None else SET_BASIC if seen.healthy else ALL
 
     def ask() -> None:
         lab.confirm("activation opens and closes the hand fully, with a force that cannot be set. "
@@ -96,13 +96,13 @@ def gripper_activate(args: argparse.Namespace) -> int:
 
 
 def gripper_close(args: argparse.Namespace) -> int:
-    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), _hand_config(args)
     plan = f"close finger {fingers} to {args.to} counts"
-    return _move(args, config, plan, lambda at: hand.targets_of(at, fingers, args.to), fingers)
+    return _move(args, config, plan, lambda at: hand.closing_targets(at, fingers, args.to), fingers)
 
 
 def gripper_step(args: argparse.Namespace) -> int:
-    fingers, config = hand.fingers_of(args.finger), _hand_config(args)
+    fingers, config = hand.finger_names(args.finger), _hand_config(args)
     counts = hand.step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     plan, closing = f"move finger {fingers} by {counts:+} counts", "" if args.open else fingers
     return _move(args, config, plan, lambda at: hand.step_targets(at, fingers, counts), closing)
@@ -114,18 +114,18 @@ def _move(
     """Move fingers to their ``targets``. ``closing``: the fingers that close."""
     order = ""  # order of the fingers, in words
     if closing:
-        hand.guard_of(config)  # raises what a run would, before anything moves
+        hand.hand_guard(config)  # raises what a run would, before anything moves
         if config.guard.cap_mode != "each_motor" and set("BC") & set(closing):
             thumb = ", then the thumb alone" if "A" in closing else ""
             order = f"; B and C until contact at most{thumb}"
 
     def look() -> str:
-        seen = preflight.active_hand(config)
+        seen = preflight.read_active_hand(config)
         to = targets(seen.state.positions)
         if closing:
             preflight.check_close(config, seen, to)
         lab.warn_of_mode(config, opened=not closing)
-        moving = config if closing else to_open(config)
+        moving = config if closing else settings_to_open(config)
         return _motion(moving, seen.state.positions, to) + order
 
     def act(permit: Any) -> lab.Done:
@@ -134,7 +134,7 @@ def _move(
             lab.say(f"will {_motion(config, opened.state.positions, to)}{order}")
             moved = opened.close(to, lab.say) if closing else opened.move(to, lab.say)
         code = exits.DEVICE if moved.fault else exits.SUCCESS
-        return lab.Done(moved.in_words(), code=exits.SAFETY_STOP if moved.stopped_by else code)
+        return lab.Done(moved.summary(), code=exits.SAFETY_STOP if moved.stopped_by else code)
 
     return lab.perform(args, config, lambda: f"{plan} at {_speed(config)}{order}", look, act,
                    lambda: lab.warn_of_mode(config))  # fmt: skip
@@ -144,29 +144,29 @@ def release(args: argparse.Namespace) -> int:
     config = _hand_config(args)
 
     def look() -> str:
-        to_open(config)  # raises without a calibration
-        seen = preflight.hand_seen(config)
+        settings_to_open(config)  # raises without a calibration
+        seen = preflight.read_hand(config)
         if not seen.state.active:
             if not args.activate:
-                raise not_active(seen.state, "run the same command with --activate")
+                raise not_active_error(seen.state, "run the same command with --activate")
             return f"activate the hand: {ALL}, then open it"
         lab.warn_of_mode(config, opened=True)
-        return _motion(to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
+        return _motion(settings_to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
 
     def act(permit: Any) -> lab.Done:
         with hand.open_hand(config, permit, False, args.activate) as opened:
-            will = _motion(to_open(config), opened.state.positions, OPEN)
+            will = _motion(settings_to_open(config), opened.state.positions, OPEN)
             lab.say(f"will {will}{_spread(opened.mode)}")
             moved = opened.open(lab.say)
         which, others = f"gripper at {gripper_address(config)}", other_devices(config)
-        text = _listed(f"released on rig {args.rig}: {which}, {moved.in_words()}",
+        text = _listed(f"released on rig {args.rig}: {which}, {moved.summary()}",
                        [f"{device}: {state}" for device, state in others.items()])  # fmt: skip
         lab.warn_of_mode(config, opened=True)
         value = {"rig": args.rig, "gripper": which, "positions_counts": moved.positions_counts}
         return lab.Done(text, {**value, **others})
 
     return lab.perform(
-        args, config, lambda: f"open all fingers at {_speed(to_open(config))}", look, act
+        args, config, lambda: f"open all fingers at {_speed(settings_to_open(config))}", look, act
     )
 
 

@@ -22,8 +22,8 @@ from grasp.cli.commands import OPERATOR_ACTIONS
 from grasp.cli.output import print_status
 from scenarios.campaign.config import load_for_devices
 from scenarios.report.run_view import turned_text
-from scenarios.rigs.cell_faults import all_in_words
-from scenarios.rigs.emulated_cell import CellOrder, EmulatedCell, Listening, end_on_signals, serve
+from scenarios.rigs.cell_faults import describe_all_faults
+from scenarios.rigs.emulated_cell import CellOptions, CellOrder, EmulatedCell, end_on_signals, serve
 from scenarios.tap.mallet import TapConfig, swing
 
 PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
@@ -35,7 +35,7 @@ PRESS_S = 1.0  # of a pad
 
 def emulate(args: argparse.Namespace) -> int:
     check_address(args.host, args.beyond_loopback, args.gripper_port)
-    there = Listening(
+    there = CellOptions(
         host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
         token=secrets.token_hex(16) if args.beyond_loopback else "",
     )  # fmt: skip
@@ -91,14 +91,14 @@ class Console:
 
     def _execute(self, cell: EmulatedCell, words: list[str]) -> str:
         if words in (["fault"], ["fault", "help"]):
-            return f"faults:\n{all_in_words()}"
+            return f"faults:\n{describe_all_faults()}"
         try:
-            reply = cell.obey(self._request(words))
+            reply = cell.execute_request(self._request(words))
         except (ValueError, KeyError, msgspec.MsgspecError) as error:
             return f"{error.args[0] if error.args else error}: {OPERATOR_ACTIONS}"
         while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
             time.sleep(POLL_S)
-            reply = cell.obey({"verb": "home"})
+            reply = cell.execute_request({"verb": "home"})
         if words[0] == "press":
             time.sleep(PRESS_S)  # until the pad is released
         if "error" in reply:
@@ -107,7 +107,7 @@ class Console:
             return _look_text(reply["truth"])
         if words[0] == "scale":
             return _scale_text(reply["truth"])
-        return f"done: {reply['told']}" if "told" in reply else "done"
+        return f"done: {reply['effect']}" if "effect" in reply else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:
         match words:

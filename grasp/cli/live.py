@@ -67,9 +67,9 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.simulated import told_when_compiling
+            from scenarios.rigs.simulated import on_first_compilation
 
-            said = told_when_compiling(lambda: self.show_waiting(view.StatusLine(COMPILING)))
+            said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
             self._until_closed.enter_context(said)
         return self
 

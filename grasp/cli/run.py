@@ -19,8 +19,13 @@ from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 from scenarios.acquire.session import counts_per_newton
 from scenarios.campaign.config import EXPERIMENTS, load_config
-from scenarios.lab.preflight import SOFT, WHAT_TO_DO, close_in_free_air, gently
-from scenarios.rigs.calibration import in_words
+from scenarios.lab.preflight import (
+    SOFTEST_OBJECT,
+    STOP_INSTRUCTIONS,
+    close_in_free_air,
+    gentle_settings,
+)
+from scenarios.rigs.calibration import describe_calibration
 from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import HARDWARE, check_devices
 from scenarios.rigs.rig import calibration
@@ -35,7 +40,7 @@ def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
-    object_name = SOFT if args.first and args.object == "can" else str(args.object)
+    object_name = SOFTEST_OBJECT if args.first and args.object == "can" else str(args.object)
     chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)
     if args.dry_run:
@@ -70,7 +75,7 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     check_devices(config)
     if permit is not None:  # the settings of an acquisition have neither
         if (hand := getattr(config, "calibration", None)) is not None:
-            say(in_words(hand))
+            say(describe_calibration(hand))
         if (source := getattr(config, "source", None)) is not None:
             for line in source.in_words():
                 say(line)
@@ -110,15 +115,15 @@ def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
     if permit is None or args.json or args.trials is not None or args.resume:
         raise UsageError("--first is one supervised lift on the rig hardware, without --json, "
                          "--trials and --resume", "leave these out, or --first")  # fmt: skip
-    slow = gently(config)
+    slow = gentle_settings(config)
     TerminalOperator().expect()
-    for line in WHAT_TO_DO:
+    for line in STOP_INSTRUCTIONS:
         print(f"  {line}")
     with signals.deferred():
         _ask("Step 1 of 2, free air: with an empty hand and the arm at rest, the fingers close to "
              f"the grasp positions of {config.object.name} without contact")  # fmt: skip
         moved = close_in_free_air(slow, permit, say)
-        print(f"  {moved.in_words()}, as expected")
+        print(f"  {moved.summary()}, as expected")
         controller, guard = slow.controller, slow.guard
         _ask(f"Step 2 of 2, {config.object.name}: put it, or an object as soft, between the "
              f"fingers. The arm lifts it {controller.lift_height_m * 1e3:.0f} mm at "
@@ -193,7 +198,7 @@ def _as_run(config: Any, args: argparse.Namespace) -> Any:
     if args.scenario == "tap":
         config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:
-        config = gently(config)
+        config = gentle_settings(config)
     make_guard(config)
     return config
 

@@ -196,7 +196,7 @@ def run(
 
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / PERIOD_S)
-            with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+            with real_time(config.realtime) if rig.wall_time else nullcontext() as granted:
                 ending = _run_to_end(session, samples)
             return _finish(config, motion, seed, session, folder, ending, granted)
 

@@ -10,7 +10,7 @@ from drivers.errors import ConfigError
 from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, file_of, item_layer, load, without_chosen
 from scenarios.acquire.press import PressControlSettings
-from scenarios.rigs.calibration import Files, own_layers, rig_layers
+from scenarios.rigs.calibration import Files, rig_layers, user_layers
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.objects import within
 
@@ -54,7 +54,7 @@ def load_acquire_config(
         *map(_of_this_scenario, of_rig),
         without_chosen(item_layer("surfaces", "surface", surface)),
     ]
-    *of_files, assigned = own_layers(files, assignments)
+    *of_files, assigned = user_layers(files, assignments)
     layers += [*map(_of_this_scenario, of_files), assigned, Layer("command line", {"rig": like})]
     return load(AcquireConfig, layers)
 

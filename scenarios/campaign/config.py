@@ -5,7 +5,7 @@ from typing import Any
 
 from grasp.settings import load
 from scenarios.lift.lift import LiftConfig, lift
-from scenarios.rigs.calibration import Files, own_layers
+from scenarios.rigs.calibration import Files, user_layers
 from scenarios.tap.mallet import TapConfig, TapSettings
 from scenarios.tap.tap import tap
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig
@@ -39,7 +39,7 @@ def load_config(
     setting that is not allowed, or that the detector or the answer to slip does not read."""
     layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
-    own = own_layers(files, assignments)
+    own = user_layers(files, assignments)
     check_read(config.rule, config.controller, own, config.detector_name)
     return config
 

@@ -1,4 +1,4 @@
-"""The arm moved by itself on real devices: one short slow step, or stopped."""
+"""Motion of a real arm without a run: one short slow step, or a stop."""
 
 import math
 import time
@@ -18,17 +18,17 @@ from scenarios.trial.config import TrialConfig
 MOST_STEP_M = 0.005
 SPEED_MPS, ACCELERATION_MPS2 = 0.01, 0.1  # slow; assumed
 STOP_MPS2 = 1.0  # as in a safe state
-MOVE_S, STAND_S = 5.0, 3.0
+MOVE_S, STOP_S = 5.0, 3.0
 PRESS = "press the emergency stop if it still moves"
 
 
 def check_step(config: TrialConfig, step_m: Vector3) -> None:
-    """Raises UsageError for no step or one too long, Refused for one out of the workspace, which is
-    measured from where it begins."""
+    """Raises UsageError for a zero or too long step, Refused for one beyond the workspace, which is
+    relative to the start of the step."""
     length_m = math.hypot(*step_m)
     if not 0.0 < length_m <= MOST_STEP_M + 1e-9:
         most = f"above 0, to {MOST_STEP_M * 1e3:g} mm in all"
-        raise UsageError(f"a step of {length_m * 1e3:g} mm", most)
+        raise UsageError(f"a step of {length_m * 1e3:g} mm is not possible", most)
     s = config.arm
     box = zip("xyz", s.workspace_low_m, step_m, s.workspace_high_m, strict=True)
     for axis, low_m, by_m, high_m in box:
@@ -42,10 +42,10 @@ def check_step(config: TrialConfig, step_m: Vector3) -> None:
 def step_arm(
     config: TrialConfig, permit: MotionPermit | None, step_m: Vector3, say: Say
 ) -> Vector3:
-    """One straight step in the base frame, at 10 mm/s; where the tool stands then, m. Ctrl-C stops
-    it, which ``say`` is told once it is seen.
+    """Move one straight step in the base frame at 10 mm/s; returns the tool's position, m. Ctrl-C
+    stops the arm; ``say`` then gets the observed result.
 
-    Raises UsageError without a permit, as ``check_step``, and the drivers' errors.
+    Raises UsageError without a permit, the errors of ``check_step``, and the drivers' errors.
     """
     require(permit)
     check_step(config, step_m)
@@ -54,21 +54,21 @@ def step_arm(
         arm.poll(clock.now_ns)
         arm.set_payload(config.arm.payload_kg)
         arm.poll(clock.now_ns)
-        x, y, z = _place(arm)
+        x, y, z = _position(arm)
         dx, dy, dz = step_m
-        with on_failure(lambda: say(_stopped(arm, clock))):
+        with on_failure(lambda: say(_stop(arm, clock))):
             arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
-            _until_stands(arm, clock, MOVE_S, interruptible=True)
-        return _place(arm)
+            _wait_until_stopped(arm, clock, MOVE_S, interruptible=True)
+        return _position(arm)
 
 
-def _place(arm: Arm) -> Vector3:
+def _position(arm: Arm) -> Vector3:
     if arm.state is None:
         raise LinkLost("the arm sends no state", CHECK_CONNECTION)
     return arm.state.position_m
 
 
-def _until_stands(arm: Arm, clock: Clock, within_s: float, interruptible: bool) -> None:
+def _wait_until_stopped(arm: Arm, clock: Clock, within_s: float, interruptible: bool) -> None:
     end_ns = clock.now_ns + round(within_s * 1e9)
     while clock.now_ns < end_ns:
         if interruptible:
@@ -77,30 +77,31 @@ def _until_stands(arm: Arm, clock: Clock, within_s: float, interruptible: bool) 
         arm.poll(clock.now_ns)
         if arm.state is not None and not arm.state.moving:
             return
-    raise DeviceFault("the arm did not come to stand in time", PRESS)
+    raise DeviceFault(f"the arm did not stop within {within_s:g} s", PRESS)
 
 
-def _stopped(arm: Arm, clock: Clock) -> str:
-    """How the arm is once it was told to stop; raises nothing."""
+def _stop(arm: Arm, clock: Clock) -> str:
+    """Stop the arm and return its observed state as text; raises nothing."""
 
-    def stand() -> None:
+    def stop() -> None:
         arm.stop(STOP_MPS2)
-        _until_stands(arm, clock, STAND_S, interruptible=False)
+        _wait_until_stopped(arm, clock, STOP_S, interruptible=False)
 
     with signals.deferred(ignore_checks=True):
-        stands = retry(stand, clock)
-    if stands:
-        return "the arm stands"
+        stopped = retry(stop, clock)
+    if stopped:
+        return "the arm has stopped"
     with suppress(Exception):
         if arm.state is not None and arm.state.stopped_by_safety:
-            return "the arm is stopped by its own safety system"
-    return f"NOT SEEN TO STAND: {PRESS}"
+            return "the arm is stopped by its safety system"
+    return f"STOP OF THE ARM NOT CONFIRMED: {PRESS}"
 
 
 def stop_arm(config: TrialConfig) -> Vector3:
-    """End whatever program moves the arm, by its dashboard, and look until it stands; where, m.
+    """Stop any program on the arm through its dashboard and wait until the arm has stopped; returns
+    its position, m.
 
-    Raises LinkLost, and DeviceFault where it is not seen to stand.
+    Raises LinkLost, and DeviceFault if the stop is not confirmed.
     """
     if config.devices.arm:
         raise UsageError("an arm of another package has no dashboard", PRESS)
@@ -111,13 +112,13 @@ def stop_arm(config: TrialConfig) -> Vector3:
             dashboard.request("stop")
     except (OSError, ValueError) as error:
         raise LinkLost(
-            f"dashboard at {host}:{DASHBOARD_PORT}: {str(error) or 'no answer'}",
+            f"dashboard at {host}:{DASHBOARD_PORT}: {str(error) or 'no reply'}",
             f"{PRESS}; {CHECK_CONNECTION}",
         ) from None
-    end_s = time.monotonic() + STAND_S
+    end_s = time.monotonic() + STOP_S
     while time.monotonic() < end_s:
         before, now = arm_preflight.read_status(host, timeout_s)
         if before.stationary and now.stationary:
             x, y, z = now.pose[:3]
             return x, y, z
-    raise DeviceFault("the arm is not seen to stand", PRESS)
+    raise DeviceFault("the stop of the arm is not confirmed", PRESS)

@@ -1,4 +1,4 @@
-"""Which devices answer at addresses that a person gives: known ports only, no network search."""
+"""Search for devices at given addresses, on known ports only; no network is searched."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -16,12 +16,12 @@ from drivers.ur.link import preflight
 from scenarios.rigs.device_checks import read_registers
 
 MODBUS_PORT = 502
-TIMEOUT_S = 1.0  # of each question
+TIMEOUT_S = 1.0  # of each query
 ADDRESSES = "HOST, HOST:PORT or tcp://HOST:PORT, one device each; no network is searched"
 
 
 class Found(msgspec.Struct, frozen=True):
-    """One question. ``settings``: sections of a file for `--config`; empty if nothing answered."""
+    """Result of a query. ``settings``: sections of a file for `--config`; empty without reply."""
 
     device: str
     where: str
@@ -31,21 +31,21 @@ class Found(msgspec.Struct, frozen=True):
 
 
 def find(addresses: Sequence[str]) -> Iterator[Found]:
-    """Ask each address: HOST for gripper and arm, HOST:PORT for a gripper, tcp://HOST:PORT for an
-    emulated board; then list the boards on USB. Raises UsageError for another form."""
+    """Query each address: HOST for gripper and arm, HOST:PORT for a gripper, tcp://HOST:PORT for an
+    emulated board; then list the boards on USB. Raises UsageError for any other form."""
     for scheme, host, port in [_parsed(address) for address in addresses]:
         if scheme:
             url = f"tcp://{host}:{port}"
-            yield _asked("fingertips", url, partial(_board, url), {"usb": {"url": url}})
+            yield _query("fingertips", url, partial(_board, url), {"usb": {"url": url}})
             continue
         at: dict[str, str | int] = {"host": host, "port": port or MODBUS_PORT}
         where = f"{host}:{at['port']}, Modbus TCP"
-        yield _asked("gripper", where, partial(_gripper, host, port or MODBUS_PORT), {"modbus": at})
+        yield _query("gripper", where, partial(_gripper, host, port or MODBUS_PORT), {"modbus": at})
         if port is None:
             where = f"{host}:{preflight.DASHBOARD_PORT}, dashboard"
-            yield _asked("arm", where, partial(_dashboard, host), {"ur": {"host": host}})
+            yield _query("arm", where, partial(_dashboard, host), {"ur": {"host": host}})
             where = f"{host}:{preflight.RTDE_PORT}, RTDE"
-            yield _asked("arm", where, partial(_rtde, host))
+            yield _query("arm", where, partial(_rtde, host))
     for board in boards():
         serial = board.serial or "none"
         allowed = "" if board.allowed else ", no permission: `grasp doctor` has the udev rule"
@@ -54,7 +54,7 @@ def find(addresses: Sequence[str]) -> Iterator[Found]:
 
 
 def settings_of(found: Sequence[Found]) -> str:
-    """A file for `--config`: of each section what answered first; empty if nothing did."""
+    """Text of a file for `--config` with the first device found per section; empty without any."""
     sections: dict[str, dict[str, str | int]] = {}
     for each in found:
         for section, keys in each.settings.items():
@@ -74,27 +74,34 @@ def _parsed(address: str) -> tuple[str, str, int | None]:
         raise UsageError(f"{address!r}: {error}", ADDRESSES) from None
     host, other = parts.hostname, bool(parts.path or parts.query)
     if host is None or other or scheme not in ("", "tcp") or (scheme and port is None):
-        raise UsageError(f"{address!r} is no address of a device", ADDRESSES)
+        raise UsageError(f"{address!r} is not an address of a device", ADDRESSES)
     return scheme, host, port
 
 
-def _asked(
-    device: str, where: str, ask: Callable[[], str],
+def _query(
+    device: str, where: str, query: Callable[[], str],
     settings: dict[str, dict[str, str | int]] | None = None,
 ) -> Found:  # fmt: skip
     try:
-        return Found(device, where, True, ask(), settings or {})
-    except TimeoutError:
-        return Found(device, where, False, "no answer in time")
+        return Found(device, where, True, query(), settings or {})
     except (GraspError, OSError, ValueError) as error:
-        return Found(device, where, False, str(error))
+        return Found(device, where, False, _reason(error, where))
+
+
+def _reason(error: Exception, where: str) -> str:
+    """Text of an error without the address."""
+    cause = error if isinstance(error, OSError) else error.__context__
+    if isinstance(cause, OSError):
+        timeout = f"no reply within {TIMEOUT_S:g} s"
+        return timeout if isinstance(cause, TimeoutError) else cause.strerror or str(cause)
+    return str(error).removeprefix(f"the gripper at {where.partition(',')[0]} ")
 
 
 def _gripper(host: str, port: int) -> str:
     settings = ModbusSettings(host=host, port=port, timeout_s=TIMEOUT_S)
     before, now = read_registers(settings)
-    if strange := protocol.implausible_values(now, before):
-        raise ValueError(", ".join(strange))
+    if implausible := protocol.implausible_values(now, before):
+        raise ValueError(", ".join(implausible))
     state = "activated" if now.ready else "not activated"
     return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}"
 
@@ -109,8 +116,8 @@ def _dashboard(host: str) -> str:
 
 def _rtde(host: str) -> str:
     before, now = preflight.read_status(host, TIMEOUT_S)
-    if strange := preflight.implausible_values(now, before):
-        raise ValueError(", ".join(strange))
+    if implausible := preflight.implausible_values(now, before):
+        raise ValueError(", ".join(implausible))
     mode, safety, *_ = preflight.status_lines(now)
     return f"{mode}, {safety}"
 

@@ -1,4 +1,4 @@
-"""Fingertips read without a run: counts, rest, noise, and frames lost."""
+"""Fingertips without a run: counts, rest codes, noise, and lost frames."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,16 +17,16 @@ from scenarios.rigs.config import AnyRigConfig
 from scenarios.rigs.permission import board_address
 from scenarios.rigs.wired import open_board
 
-REST_S = 5.0  # within which the rest is taken
+REST_S = 5.0  # timeout for the rest codes
 A_SECOND = 100  # samples
 
 Raw = NDArray[np.int16]
 Table = tuple[tuple[float, ...], ...]  # (3, taxels)
 
 
-class Touch:
-    """Fingertips that the waiting caller polls. ``rest``: codes of the open hand; None: unknown,
-    so no force is reported."""
+class TactileReader:
+    """Fingertips that the caller polls. ``rest``: codes of the open hand; None: unknown, so no
+    force is estimated."""
 
     def __init__(self, tips: TakkTileDriver, rest: Raw | None, stale_ns: int) -> None:
         self.tips = tips
@@ -35,7 +35,7 @@ class Touch:
         self._frames, self._fresh_ns = 0, 0
 
     def poll(self, now_ns: int) -> None:
-        """One tick; raises what the board raises, and Stale where it has sent nothing for long."""
+        """Poll once; raises the board's errors, and Stale without a frame for too long."""
         self.tips.poll(now_ns)
         frames = self.tips.statistics.frames
         if frames != self._frames or not self._fresh_ns:
@@ -47,7 +47,7 @@ class Touch:
             )
 
     def ticks(self, clock: Clock, count: int) -> Iterator[None]:
-        """So many samples at 100 Hz, each polled; Ctrl-C raises."""
+        """Poll ``count`` samples at 100 Hz; Ctrl-C raises."""
         tick_ns = clock.now_ns
         for _ in range(count):
             signals.check()
@@ -58,13 +58,13 @@ class Touch:
 
     @property
     def counts(self) -> Raw | None:
-        """(3, taxels) raw minus rest, pressing negative; None where either is not known."""
+        """(3, taxels) raw minus rest, negative under pressure; None if either is unknown."""
         raw = self.tips.latest_raw
         return None if raw is None or self.rest is None else raw - self.rest
 
     @property
     def counts_sum(self) -> Vector3 | None:
-        """Over the taxels of each finger."""
+        """Sum of the counts over the taxels of each finger."""
         counts = self.counts
         if counts is None:
             return None
@@ -73,25 +73,25 @@ class Touch:
 
 
 @contextmanager
-def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[Touch]:
-    """The fingertips that the settings name. Their rest is taken now from an unloaded hand; of a
-    closed one it is `tactile.rest_reference`, if there is one. Raises the board's errors, and
-    Refused where the rest cannot be right."""
+def open_fingertips(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[TactileReader]:
+    """The fingertips of the settings. The rest codes of an unloaded hand are measured now; those of
+    a closed hand are `tactile.rest_reference`, if set. Raises the board's errors, and Refused for
+    implausible rest codes."""
     if config.devices.fingertips:
-        raise Refused("fingertips of another package are not read by this verb", "unset devices")
+        raise Refused("fingertips of another package cannot be read", "unset devices.fingertips")
     board_address(config)
     with open_board(config, lambda: clock.now_ns) as tips:
         rest = config.tactile.rest_reference
-        touch = Touch(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
+        reader = TactileReader(tips, None, config.tactile.stale_after_missed * PERIOD_NS)
         if unloaded:
             tips.begin_rest()
             _until(tips, clock, lambda: tips.rest_taken)
-            assert tips.frame is not None  # noqa: S101  (the rest is taken)
-            touch.rest = tips.frame.rest
+            assert tips.frame is not None  # noqa: S101  (there are rest codes)
+            reader.rest = tips.frame.rest
         elif rest is not None:
             _until(tips, clock, lambda: tips.latest_raw is not None)
-            touch.rest = np.array(rest, np.int16)
-        yield touch
+            reader.rest = np.array(rest, np.int16)
+        yield reader
 
 
 def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None:
@@ -103,8 +103,8 @@ def _until(tips: TakkTileDriver, clock: Clock, done: Callable[[], bool]) -> None
         tips.poll(clock.now_ns)
 
 
-class Listened(msgspec.Struct, frozen=True):
-    """A stretch of samples, (3, taxels) each: rest codes, mean counts below or above them, and the
+class FingertipStatistics(msgspec.Struct, frozen=True):
+    """Statistics of consecutive samples, (3, taxels) each: rest codes, mean counts from rest,
     standard deviation of the codes. ``lost``: ticks without a frame."""
 
     samples: int
@@ -115,7 +115,7 @@ class Listened(msgspec.Struct, frozen=True):
 
     @property
     def codes(self) -> list[list[int]]:
-        """(3, taxels) mean codes, whole."""
+        """(3, taxels) mean codes, rounded."""
         whole: list[list[int]] = np.rint(np.add(self.rest, self.counts)).astype(int).tolist()
         return whole
 
@@ -123,8 +123,8 @@ class Listened(msgspec.Struct, frozen=True):
     def most_noise_counts(self) -> float:
         return max(map(max, self.noise_counts))
 
-    def in_words(self) -> str:
-        """One line: the load on each finger, the noisiest taxel, frames lost."""
+    def summary(self) -> str:
+        """One line: counts of each finger, noise of the noisiest taxel, lost frames."""
         fingers = zip(FINGER_NAMES, self.counts, strict=True)
         sums = (f"{name} {sum(counts):+.0f}" for name, counts in fingers)
         return (
@@ -133,7 +133,7 @@ class Listened(msgspec.Struct, frozen=True):
         )
 
     def table(self) -> str:
-        """Every taxel: rest, counts and noise."""
+        """One row per taxel: rest, counts and noise."""
         rows = [f"{'finger':>6} {'taxel':>5} {'rest':>5} {'counts':>7} {'noise':>6}"]
         fingers = zip(FINGER_NAMES, self.rest, self.counts, self.noise_counts, strict=True)
         for name, *columns in fingers:
@@ -142,43 +142,43 @@ class Listened(msgspec.Struct, frozen=True):
         return "\n".join(rows)
 
 
-def listen(config: AnyRigConfig, seconds: float) -> Iterator[Listened]:
-    """Each second, then all of them; the hand must be unloaded to begin with, for its rest is
-    taken. Raises the board's errors, and Refused for a rest that cannot be."""
+def watch(config: AnyRigConfig, seconds: float) -> Iterator[FingertipStatistics]:
+    """Statistics of each second, then of all samples. The hand must be unloaded at first, when the
+    rest codes are measured. Raises the board's errors, and Refused for implausible rest codes."""
     clock = WallClock(WallClock().now_ns)
-    with open_touch(config, clock, unloaded=True) as touch:
+    with open_fingertips(config, clock, unloaded=True) as reader:
         every: list[Raw] = []
         seconds = max(1, round(seconds))
         for _ in range(seconds):
-            frames = touch.tips.statistics.frames
+            frames = reader.tips.statistics.frames
             raw: list[Raw] = []
-            for _ in touch.ticks(clock, A_SECOND):
-                now = touch.tips.statistics.frames
-                if now > frames and touch.tips.latest_raw is not None:
-                    raw.append(touch.tips.latest_raw)
+            for _ in reader.ticks(clock, A_SECOND):
+                now = reader.tips.statistics.frames
+                if now > frames and reader.tips.latest_raw is not None:
+                    raw.append(reader.tips.latest_raw)
                 frames = now
             if not raw:
                 raise Stale("the tactile board has sent no frame for a second", "check its cable")
             every += raw
-            yield _listened(touch, raw, A_SECOND)
-        yield _listened(touch, every, seconds * A_SECOND)
+            yield _statistics(reader, raw, A_SECOND)
+        yield _statistics(reader, every, seconds * A_SECOND)
 
 
-def _listened(touch: Touch, raw: list[Raw], ticks: int) -> Listened:
-    codes, rest = np.stack(raw), touch.rest
-    assert rest is not None  # noqa: S101  (taken when it was opened)
+def _statistics(reader: TactileReader, raw: list[Raw], ticks: int) -> FingertipStatistics:
+    codes, rest = np.stack(raw), reader.rest
+    assert rest is not None  # noqa: S101  (measured at opening)
     tables = (rest, codes.mean(axis=0) - rest, codes.std(axis=0))
     values = [tuple(tuple(map(float, row)) for row in table.tolist()) for table in tables]
-    return Listened(len(raw), ticks - len(raw), *values)
+    return FingertipStatistics(len(raw), ticks - len(raw), *values)
 
 
-def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Listened, str]:
-    """The rest of an unloaded hand, and the lines of a file for `--config` that state it."""
+def rest_file(config: AnyRigConfig, seconds: float) -> tuple[FingertipStatistics, str]:
+    """Rest codes of an unloaded hand, and the lines of a file for `--config` that state them."""
     replace = msgspec.structs.replace
-    tactile = replace(config.tactile, rest_reference=None)  # it is this that is renewed
-    *_, found = listen(replace(config, tactile=tactile), seconds)
+    tactile = replace(config.tactile, rest_reference=None)  # it is measured again
+    *_, found = watch(replace(config, tactile=tactile), seconds)
     rows = ",\n".join(f"    {row}" for row in found.codes)
-    day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
+    day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (the operator's local time)
     return found, (
         f"# rest codes of an unloaded hand, {day}: mean of {found.samples} samples, noise at most "
         f"{found.most_noise_counts:.2f} counts\n[tactile]\nrest_reference = [\n{rows},\n]\n"

@@ -1,4 +1,4 @@
-"""The calibration of the hand: section `calibration`, from a file chosen by name or by path."""
+"""Calibration of the hand: the section `calibration`, from a file chosen by name or path."""
 
 import os
 from collections.abc import Sequence
@@ -18,54 +18,54 @@ from grasp.settings import (
     without_chosen,
 )
 
-Files = Path | Sequence[Path] | None  # of one's own, later ones on top; none: that of $GRASP_CONFIG
+Files = Path | Sequence[Path] | None  # user's files, later ones override; none: $GRASP_CONFIG
 
 
-def own_files_of(files: Files) -> list[Path]:
-    """Those given, else that of $GRASP_CONFIG, else none; an empty variable names none."""
+def config_files(files: Files) -> list[Path]:
+    """The given files, else that of $GRASP_CONFIG unless it is empty, else none."""
     given = [files] if isinstance(files, Path) else list(files or ())
     named = os.environ.get("GRASP_CONFIG")
     return given or ([Path(named)] if named else [])
 
 
-def own_layers(files: Files, assignments: Sequence[str]) -> list[Layer]:
-    """The user's files, then the assignments.
+def user_layers(files: Files, assignments: Sequence[str]) -> list[Layer]:
+    """Layers of the user's files, then of the assignments.
 
-    Raises ConfigError for a file that cannot be read, and for a name that the command line alone
-    may choose.
+    Raises ConfigError for an unreadable file, and for a setting that only a command-line option may
+    choose.
     """
-    read = map(read_toml, own_files_of(files))
+    read = map(read_toml, config_files(files))
     return [without_chosen(layer) for layer in (*read, assignment_layer(assignments))]
 
 
 def rig_layers(word: str) -> tuple[str, list[Layer]]:
-    """The packaged rig that a name or a file stands for, and what is set for it: that rig's
-    settings, and over them the file's. Raises ConfigError."""
+    """Packaged rig for a name or a file, and its settings overridden by the file's. Raises
+    ConfigError."""
     if not is_path(word):
         return word, [without_chosen(named_layer("rigs", word))]
     file = read_toml(Path(word))
-    like = file.table.get("rig")
-    if like not in names("rigs"):
-        said = "missing" if like is None else f"{like!r} is none"
-        raise ConfigError(word, "rig", said, " or ".join(names("rigs")))
+    base = file.table.get("rig")
+    if base not in names("rigs"):
+        problem = "missing" if base is None else f"unknown rig {base!r}"
+        raise ConfigError(word, "rig", problem, " or ".join(names("rigs")))
     rest = {key: value for key, value in file.table.items() if key != "rig"}
-    own = Layer(file.source, rest)
-    return str(like), [without_chosen(named_layer("rigs", str(like))), without_chosen(own)]
+    overrides = Layer(file.source, rest)
+    return str(base), [without_chosen(named_layer("rigs", str(base))), without_chosen(overrides)]
 
 
 KIND = "calibrations"
 MANUAL = GripperCalibration(
     name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
 )
-FAR = 3.0  # times: forces further from the manual's, up or down, are not believed (assumed)
-WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's
+MANUAL_FACTOR = 3.0  # forces beyond this factor of the manual's are implausible; assumed
+WEAK_PRESSES = 10  # presses required for a force below the manual's
 _BYTES = range(FULL_BYTE + 1)
 
 
 def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
-    """What lies below ``layers``: the file that their `gripper.calibration` chooses, if any.
+    """Layers of the file that `gripper.calibration` in ``layers`` chooses, if any; they go below.
 
-    So the settings that a run keeps say what a byte was worth. Raises ConfigError.
+    So a run's recorded settings contain its calibration. Raises ConfigError.
     """
     chosen = ""
     for layer in layers:
@@ -78,56 +78,54 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
 
 
 def weak_claim(known: GripperCalibration) -> str:
-    """A warning for every run on real devices with a hand that is said to press with less than its
-    manual states, at any byte; empty for any other hand."""
+    """Warning for a calibration whose force is below the manual's at any byte; else empty. Every
+    run on real devices shows it."""
     byte = _weakest(known)
     if known.force_n(byte) >= MANUAL.force_n(byte) - 1e-9:
         return ""
     return (
-        f"calibration {known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, "
-        f"less than the manual's {MANUAL.force_n(byte):.3g} N, by: {known.source}"
+        f"calibration {known.name!r}: force byte {byte} gives {known.force_n(byte):.4g} N, less "
+        f"than the manual's {MANUAL.force_n(byte):.3g} N; source: {known.source}"
     )
 
 
-def in_words(known: GripperCalibration) -> str:
-    """What force byte 0 presses with, and who says so."""
+def describe_calibration(known: GripperCalibration) -> str:
+    """Force of byte 0 and the source of the calibration, or the warning of ``weak_claim``."""
     return weak_claim(known) or (
-        f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, by: "
+        f"calibration {known.name!r}: force byte 0 gives {known.least_force_n:g} N; source: "
         f"{known.source}"
     )
 
 
-def check_claim(known: GripperCalibration) -> None:
-    """Raises ConfigError for less than a third of the manual's force at any byte, and for less than
-    the manual's where byte 0 was not pressed as often as `grasp calibrate hand` asks."""
+def check_weak_claim(known: GripperCalibration) -> None:
+    """Raises ConfigError for a force below a third of the manual's at any byte, and for one below
+    the manual's with fewer presses of byte 0 than `grasp calibrate hand` takes."""
     if not weak_claim(known):
         return
     byte = _weakest(known)
     manual_n = MANUAL.force_n(byte)
-    claim = (
-        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than"
-    )
-    remedy = "what `grasp calibrate hand` writes; until then manual"
-    if known.force_n(byte) < manual_n / FAR - 1e-9:
-        why = f"{claim} a third of the manual's {manual_n:.3g} N, by {known.source}"
-        raise ConfigError("gripper", "calibration", why, remedy)
+    claim = f"{known.name!r}: force byte {byte} gives {known.force_n(byte):.4g} N, less than"
+    remedy = "a file written by `grasp calibrate hand`; until then manual"
+    if known.force_n(byte) < manual_n / MANUAL_FACTOR - 1e-9:
+        problem = f"{claim} a third of the manual's {manual_n:.3g} N; source: {known.source}"
+        raise ConfigError("gripper", "calibration", problem, remedy)
     if 0 not in known.pressed_bytes or known.presses < WEAK_PRESSES:
-        why = (f"{claim} the manual's {manual_n:.3g} N, by {known.source}: it does not say that "
-               f"byte 0 was pressed {WEAK_PRESSES} times")  # fmt: skip
-        raise ConfigError("gripper", "calibration", why, remedy)
+        problem = (f"{claim} the manual's {manual_n:.3g} N; source: {known.source}; the file does "
+                   f"not state {WEAK_PRESSES} presses of byte 0")  # fmt: skip
+        raise ConfigError("gripper", "calibration", problem, remedy)
 
 
 def _weakest(known: GripperCalibration) -> int:
-    """The byte of which the least part of the manual's force is claimed."""
+    """Byte with the smallest force relative to the manual's."""
     return min(_BYTES, key=lambda byte: known.force_n(byte) / MANUAL.force_n(byte))
 
 
 def choices() -> str:
-    """What `gripper.calibration` may be, in words."""
+    """Allowed values of `gripper.calibration`, as text."""
     return f"{', '.join(names(KIND))}, or the path of a .toml file"
 
 
 def _choice(table: dict[str, Any], before: str) -> str:
     gripper = table.get("gripper")
     choice = gripper.get("calibration", before) if isinstance(gripper, dict) else before
-    return choice if isinstance(choice, str) else ""  # no text: refused where settings are loaded
+    return choice if isinstance(choice, str) else ""  # loading the settings refuses other types

@@ -1,4 +1,4 @@
-"""Settings of a rig: its devices, their wires and models, and the world that is simulated on it."""
+"""Settings of a rig: its devices, their links and models, and the simulated world."""
 
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -31,24 +31,24 @@ from scenarios.world.settings import (
 )
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
-CUT = 2.5  # deviations, at which a normal draw of a seed is cut
-# Entry points of devices that other packages offer. Each is a function of the settings for it and
-# of a clock (nanoseconds, monotonic); it gives a context manager of what keeps to a protocol of
-# drivers.interfaces, connected inside.
+CUT_SIGMAS = 2.5  # normal variates are clipped at this many standard deviations
+# Entry points of devices of other packages. Each is a function of its settings and of a clock
+# (monotonic, ns) that returns a context manager of a connected device with a protocol of
+# drivers.interfaces.
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
 Scalar = bool | int | float | str
-PackageSettings = Annotated[dict[str, Scalar], Meta(description="what its package opens it with")]
+PackageSettings = Annotated[dict[str, Scalar], Meta(description="passed to its package")]
 
 
 @cache
-def offered_devices(device: str) -> dict[str, EntryPoint]:
-    """Devices of one kind that installed packages offer, by name."""
+def plugin_devices(device: str) -> dict[str, EntryPoint]:
+    """Entry points of one kind of device in installed packages, by name."""
     return {each.name: each for each in entry_points(group=GROUPS[device])}
 
 
-class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Devices of other packages in place of ours, by the names of their entry points. They count as
-    real: they are opened on the rig hardware alone."""
+class PluginDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Devices of other packages, by the names of their entry points. They count as real: only the
+    rig hardware opens them."""
 
     gripper: Annotated[str, Meta(description="of grasp.grippers; empty: Robotiq 3-Finger")] = ""
     arm: Annotated[str, Meta(description="of grasp.arms; empty: Universal Robots")] = ""
@@ -59,7 +59,7 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
     @property
     def chosen(self) -> dict[str, str]:
-        """Names of the devices that are not ours, by kind."""
+        """Names of the devices of other packages, by kind."""
         named = zip(GROUPS, (self.gripper, self.arm, self.fingertips), strict=True)
         return {device: name for device, name in named if name}
 
@@ -67,55 +67,55 @@ class OwnDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         given = (self.gripper_settings, self.arm_settings, self.fingertips_settings)
         return dict(zip(GROUPS, given, strict=True))[device]
 
-    def called(self, device: str) -> str:
-        """The name and settings of a device, for locks and messages."""
+    def label(self, device: str) -> str:
+        """Name and settings of a device, for locks and messages."""
         given = ",".join(f"{key}={value}" for key, value in sorted(self.settings(device).items()))
         return f"{self.chosen[device]}({given})"
 
-    def check_offered(self) -> None:
-        """Raises ConfigError for a name that no installed package offers."""
+    def check_installed(self) -> None:
+        """Raises ConfigError for a name without an entry point."""
         for device, name in self.chosen.items():
-            if name not in (known := offered_devices(device)):
-                offers = ", ".join(known) or f"none is installed (entry points {GROUPS[device]})"
-                raise ConfigError("devices", device, f"unknown: {name!r}", offers)
+            if name not in (known := plugin_devices(device)):
+                allowed = ", ".join(known) or f"none is installed (entry points {GROUPS[device]})"
+                raise ConfigError("devices", device, f"unknown: {name!r}", allowed)
 
 
 class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Spreads between trials, all assumed; zero switches one off."""
+    """Standard deviations between trials, all assumed; zero switches one off."""
 
-    friction_cv: Annotated[float, Meta(ge=0, le=0.3, description="of both frictions")] = 0.08
-    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="of the mass, relative")] = 0.02
+    friction_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of friction")] = 0.08
+    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of the mass")] = 0.02
     finger_scatter_m: Annotated[
-        float, Meta(ge=0, le=0.005, description="deviation of where a finger stops")
+        float, Meta(ge=0, le=0.005, description="standard deviation of a finger's stop position")
     ] = 0.00008
     start_height_m: Annotated[
-        float, Meta(ge=0, le=0.02, description="deviation of the grip's height on the object")
+        float, Meta(ge=0, le=0.02, description="standard deviation of the grip height")
     ] = 0.002
     force_stop_fraction: Annotated[
         float, Meta(ge=0, le=0.5, description="motors stop up to this below their calibrated force")
     ] = 0.05
     width_error_m: Annotated[
-        float, Meta(ge=-0.02, le=0.02, description="the object is so much wider a side, always")
+        float, Meta(ge=-0.02, le=0.02, description="added to the half width in every trial")
     ] = 0.0
     aside_m: Annotated[
-        float, Meta(ge=0, le=0.02, description="deviation of the weight beside the grip's middle")
+        float, Meta(ge=0, le=0.02, description="standard deviation of the lateral mass offset")
     ] = 0.002
     command_latency_s: Annotated[
-        float, Meta(ge=0, le=0.2, description="added command-to-motor latency, 0 to this")
+        float, Meta(ge=0, le=0.2, description="largest added command-to-motor latency (uniform)")
     ] = 0.01
 
 
 def wider(body: GraspObject, settings: VariationSettings) -> GraspObject:
-    """As wide as it is in every trial."""
+    """The object with the width error of every trial."""
     width_m = body.half_width_m + settings.width_error_m
     return msgspec.structs.replace(body, half_width_m=width_m)
 
 
 class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Arm and fingertips, which every rig has: drivers, wires and models."""
+    """Settings of arm and fingertips on any rig: drivers, links and models."""
 
     rig: str
-    devices: OwnDeviceSettings = OwnDeviceSettings()
+    devices: PluginDeviceSettings = PluginDeviceSettings()
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()
     usb: UsbSettings = UsbSettings()
@@ -126,30 +126,30 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def real(self) -> bool:
-        """Whether its devices are a lab's own."""
+        """Whether its devices are real."""
         return self.rig == "hardware"
 
     def __post_init__(self) -> None:
         if not self.real and self.devices.chosen:
             device, name = next(iter(self.devices.chosen.items()))
             raise ValueError(
-                f"devices.{device}: {name!r} is of another package and counts as real: it is "
-                f"opened on the rig hardware alone, not on {self.rig}"
+                f"devices.{device}: {name!r} of another package counts as real: only the rig "
+                f"hardware opens it, not {self.rig}"
             )
-        felt = len(self.fingertip.taxels_mm) or KIT_TAXELS
-        if felt != self.tactile.taxels:
+        taxels = len(self.fingertip.taxels_mm) or KIT_TAXELS
+        if taxels != self.tactile.taxels:
             raise ValueError(
-                f"fingertip.taxels_mm: {felt} taxels, but tactile.cells has {self.tactile.taxels} "
-                "a finger"
+                f"fingertip.taxels_mm: {taxels} taxels, but tactile.cells has "
+                f"{self.tactile.taxels} per finger"
             )
-        if not self.real and len(self.board.cells) != FINGERS * felt:
+        if not self.real and len(self.board.cells) != FINGERS * taxels:
             raise ValueError(
-                f"board.cells: {len(self.board.cells)} cells, but {FINGERS} fingers of {felt}"
+                f"board.cells: {len(self.board.cells)} cells for {FINGERS} x {taxels} taxels"
             )
 
 
 class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """With a hand, and an object to grasp."""
+    """Settings of a rig with a hand and an object to grasp."""
 
     object: GraspObject
     gripper: GripperSettings = GripperSettings()
@@ -167,17 +167,17 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
         half_m = wider(self.object, self.variation).half_width_m
         if not self.real and not 0.0 < half_m < HALF_APERTURE_M:
             raise ValueError(
-                f"object.half_width_m with variation.width_error_m: {half_m * 1e3:g} mm, and the "
-                f"hand opens {HALF_APERTURE_M * 1e3:g} mm a side"
+                f"object.half_width_m plus variation.width_error_m: {half_m * 1e3:g} mm; allowed: "
+                f"above 0, below the {HALF_APERTURE_M * 1e3:g} mm that the hand opens per side"
             )
 
 
 class PressRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Without a hand: one fingertip points down on a fixed surface."""
+    """Settings of a rig without a hand: one fingertip is pressed down on a fixed surface."""
 
     surface: FixedSurface
     finger: Annotated[
-        int, Meta(ge=0, le=2, description="which is pressed: A, B, C are 0, 1, 2")
+        int, Meta(ge=0, le=2, description="pressed fingertip: A, B, C are 0, 1, 2")
     ] = 0
     press: PressSettings = PressSettings()
 
@@ -186,5 +186,5 @@ AnyRigConfig = GraspRigConfig | PressRigConfig
 
 
 def part(config: msgspec.Struct, cls: type[ConfigT]) -> ConfigT:
-    """Those sections of a configuration that a class declares."""
+    """The sections of a configuration that ``cls`` declares."""
     return cls(**{name: getattr(config, name) for name in cls.__struct_fields__})

@@ -1,4 +1,4 @@
-"""How the devices of a rig are, and whether what they say can be: read, nothing moved."""
+"""Checks of a rig's devices: state and plausible data. They only read; nothing moves."""
 
 import time
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
-from scenarios.rigs.calibration import in_words, weak_claim
+from scenarios.rigs.calibration import describe_calibration, weak_claim
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.permission import (
     HARDWARE,
@@ -37,18 +37,18 @@ from scenarios.rigs.permission import (
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
 from scenarios.rigs.wired import open_board
 
-Finding = tuple[str, ...]  # status and what was found; the remedy where all is not well
-APART_S = 0.1  # between two looks at the gripper
-FRAMES = 100  # of the fingertips, after those that the rest is taken from
-FRAMES_S = 5.0  # for which a board may take to send them
+Finding = tuple[str, ...]  # status, detail and, unless the status is ok, remedy
+APART_S = 0.1  # between two readings of the gripper
+FRAMES = 100  # of the fingertips, after those for the rest
+FRAMES_S = 5.0  # timeout for these frames
 MOST_LOST = 0.2  # share of ticks without a frame; assumed: a run is stale after five in a row
-ASSUMED = "counts a newton and rule are assumed, not measured on these fingertips"
-STRANGE = "this is not what such a device says: is it another one, or its cable?"
+ASSUMED = "counts per newton and decision rule are assumed, not measured on these fingertips"
+WRONG_DEVICE = "the data are implausible: check that the address is this device's, and its cable"
 
 
 class Check(NamedTuple):
-    """One finding: status is ok, warn or fail; the remedy is empty when all is well. ``kind``: of
-    the error that a run would end with, where that is no fault of a device."""
+    """Result of one check: status is ok, warn or fail; an ok has no remedy. ``kind`` is that of the
+    error with which a run would end, unless it is a device fault."""
 
     name: str
     status: str
@@ -58,25 +58,25 @@ class Check(NamedTuple):
 
 
 def failed(name: str, error: Exception) -> Check:
-    """A failure made of whatever error came instead of a finding."""
+    """The failed check for an error."""
     if isinstance(error, GraspError):
         return Check(name, "fail", error.message, error.remedy, error.kind)
     return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
 def checked(name: str, look: Callable[[], Finding]) -> Check:
-    """The finding, or the failure."""
+    """The check's result; an exception becomes a failure."""
     try:
         return Check(name, *look())
-    except Exception as error:  # a doctor reports, whatever it meets
+    except Exception as error:  # the doctor reports every error
         return failed(name, error)
 
 
 def ask_devices(
     config: AnyRigConfig, would_run: Callable[[Any], object] = lambda config: None
 ) -> list[Check]:
-    """Everything that a run of the rig needs; ``would_run`` raises where one would be refused
-    before anything is opened."""
+    """Checks of everything that a run on the rig needs; ``would_run`` raises where a run would be
+    refused before it opens a device."""
     checks = [checked("cell", partial(_cell, config))]
     if isinstance(config, GraspRigConfig):
         known = checked("calibration", partial(_calibration, config))
@@ -88,32 +88,32 @@ def ask_devices(
 
 
 def _calibration(config: GraspRigConfig) -> Finding:
-    """Has somebody said which hand this is? A run is refused where nobody has."""
+    """Check that a calibration is chosen; a run is refused without one."""
     chosen = calibration(config)
     if config.rig == HARDWARE and weak_claim(chosen):
-        return "warn", in_words(chosen), "is it so? `grasp calibrate hand` measures it"
-    return "ok", in_words(chosen)
+        return "warn", describe_calibration(chosen), "verify it with `grasp calibrate hand`"
+    return "ok", describe_calibration(chosen)
 
 
 def _guard(config: GraspRigConfig, would_run: Callable[[Any], object]) -> Finding:
     would_run(config)
     source = getattr(config, "source", None)  # of a trial's settings
-    told = [] if source is None else source.in_words() or [ASSUMED]
-    return "ok", "; ".join(["the limits can be kept with this hand and these settings", *told])
+    notes = [] if source is None else source.in_words() or [ASSUMED]
+    return "ok", "; ".join(["the limits can be kept with this hand and these settings", *notes])
 
 
 def _cell(config: AnyRigConfig) -> Finding:
-    """Does a run drive it? Its locks are held for an instant, and let go."""
+    """Check that no other process drives the devices, by acquiring their locks for an instant."""
     try:
         devices = devices_of(config)
     except ConfigError:  # reported by the check of the device
-        return "warn", "not looked at: an address is missing"
-    with driving(*devices):  # raises the name of who does
-        return "ok", "driven by no run of this machine"
+        return "warn", "not checked: an address is missing"
+    with driving(*devices):  # raises an error that names the other process
+        return "ok", "not in use by another run on this machine"
 
 
 def read_gripper(config: GraspRigConfig) -> tuple[StatusRegisters, StatusRegisters]:
-    """Two looks at its registers, a moment apart; writes nothing. Raises what its link raises."""
+    """Two readings of its registers, APART_S apart; writes nothing. Raises the link's errors."""
     return read_registers(config.modbus, config.gripper.link)
 
 
@@ -129,7 +129,7 @@ def read_registers(
             try:
                 return StatusRegisters.from_registers(words)
             except ValueError as error:
-                raise DeviceFault(f"it answers with {error}", STRANGE) from error
+                raise DeviceFault(f"invalid status registers: {error}", WRONG_DEVICE) from error
 
         before = read()
         time.sleep(APART_S)
@@ -137,37 +137,37 @@ def read_registers(
 
 
 def _gripper(config: GraspRigConfig) -> Finding:
-    gripper_address(config)  # raises where nobody has said which
+    gripper_address(config)  # raises without an address
     if config.devices.gripper:
-        return _foreign("gripper", config)
+        return _plugin_device("gripper", config)
     before, now = read_gripper(config)
-    if strange := implausible_values(now, before):
-        return "fail", "; ".join(strange), STRANGE
+    if implausible := implausible_values(now, before):
+        return "fail", "; ".join(implausible), WRONG_DEVICE
     fault = FAULTS[now.fault]
     state = "active" if now.ready else "not activated"
     if fault.code:
         return "fail", f"answers, {state}; {fault.text}", fault.remedy
     if now.ready:
         check_not_scissor(now.mode)
-    places = tuple(finger.position for finger in now.fingers)
-    if max(places) > OPEN_COUNTS:
-        let_go = "support what it holds, then `grasp release`: a run begins with an open hand"
-        remedy = let_go if now.ready else CLOSED_AND_INACTIVE
-        return "fail", f"{state}, no fault, but not open: at {places} counts", remedy, Refused.kind
+    counts = tuple(finger.position for finger in now.fingers)
+    if max(counts) > OPEN_COUNTS:
+        release = "support the held object, then `grasp release`: a run starts with an open hand"
+        remedy = release if now.ready else CLOSED_AND_INACTIVE
+        return "fail", f"{state}, no fault, but not open: at {counts} counts", remedy, Refused.kind
     if not now.ready:
-        remedy = "`grasp gripper activate`, with an empty hand: a run does it to no real one"
+        remedy = "`grasp gripper activate`, with an empty hand: a run activates no real hand"
         status = "fail" if config.real else "warn"
         return status, "answers, not activated, no fault", remedy, Refused.kind
-    well = f"answers, active, no fault, open at {places} counts"
-    if strange_mode := mode_warning(now.mode):
-        return "warn", f"{well}, {strange_mode}", SET_BASIC_MODE
-    return "ok", well
+    summary = f"answers, active, no fault, open at {counts} counts"
+    if mode := mode_warning(now.mode):
+        return "warn", f"{summary}, {mode}", SET_BASIC_MODE
+    return "ok", summary
 
 
 def arm_checks(config: Any) -> list[Check]:
-    """How the arm's controller is; moves nothing, raises nothing."""
+    """Checks of the arm's controller; moves nothing, raises nothing."""
     if config.devices.arm:
-        return [checked("arm", lambda: _foreign("arm", config))]
+        return [checked("arm", lambda: _plugin_device("arm", config))]
     timeout_s = config.ur.step_timeout_s
     try:
         host = arm_address(config)
@@ -182,60 +182,60 @@ def arm_checks(config: Any) -> list[Check]:
 
 def _arm_pose(host: str, timeout_s: float) -> Finding:
     before, now = arm_preflight.read_status(host, timeout_s)
-    if strange := arm_preflight.implausible_values(now, before):
-        return "fail", "; ".join(strange), STRANGE
+    if implausible := arm_preflight.implausible_values(now, before):
+        return "fail", "; ".join(implausible), WRONG_DEVICE
     if not now.running:
-        return "warn", "not known while the robot has no power"
+        return "warn", "unknown while the robot has no power"
     if not now.stationary:
         return "fail", arm_preflight.ARM_MOVES, arm_preflight.END_PROGRAM
     x, y, z = (at * 1e3 for at in now.pose[:3])
-    return "ok", f"stands, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
+    return "ok", f"at rest, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
 
 
 def _board(config: AnyRigConfig) -> Finding:
-    """Open the board that the rig names, read it, take its rest, and let it go again."""
-    board_address(config)  # raises where nobody has said which
+    """Open the rig's board, read its rest codes and frames, and close it again."""
+    board_address(config)  # raises without an address
     if config.devices.fingertips:
-        return _foreign("fingertips", config)
+        return _plugin_device("fingertips", config)
     clock = WallClock()
     with open_board(config, lambda: clock.now_ns) as tips:
-        return _listened(tips, clock)
+        return _check_frames(tips, clock)
 
 
-def _listened(tips: TakkTileDriver, clock: WallClock) -> Finding:
+def _check_frames(tips: TakkTileDriver, clock: WallClock) -> Finding:
     tips.begin_rest()
-    seen: dict[bytes, None] = {}
+    different: set[bytes] = set()
     fresh = ticks = 0
     tick_ns = clock.now_ns
     end_ns = tick_ns + round(FRAMES_S * 1e9)
     while fresh < FRAMES and clock.now_ns < end_ns:
         tick_ns += PERIOD_NS
         clock.sleep_until_ns(tick_ns)
-        tips.poll(clock.now_ns)  # raises where the rest cannot be right
+        tips.poll(clock.now_ns)  # raises for implausible rest codes
         if (frame := tips.frame) is not None:
             ticks += 1
             fresh += not frame.missed
-            seen[frame.raw.tobytes()] = None
+            different.add(frame.raw.tobytes())
     if tips.frame is None or fresh < FRAMES:
-        return "fail", "the board is there and sends too few frames", STRANGE
+        return "fail", "the board is connected but sends too few frames", WRONG_DEVICE
     lost = 1 - fresh / ticks
     rest = f"rest {tips.frame.rest.min()} to {tips.frame.rest.max()}"
-    told = f"{tips.frame.raw.size} taxels, {rest}, {lost:.0%} of the frames lost"
-    if len(seen) == 1:
-        return "fail", f"{told}: no code changes at all", STRANGE
+    summary = f"{tips.frame.raw.size} taxels, {rest}, {lost:.0%} of the frames lost"
+    if len(different) == 1:
+        return "fail", f"{summary}: no code changes at all", WRONG_DEVICE
     if lost > MOST_LOST:
-        return "fail", told, "use another USB port, end other programs"
-    return "ok", told
+        return "fail", summary, "use another USB port, end other programs"
+    return "ok", summary
 
 
-def _foreign(device: str, config: Any) -> Finding:
-    """A device of another package: is it installed? Opening it might move it."""
-    config.devices.check_offered()
-    return "warn", f"{config.devices.called(device)}: of another package, not asked"
+def _plugin_device(device: str, config: Any) -> Finding:
+    """Check that a device of another package is installed. Opening it might move it."""
+    config.devices.check_installed()
+    return "warn", f"{config.devices.label(device)}: of another package, not queried"
 
 
 def other_devices(config: GraspRigConfig) -> dict[str, str]:
-    """How the arm and the fingertips are, in words, once a hand was opened without them; moves and
+    """State of the arm and the fingertips as text, for commands that open only the hand; moves and
     raises nothing."""
     arm = "; ".join(check.detail for check in arm_checks(config) if check.status != "ok")
     board = checked("fingertips", partial(_board, config))

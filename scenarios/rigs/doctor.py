@@ -1,5 +1,4 @@
-"""What `grasp doctor` looks at on this machine; a check returns its finding, whatever it meets, and
-nothing moves."""
+"""Checks of `grasp doctor` on this machine. An error in a check is its result; nothing moves."""
 
 import os
 import shutil
@@ -21,10 +20,10 @@ from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, f
 
 JITTER_S, JITTER_WARN_MS = 2.0, 5.0
 DISK_WARN_BYTES = 500_000_000
-NOT_YET = "not looked at: the configuration comes first"
+NOT_YET = "not checked: fix the configuration first"
 
-# a rig's name and a detector's (None: that of the run which is asked about) in, the settings of a
-# trial out; raises ConfigError
+# settings of a trial for the names of a rig and of a detector (None: that of the checked run);
+# raises ConfigError
 Load = Callable[[str, str | None], Any]
 WouldRun = Callable[[Any], object]  # raises where a run with such settings would be refused
 
@@ -33,8 +32,8 @@ def examine(
     rig: str | None, files: Sequence[Path] | None, load: Load, would_run: WouldRun,
     detectors: Sequence[str] = (), runs: Path = Path("runs"),
 ) -> list[Check]:  # fmt: skip
-    """All checks of this machine, then those of the rig's devices if one is named. ``detectors``
-    are looked at beside those that are installed; ``runs`` is where a run would be recorded."""
+    """Run all checks of this machine and of the named rig's devices. ``detectors`` are checked in
+    addition to those that are installed; ``runs`` is the folder of recordings."""
     checks = [checked("configuration", lambda: _configuration(rig, files, load))]
     readable = checks[0].status == "ok"
     checks += _detectors(load, detectors) if readable else [Check("detectors", "warn", NOT_YET)]
@@ -47,8 +46,8 @@ def examine(
 
 def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) -> Finding:
     config = load(rig or "simulated", None)
-    own = ", ".join(map(str, files or ()))
-    extra = own or os.environ.get("GRASP_CONFIG") or "no further file"
+    given = ", ".join(map(str, files or ()))
+    extra = given or os.environ.get("GRASP_CONFIG") or "no other file"
     return "ok", f"{config_dir()}, {extra}, hash {config.digest()}"
 
 
@@ -66,11 +65,11 @@ def _detector(load: Load, name: str) -> Finding:
     for frame in frames:
         detector.update(frame)
     spent_us = (time.perf_counter_ns() - start) / len(frames) * 1e-3
-    return "ok", f"loads; {spent_us:.0f} us an update"
+    return "ok", f"loads; {spent_us:.0f} us per update"
 
 
 def _usb() -> Finding:
-    """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
+    """Check that a fingertip board is on the bus and this user may open it; reads only sysfs."""
     if not DEVICES.is_dir():
         return "warn", "no USB bus on this machine"
     found = list(boards())
@@ -84,7 +83,7 @@ def _usb() -> Finding:
 
 
 def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
-    """Ask gripper, arm and fingertips of a wired rig; an emulated one gets a cell meanwhile."""
+    """Check gripper, arm and fingertips of a wired rig; starts a cell for an emulated one."""
     try:
         if rig is None or (config := load(rig, None)).rig == "simulated":
             return []
@@ -94,12 +93,12 @@ def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
 
         with cell_process(config, 0) as cell:
             return ask_devices(at_endpoints(config, cell.endpoints), would_run)
-    except Exception as error:  # a doctor reports, whatever it meets
+    except Exception as error:  # the doctor reports every error
         return [failed("devices", error)]
 
 
 def _jitter() -> Finding:
-    """How late a 100 Hz loop with absolute deadlines wakes on this machine now."""
+    """Measure how late a 100 Hz loop with absolute deadlines wakes on this machine."""
     late = []
     deadline = time.monotonic_ns()
     for _ in range(int(JITTER_S * 100)):
@@ -115,7 +114,7 @@ def _jitter() -> Finding:
 
 
 def _scheduling() -> Finding:
-    """May this user ask for real-time scheduling? Tried in a child, so nothing changes here."""
+    """Check that this user may use real-time scheduling; tried in a child process."""
     pid = os.fork()
     if pid == 0:
         try:
@@ -131,9 +130,9 @@ def _scheduling() -> Finding:
 
 def _disk(runs: Path) -> Finding:
     folder = nearest_folder(runs)
-    if against := why_not_writable(folder):
+    if problem := why_not_writable(folder):
         remedy = "start `grasp` from another folder, or record elsewhere with --runs"
-        return "fail", f"no run can be recorded: {str(runs)!r}: {against}", remedy
+        return "fail", f"no run can be recorded: {str(runs)!r}: {problem}", remedy
     free = shutil.disk_usage(folder).free
     detail = f"{free / 1e9:.1f} GB free here; a run takes about 0.3 MB"
     if free > DISK_WARN_BYTES:

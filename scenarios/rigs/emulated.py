@@ -22,8 +22,8 @@ from scenarios.rigs.wired import acknowledgements, wired_devices
 from scenarios.world.settings import Impact
 from scenarios.world.truth import PressedTruth, Truth
 
-READY_S = 60.0  # compiling the world on a first run included
-ANSWER_S = 60.0  # of a cell that waits for its turn on a busy machine
+READY_S = 60.0  # includes compiling the world on a first run
+ANSWER_S = 60.0  # timeout of a reply from a cell on a busy machine
 POLL_NS = 100_000_000
 END_S = 3.0
 OPEN_MPS = 0.05
@@ -33,7 +33,7 @@ replace = msgspec.structs.replace
 
 @contextmanager
 def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
-    """With the object in place; closes what it opened."""
+    """Open the emulated rig with the object in place; closes it at the end."""
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
         with wired_devices(at_endpoints(config, cell.endpoints), clock) as (arm, tactile, gripper):
@@ -44,7 +44,7 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
             def load(trial: GraspRigConfig, seed: int) -> None:
                 cell.load(trial, seed)
                 if gripper is not None and (gripper.state is None or not gripper.state.is_open):
-                    gripper.open(OPEN_MPS)  # a lift that has lost its object leaves it closed
+                    gripper.open(OPEN_MPS)  # it is closed after a lift that lost its object
                 cell.wait_placed(clock)
 
             rig: Rig[Any, Any] = Rig(
@@ -55,7 +55,8 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
 
 
 class ControlClient:
-    """The cell's control channel. Raises LinkLost when it is gone, ValueError when it refuses."""
+    """Client of the cell's control channel. Raises LinkLost when the cell has ended, ValueError
+    when it refuses a request."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.create_connection((host, port), ANSWER_S)
@@ -68,9 +69,9 @@ class ControlClient:
             self._stream.flush()
             line = self._stream.readline()
         except OSError as error:
-            raise _gone(str(error)) from None
+            raise _cell_lost(str(error)) from None
         if not line:
-            raise _gone("it closed the connection")
+            raise _cell_lost("the cell closed the connection")
         reply: dict[str, Any] = json.loads(line)
         if "error" in reply:
             raise ValueError(reply["error"])
@@ -81,21 +82,21 @@ class ControlClient:
         self._socket.close()
 
 
-def _gone(why: str) -> LinkLost:
-    return LinkLost(f"the emulated cell is gone: {why}", "start the run again")
+def _cell_lost(cause: str) -> LinkLost:
+    return LinkLost(f"connection to the emulated cell lost: {cause}", "start the run again")
 
 
 class CellProcess:
-    """The child, its endpoints, and its control channel. Ends when this process does."""
+    """The cell's process with its endpoints and control channel; it ends with this process."""
 
     def __init__(self, config: AnyRigConfig, seed: int) -> None:
         self._truth = Truth if isinstance(config, GraspRigConfig) else PressedTruth
-        # -P: a folder called `drivers` where the user happens to stand must not shadow ours
+        # -P: a folder called `drivers` in the working directory must not shadow the package
         home = str(Path(__file__).parents[2])
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", emulated_cell.__name__],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            start_new_session=True,  # a terminal's Ctrl-C and hang-up are the run's affair
+            start_new_session=True,  # only the run handles a terminal's Ctrl-C and hang-up
             env={**os.environ, "PYTHONPATH": home},
         )  # fmt: skip
         with ExitStack() as stack:
@@ -106,14 +107,14 @@ class CellProcess:
             self._child.stdin.flush()
             line = self._child.stdout.readline()
             if not line:
-                raise LinkLost("the emulated cell did not start", "see its messages above")
+                raise LinkLost("the emulated cell did not start", "see its messages on stderr")
             self.endpoints: dict[str, Any] = json.loads(line)
             self.control = ControlClient(**self.endpoints["control"])
             stack.callback(self.control.close)
             self.close = stack.pop_all().close
 
     def truth(self) -> Any:
-        """The state of the world now: Truth of a grasp, PressedTruth of a pressed fingertip."""
+        """Current state of the world: Truth of a grasp, PressedTruth of a pressed fingertip."""
         return msgspec.convert(self.control.ask("truth")["truth"], self._truth)
 
     def tap(self, impact: Impact) -> None:
@@ -121,22 +122,22 @@ class CellProcess:
         self.control.ask("tap", **msgspec.to_builtins(impact))
 
     def load(self, config: GraspRigConfig, seed: int) -> None:
-        """Another trial's object; it is put in place as soon as the hand is open."""
+        """Load another trial's object; the cell places it once the hand is open."""
         self.control.ask("load", **msgspec.to_builtins(CellOrder.of(config, seed)))
 
     def wait_placed(self, clock: WallClock) -> None:
-        """Until the cell has put the object between the fingers; raises LinkLost when it never
-        does."""
+        """Wait until the cell has placed the object; raises LinkLost after READY_S."""
         end_ns = clock.now_ns + round(READY_S * 1e9)
         while not self.control.ask("truth")["placed"]:
             if clock.now_ns > end_ns:
                 raise LinkLost(
-                    "the cell has not placed its object", "is the hand open? start again"
+                    f"the emulated cell did not place its object within {READY_S:g} s",
+                    "open the hand and start again",
                 )
             clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
     def stalls(self) -> Stalls:
-        """How often, and how long at worst, the cell stood still."""
+        """Number and longest duration of the cell's stalls."""
         reply = self.control.ask("truth")
         return Stalls(reply["stalls"], reply["worst_stall_ms"])
 
@@ -156,7 +157,7 @@ def cell_process(config: AnyRigConfig, seed: int) -> AbstractContextManager[Cell
 
 
 def at_endpoints(config: ConfigT, endpoints: dict[str, Any]) -> ConfigT:
-    """The configuration with the addresses of a cell in place of the lab's."""
+    """The configuration with the addresses of a cell."""
     config = replace(
         config,
         usb=replace(config.usb, url=endpoints["tactile"]["url"]),

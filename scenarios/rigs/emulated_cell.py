@@ -2,9 +2,9 @@
 
     python -m scenarios.rigs.emulated_cell   reads a CellOrder, a line of JSON on stdin
 
-prints one line of JSON with its endpoints when it is ready, and ends on SIGTERM, SIGINT, or when
-its standard input closes: a cell ends with its parent. Everything advances to "now" on the
-machine's monotonic clock, whoever asks first; nothing sleeps and adds.
+It prints one line of JSON with its endpoints when it is ready, and ends on SIGTERM, SIGINT, or when
+its standard input closes, so it ends with its parent. Every request first advances the world to the
+present of the machine's monotonic clock.
 """
 
 import json
@@ -31,7 +31,7 @@ from drivers.ur.emulator.server import SWITCH_S, UrEmulator
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.simulated import any_cell, cell_settings
-from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
+from scenarios.world.cell import PadPress, PadWeight, SimulatedCell
 from scenarios.world.settings import Impact
 
 STALL_NS = 50_000_000
@@ -39,15 +39,15 @@ ADDRESS_TRIES = 50
 T = TypeVar("T")
 Request = dict[str, Any]
 Verb = Callable[[Request], Request | None]
-HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
-ARM_TAKES_S = 1.0  # to strike a fault, at most; a frozen arm takes longer
-OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
+HOME_MPS, HOME_MPS2 = 0.1, 0.5  # motion to the start pose, as by the teach pendant
+ARM_FAULT_S = 1.0  # timeout for a fault of the arm to take effect; a frozen arm takes longer
+OPEN_M = 0.02  # largest fingertip travel of a hand with room for an object
 LONGEST = 65_536  # bytes of a request
-SHOWN = 500  # characters of what was wrong
+SHOWN = 500  # characters of an error message
 
 
 class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a cell is to be: a hand around an object, or one fingertip on a surface."""
+    """Settings of a cell: a hand around an object, or one fingertip on a surface."""
 
     seed: int
     grasp: GraspRigConfig | None = None
@@ -55,69 +55,69 @@ class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @classmethod
     def of(cls, config: AnyRigConfig, seed: int) -> Self:
-        """From settings that may say more than a cell needs."""
+        """Order from the sections of ``config`` that a cell needs."""
         if isinstance(config, GraspRigConfig):
             return cls(seed=seed, grasp=part(config, GraspRigConfig))
         return cls(seed=seed, press=part(config, PressRigConfig))
 
     @property
     def config(self) -> AnyRigConfig:
-        """Raises ValueError when there is none."""
+        """Settings of the grasp or of the press. Raises ValueError without either."""
         config = self.grasp or self.press
         if config is None:
-            raise ValueError("an order of neither a grasp nor a press")
+            raise ValueError("the order has neither grasp nor press settings")
         return config
 
 
-class Listening(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a cell is, and which devices are in it."""
+class CellOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Address and devices of a cell."""
 
-    host: str | None = None  # none: a free loopback address of its own, chosen by binding
+    host: str | None = None  # none: a free loopback address, chosen by binding
     gripper_port: int = 0
-    token: str = ""  # with one, any address may be the host, and whoever controls has to give it
+    token: str = ""  # allows any host address; control requests must then contain it
     profile: Literal["cb3", "e-series"] = "cb3"
-    rtu: bool = False  # the gripper on a pseudo-terminal too
+    rtu: bool = False  # the gripper also on a pseudo-terminal
 
 
 class EmulatedCell:
-    """One world behind real wires and a control channel."""
+    """One world with emulated devices on real protocols and a control channel."""
 
-    def __init__(self, order: CellOrder, host: str, there: Listening) -> None:
+    def __init__(self, order: CellOrder, host: str, options: CellOptions) -> None:
         """Raises OSError when the address is taken, ValueError for one beyond loopback without a
         token."""
         self.host = host
-        self._token = token = there.token
+        self._token = token = options.token
         self._lock = threading.RLock()
         self._stalls = 0
         self._worst_stall_ns = 0
         self._start_ns = self._last_ns = time.monotonic_ns()
         self.cell = any_cell(order.config, order.seed, self._last_ns)
         self._hand = self.cell if isinstance(self.cell, SimulatedCell) else None
-        self._placed = self._hand is None  # a surface stands where it stands
+        self._placed = self._hand is None  # a fixed surface is always in place
         self._verbs: dict[str, Verb] = {
-            **({} if self._hand is None else self._verbs_of_a_grasp(self._hand, order)),
+            **({} if self._hand is None else self._grasp_verbs(self._hand, order)),
             "truth": self._truth, "motion": self._motion, "fault": self._fault,
         }  # fmt: skip
         self._home_m = start_m = order.config.arm_model.start_m
-        self._homeward = False
-        arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
+        self._home_requested = False
+        arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=options.profile)
         lock, advance = self._lock, self.advance
         with ExitStack() as stack:
             use = stack.enter_context
             self.arm = use(UrEmulator(arm, self.cell.arm, lock, self._arm_cycle))
             self.gripper = self.serial = None
             if self._hand is not None:
-                hand, port = self._hand.gripper, there.gripper_port
+                hand, port = self._hand.gripper, options.gripper_port
                 self.gripper = use(GripperEmulator(hand, host, port, lock=lock, advance=advance))
-                if there.rtu:
+                if options.rtu:
                     self.serial = use(RtuEmulator(hand, lock=lock, advance=advance))
             self.board = use(BoardServer(self.cell.board, lock, host, clock=self._advanced))
             self.faults = CellFaults(self.cell.board, self.arm, self.gripper)
-            self.control = use(ControlServer(host, self.obey, token))
+            self.control = use(ControlServer(host, self.execute_request, token))
             self.close = stack.pop_all().close
 
     def advance(self, now_ns: int) -> None:
-        """Bring the world to now_ns; a time that has passed already changes nothing."""
+        """Advance the world to now_ns; an earlier time has no effect."""
         with self._lock:
             late_ns = now_ns - self._last_ns
             if late_ns > STALL_NS:
@@ -129,7 +129,7 @@ class EmulatedCell:
                 self._place()
 
     def _place(self) -> None:
-        """Put the object between the fingers once the hand is active, as a person would."""
+        """Place the object once the hand is active, open and at rest."""
         if self._placed or self._hand is None:
             return
         hand = self._hand.gripper
@@ -140,15 +140,15 @@ class EmulatedCell:
     def _arm_cycle(self, now_ns: int) -> None:
         self.advance(now_ns)
         with self._lock:
-            self.faults.strike(now_ns)
-        self.faults.strike_arm()
+            self.faults.apply_due(now_ns)
+        self.faults.apply_due_to_arm()
         self._go_home(now_ns)
 
     def _go_home(self, now_ns: int) -> None:
-        """Where somebody has asked for it and nothing moves. In the arm's own thread."""
-        motion, asked = self.arm.controller.motion, self._homeward
-        self._homeward = False
-        if not asked or motion.moving or motion.tripped:
+        """Start a requested motion to the start pose if nothing moves; runs in the arm's thread."""
+        motion, requested = self.arm.controller.motion, self._home_requested
+        self._home_requested = False
+        if not requested or motion.moving or motion.tripped:
             return
         motion.reset_rotation()
         with self._lock:
@@ -160,7 +160,7 @@ class EmulatedCell:
         return now_ns
 
     def endpoints(self) -> dict[str, Any]:
-        """Where clients find everything."""
+        """Addresses of all devices and of the control channel, for clients."""
         gripper: dict[str, Any] = {}
         if self.gripper is not None:
             host, port = self.gripper.address
@@ -178,17 +178,17 @@ class EmulatedCell:
             **({"token": self._token} if self._token else {}),
         }  # fmt: skip
 
-    def obey(self, request: Request) -> Request:
-        """One request of the control channel; an unknown one is answered with an error."""
+    def execute_request(self, request: Request) -> Request:
+        """Execute one request of the control channel; the reply to an unknown one is an error."""
         verb = str(request.pop("verb", ""))
-        obey = self._verbs.get(verb)
-        if obey is None:
+        execute = self._verbs.get(verb)
+        if execute is None:
             return {"error": f"unknown verb {verb!r}: one of {', '.join(self._verbs)}"}
         with self._lock:
             self.advance(time.monotonic_ns())
-            reply = obey(request) or {}
-        if verb == "fault" and not self.faults.struck(ARM_TAKES_S):
-            reply["told"] += "; the arm has had no cycle since, and takes it with its next"
+            reply = execute(request) or {}
+        if verb == "fault" and not self.faults.wait_applied_to_arm(ARM_FAULT_S):
+            reply["effect"] += "; applied in the arm's next cycle"
         return reply
 
     def _truth(self, request: Request) -> Request:
@@ -198,25 +198,25 @@ class EmulatedCell:
                 "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
 
     def _motion(self, request: Request) -> Request:
-        """What really moves, whatever the devices report: m/s of the arm, of the fastest finger."""
+        """True speeds of the arm and of the fastest finger, m/s."""
         fingers = () if self._hand is None else self._hand.gripper.velocity_mps
         arm_mps = math.hypot(*self.cell.arm.velocity(self._last_ns))
         fingers_mps = float(max((abs(v) for v in fingers), default=0.0))
         return {"arm_mps": arm_mps, "fingers_mps": fingers_mps}
 
     def _fault(self, request: Request) -> Request:
-        return {"told": self.faults.order(request, time.monotonic_ns())}
+        return {"effect": self.faults.order(request, time.monotonic_ns())}
 
-    def _verbs_of_a_grasp(self, cell: SimulatedCell, order: CellOrder) -> dict[str, Verb]:
+    def _grasp_verbs(self, cell: SimulatedCell, order: CellOrder) -> dict[str, Verb]:
         def load(request: Request) -> None:
             other = msgspec.convert(request, CellOrder)
             if other.grasp is None:
-                raise ValueError("this cell has a hand: it takes a grasp")
+                raise ValueError("this cell has a hand: the order needs grasp settings")
             cell.load(*cell_settings(other.grasp, other.seed))
             self._placed = False
 
         def take(request: Request) -> None:
-            """Away with the object."""
+            """Remove the object."""
             if order.grasp is not None:
                 cell.load(*cell_settings(order.grasp, order.seed))
             self._placed = True
@@ -227,29 +227,29 @@ class EmulatedCell:
             "take": take,
             "tap": lambda request: cell.tap(msgspec.convert(request, Impact)),
             "press": lambda request: cell.press(msgspec.convert(request, PadPress)),
-            "lay": lambda request: cell.lay(msgspec.convert(request, LaidWeight)),
+            "lay": lambda request: cell.put_weight(msgspec.convert(request, PadWeight)),
             "home": self._home,
         }
 
     def _home(self, request: Request) -> Request:
-        """Let the arm go to where it began, as a person drives it by its pendant."""
+        """Request the arm's motion to its start pose; returns the remaining distance."""
         now_ns, arm, motion = time.monotonic_ns(), self.cell.arm, self.arm.controller.motion
         away_m = math.dist(arm.position(now_ns), self._home_m)
         if arm.protective_stop:
-            return {"error": "the arm is stopped by its own safety system; a protective stop is "
-                    "cleared, 5 s after it, by the line 'unlock protective stop' to its dashboard, "
-                    f"{self.host} port 29999"}  # fmt: skip
+            return {"error": "the arm is stopped by its safety system; 5 s after a protective "
+                    f"stop, send 'unlock protective stop' to its dashboard, {self.host} port 29999",
+                    }  # fmt: skip
         if arm.speed_scaling(now_ns) == 0.0:
-            return {"error": "the arm's speed slider stands at 0: turn it up first, 'fault "
+            return {"error": "the arm's speed slider is at 0 %: first set it with 'fault "
                     "speed_slider fraction=1'"}  # fmt: skip
         moving = motion.moving or arm.moving(now_ns)
-        self._homeward = (away_m > 0.0 or motion.turned_rad > 0.0) and not moving
+        self._home_requested = (away_m > 0.0 or motion.turned_rad > 0.0) and not moving
         return {"away_m": away_m, "turned_rad": motion.turned_rad}
 
 
 class _Handler(socketserver.StreamRequestHandler):
-    """JSON lines: a request is an object with a ``verb``, and with the cell's token where the cell
-    is not on loopback alone; the reply is an object, with ``error`` where it was refused."""
+    """JSON lines: a request is an object with a ``verb``, and with the cell's token if it has one;
+    the reply is an object, with ``error`` if the request was refused."""
 
     disable_nagle_algorithm = True
     server: "ControlServer"
@@ -264,20 +264,20 @@ class _Handler(socketserver.StreamRequestHandler):
             request = msgspec.json.decode(line, type=Request)
             token = str(request.pop("token", ""))
             if not secrets.compare_digest(token.encode(), self.server.token.encode()):
-                raise PermissionError("the cell's token is asked for")
-            return self.server.obey(request)
+                raise PermissionError("the request must contain the cell's token")
+            return self.server.execute(request)
         except Exception as error:  # a client's mistake must not end the cell
             return {"error": f"{type(error).__name__}: {error}"[:SHOWN]}
 
 
 class ControlServer(socketserver.ThreadingTCPServer):
-    """Serves ``obey`` on a free port of the cell's address, a thread for each client."""
+    """Serves ``execute`` on a free port of the cell's address, one thread per client."""
 
     daemon_threads = True
 
-    def __init__(self, host: str, obey: Callable[[Request], Request], token: str = "") -> None:
+    def __init__(self, host: str, execute: Callable[[Request], Request], token: str = "") -> None:
         super().__init__((host, 0), _Handler)
-        self.obey, self.token = obey, token
+        self.execute, self.token = execute, token
         self.port: int = self.server_address[1]
 
     def __enter__(self) -> Self:
@@ -289,11 +289,11 @@ class ControlServer(socketserver.ThreadingTCPServer):
         self.server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is no error."""
+        """Ignore clients that disconnect."""
 
 
-def at_free_address(make: Callable[[str], T]) -> T:
-    """What ``make`` gives at the first loopback address that it can bind."""
+def bind_free_address(make: Callable[[str], T]) -> T:
+    """Result of ``make`` at the first loopback address that it can bind."""
     for _ in range(ADDRESS_TRIES):
         parts = (random.randint(1, 254) for _ in range(3))
         with suppress(OSError):  # never 127.0.0.1: ur_rtde skips a check there
@@ -302,22 +302,22 @@ def at_free_address(make: Callable[[str], T]) -> T:
 
 
 def serve(
-    order: CellOrder, there: Listening, ended: threading.Event,
+    order: CellOrder, options: CellOptions, ended: threading.Event,
     opened: Callable[[EmulatedCell], None] = lambda cell: None,
 ) -> None:  # fmt: skip
-    """Open a cell, say where it is, and serve until ``ended`` is set. ``opened`` takes the cell
-    before it serves, and must not wait."""
+    """Open a cell, print its endpoints, and serve until ``ended`` is set. ``opened`` is called with
+    the cell before it serves and must not block."""
     sys.setswitchinterval(SWITCH_S)
     any_cell(order.config, order.seed).compile()
-    make = partial(EmulatedCell, order, there=there)
-    with closing(at_free_address(make) if there.host is None else make(there.host)) as cell:
+    make = partial(EmulatedCell, order, options=options)
+    with closing(bind_free_address(make) if options.host is None else make(options.host)) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         opened(cell)
-        cell.arm.run(ended.is_set)  # the arm's cycles are the loop, the rest has threads
+        cell.arm.run(ended.is_set)  # the arm's cycles are the main loop; the rest runs in threads
 
 
 def end_on_signals() -> threading.Event:
-    """An event that SIGTERM and SIGINT set."""
+    """Event that SIGTERM and SIGINT set."""
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
@@ -325,15 +325,15 @@ def end_on_signals() -> threading.Event:
 
 
 def read_order(ended: threading.Event) -> CellOrder:
-    """The first line of standard input; ``ended`` is set when the input closes: the parent died.
-    Raises BrokenPipeError where it has died already."""
+    """Order in the first line of standard input. ``ended`` is set when the input closes, that is,
+    when the parent ends. Raises BrokenPipeError if it has ended already."""
     line = sys.stdin.readline()
     if not line:
         raise BrokenPipeError
     order = msgspec.json.decode(line, type=CellOrder)
 
     def watch() -> None:
-        sys.stdin.read()  # returns when the parent has closed its end, however it died
+        sys.stdin.read()  # returns when the parent ends, for any reason
         ended.set()
 
     threading.Thread(target=watch, name="parent-watch", daemon=True).start()
@@ -343,8 +343,8 @@ def read_order(ended: threading.Event) -> CellOrder:
 def main() -> None:
     ended = end_on_signals()
     try:
-        serve(read_order(ended), Listening(), ended)
-    except BrokenPipeError:  # whoever asked was interrupted meanwhile, and has said so
+        serve(read_order(ended), CellOptions(), ended)
+    except BrokenPipeError:  # the parent was interrupted, and has reported it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -23,11 +23,10 @@ from scenarios.rigs.wired import acknowledgements, wired_devices
 def open_rig(
     config: GraspRigConfig, seed: int, paced: bool, permit: MotionPermit | None = None
 ) -> AbstractContextManager[GraspRig]:
-    """The rig with its hand active and open, an object in place; closes what it opened.
+    """The rig with its hand active and open and an object in place; closes it at the end.
 
-    Raises the drivers' errors. On the rig `hardware` nothing is known but what the devices say, and
-    it raises UsageError without a permit, ConfigError where a device has no address, Refused where
-    another process drives one.
+    Raises the drivers' errors. The rig `hardware` has no ground truth; it raises UsageError without
+    a permit, ConfigError for a device without an address, Refused if another process drives one.
     """
     return _open(config, seed, paced, permit)
 
@@ -35,7 +34,7 @@ def open_rig(
 def open_press_rig(
     config: PressRigConfig, seed: int, paced: bool, permit: MotionPermit | None = None
 ) -> AbstractContextManager[PressRig]:
-    """Without a gripper: the hand stays as it is, one finger pointing down. As ``open_rig``."""
+    """The rig without a gripper; one finger of the hand points down. Errors as of ``open_rig``."""
     return _open(config, seed, paced, permit)
 
 
@@ -56,14 +55,14 @@ def _open(
             elif config.rig == HARDWARE:
                 rig = stack.enter_context(hardware(config, permit))
             else:
-                raise ConfigError("rig", config.rig, "unknown", "simulated, emulated, hardware")
+                raise ConfigError("rig", config.rig, "unknown rig", "simulated, emulated, hardware")
         yield rig
 
 
 @contextmanager
 def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[Any, Any]]:
-    """The rig of real devices, which this process alone drives."""
-    way_out = require(permit).let_go
+    """The rig of real devices, locked for this process."""
+    release_hint = require(permit).release_hint
     check_devices(config)
     clock = WallClock(WallClock().now_ns)
     with (
@@ -74,5 +73,5 @@ def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[
         arm.set_payload(config.arm.payload_kg)
         yield Rig(
             arm, tactile, gripper, clock, True, None, None,
-            acknowledgements=acknowledgements(gripper), way_out=way_out,
+            acknowledgements=acknowledgements(gripper), release_hint=release_hint,
         )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Who may open the rig `hardware`: a verb made for a lab, told so on its command line.
+"""Permission to move real devices, their addresses and their locks.
 
-Such verbs (`grasp run`, `release`, `gripper`, `arm`, `calibrate`) alone ask for a permit and hand
-it down; without one nothing that moves real devices can be opened, whatever settings say.
+Only lab commands (`grasp run`, `release`, `gripper`, `arm`, `calibrate`) with --confirm-motion
+create a permit. Without one no function opens a device that can move.
 """
 
 import os
@@ -17,35 +17,35 @@ import msgspec
 
 from drivers.errors import ConfigError, Refused, UsageError
 from grasp.files import Holder, locked
-from scenarios.rigs.calibration import Files, own_files_of
+from scenarios.rigs.calibration import Files, config_files
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import calibration
 
 HARDWARE = "hardware"
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
-MODE = 0o666  # other users must be able to lock it after us
-# sections that say which devices are meant: a command that opens the hand must repeat them
+MODE = 0o666  # other users must be able to lock it later
+# sections that identify the devices: a command that opens the hand must repeat them
 DEVICE_SECTIONS = ("gripper", "calibration", "modbus", "usb", "ur")
 
 
 class MotionPermit(msgspec.Struct, frozen=True):
-    """Leave to move real devices, with the whole command that opens their hand."""
+    """Permission to move real devices, with the command line that opens their hand."""
 
     release: str
 
     @property
-    def let_go(self) -> str:
-        """What to do about a hand that was left closed."""
+    def release_hint(self) -> str:
+        """Instruction for a hand that was left closed."""
         return f"to let go, support the object and run `{self.release}`"
 
 
 def permit(
     config: AnyRigConfig, confirmed: bool, files: Files, assignments: Sequence[str], rig: str = ""
 ) -> MotionPermit | None:
-    """For the rig of a verb's settings; None where there is no real device to move.
+    """Permit for the rig of a command's settings; None for a rig without real devices.
 
-    ``files``, ``assignments`` and ``rig`` (a name or a path; empty: the settings') are what the
-    command line said. Raises UsageError without a confirmation.
+    ``files``, ``assignments`` and ``rig`` (a name or a path; empty: the settings') come from the
+    command line. Raises UsageError without a confirmation.
     """
     if config.rig != HARDWARE:
         return None
@@ -53,7 +53,7 @@ def permit(
         remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
         raise UsageError("the hardware rig moves real devices", remedy)
     words = ["grasp", "release", "--rig", rig or config.rig, "--confirm-motion"]
-    for file in own_files_of(files):
+    for file in config_files(files):
         words += ["--config", str(file)]
     for text in assignments:
         if text.strip().split(".")[0] in DEVICE_SECTIONS:
@@ -62,21 +62,21 @@ def permit(
 
 
 def require(permit: MotionPermit | None) -> MotionPermit:
-    """The permit; raises UsageError for whoever would move real devices without one."""
+    """The permit; raises UsageError without one."""
     if not isinstance(permit, MotionPermit):
-        remedy = "only verbs made for a lab do, as `grasp run`, with --confirm-motion"
+        remedy = "use a lab command such as `grasp run` with --confirm-motion"
         raise UsageError("this may not open the rig hardware", remedy)
     return permit
 
 
-# Addresses of real devices: they have no default
+# Addresses of real devices, without defaults
 
 
 def check_devices(config: AnyRigConfig) -> None:
-    """Raises ConfigError where an address or the calibration of real devices was left out."""
+    """Raises ConfigError if an address or the calibration of real devices is missing."""
     if config.rig != HARDWARE:
         return
-    config.devices.check_offered()
+    config.devices.check_installed()
     if isinstance(config, GraspRigConfig):
         calibration(config)
         gripper_address(config)
@@ -85,39 +85,41 @@ def check_devices(config: AnyRigConfig) -> None:
 
 
 def gripper_address(config: GraspRigConfig) -> str:
-    """Where the gripper is; raises ConfigError where nobody has said it."""
+    """Address of the gripper; raises ConfigError if it is not set."""
     if config.devices.gripper:
-        return config.devices.called("gripper")
+        return config.devices.label("gripper")
+    modbus = config.modbus
     if config.gripper.link == "rtu":
-        return _given("modbus.serial_port", config.modbus.serial_port, "/dev/ttyUSB0, or another")
-    host = _given("modbus.host", config.modbus.host, "the gripper's address, as 192.168.1.11")
-    return f"{host}:{config.modbus.port}"
+        return _required("modbus.serial_port", modbus.serial_port, "a path such as /dev/ttyUSB0")
+    allowed = "the gripper's address, such as 192.168.1.11"
+    host = _required("modbus.host", modbus.host, allowed, " --set modbus.port=...")
+    return f"{host}:{modbus.port}"
 
 
 def arm_address(config: AnyRigConfig) -> str:
-    """Where the arm's controller is; raises ConfigError where nobody has said it."""
+    """Address of the arm's controller; raises ConfigError if it is not set."""
     if config.devices.arm:
-        return config.devices.called("arm")
-    return _given("ur.host", config.ur.host, "the address of the arm's controller")
+        return config.devices.label("arm")
+    return _required("ur.host", config.ur.host, "the address of the arm's controller")
 
 
 def board_address(config: AnyRigConfig) -> str:
-    """Which fingertip board; raises ConfigError where nobody has said it."""
+    """URL or serial number of the fingertip board; raises ConfigError if it is not set."""
     if config.devices.fingertips:
-        return config.devices.called("fingertips")
-    return config.usb.url or _given(
+        return config.devices.label("fingertips")
+    return config.usb.url or _required(
         "usb.serial", config.usb.serial,
         "the board's serial number, which `grasp doctor` shows, or any for the first one found",
     )  # fmt: skip
 
 
-def _given(key: str, value: str, allowed: str) -> str:
+def _required(key: str, value: str, allowed: str, more: str = "") -> str:
     if value:
         return value
     section, _, name = key.partition(".")
     raise ConfigError(
-        section, name, "real devices have no default: say which one is meant",
-        f"{allowed}; in a file for --config, or --set {key}=...",
+        section, name, "not set; real devices have no default",
+        f"{allowed}; in a file for --config, or --set {key}=...{more}",
     )  # fmt: skip
 
 
@@ -125,19 +127,19 @@ def _given(key: str, value: str, allowed: str) -> str:
 
 
 def devices_of(config: AnyRigConfig) -> list[str]:
-    """What moves on a rig, by its address; raises ConfigError where nobody has said it."""
+    """Lock names of the rig's moving devices; raises ConfigError for a missing address."""
     gripper = [gripper_of(config)] if isinstance(config, GraspRigConfig) else []
     return [*gripper, arm_of(config)]
 
 
 def arm_of(config: AnyRigConfig) -> str:
-    """The arm, by its address."""
+    """Lock name of the arm."""
     address = arm_address(config)
     return f"arm {address}" if config.devices.arm else f"arm at {_resolved(address)}"
 
 
 def gripper_of(config: GraspRigConfig) -> str:
-    """The gripper, by its address."""
+    """Lock name of the gripper."""
     address = gripper_address(config)
     if config.devices.gripper:
         return f"gripper {address}"
@@ -147,7 +149,7 @@ def gripper_of(config: GraspRigConfig) -> str:
 
 
 def _resolved(host: str) -> str:
-    """One device has one name here, by whichever it was called."""
+    """Numeric address of a host, so that one device has one lock name."""
     try:
         return socket.gethostbyname(host)
     except OSError:
@@ -156,25 +158,25 @@ def _resolved(host: str) -> str:
 
 @contextmanager
 def driving(*devices: str) -> Iterator[None]:
-    """Drive these devices exclusively. Raises Refused, naming the process that drives one."""
+    """Lock these devices for this process. Raises Refused, naming the process that holds one."""
     with ExitStack() as locks:
         for device in devices:
-            locks.enter_context(locked(lock_path(device), MODE, partial(_driven, device)))
+            locks.enter_context(locked(lock_path(device), MODE, partial(_driven_error, device)))
         yield
 
 
 def lock_path(device: str) -> Path:
-    """The file that the process that drives a device locks."""
+    """Lock file of a device."""
     shared = (f for f in FOLDERS if f.is_dir() and f.stat().st_mode & stat.S_IWOTH)
     name = "".join(c if c.isalnum() or c in ".-" else "_" for c in device)
     return next(shared, FOLDERS[-1]) / f"grasp-{name}.lock"
 
 
-def _driven(device: str, holder: Holder | None) -> Refused:
+def _driven_error(device: str, holder: Holder | None) -> Refused:
     if holder is None:
-        return Refused(f"the {device} is driven by another process", "wait until that has ended")
+        return Refused(f"the {device} is driven by another process", "wait until it ends")
     return Refused(
         f"the {device} is driven by process {holder.pid} since {holder.since}: {holder.command}",
-        f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill {holder.pid}`"
-        ": the arm then stands and the grip is kept",
+        f"wait until it ends, or end it with Ctrl-C in its terminal, or with `kill {holder.pid}`"
+        ": the arm then stops and the hand keeps its grip",
     )

@@ -1,11 +1,10 @@
-"""The simulated rig: real driver cores over the device models, in this process; and the world of a
-trial, out of its settings and seed.
+"""The simulated rig: driver cores over the device models in this process, and the world of a trial
+from its settings and seed.
 
-What differs from trial to trial is drawn from stated distributions, all assumed: where the object
-is gripped, where each finger stops, friction, mass and where it lies, the force at which motors
-stop, and the gripper's timing. The fingertips draw their own rest counts, patch positions, textures
-and noise (``scenarios.world.fingertip``), a tap its strength and moment (``scenarios.tap.mallet``).
-"Normal" is cut at 2.5 deviations.
+Trials differ by samples from assumed distributions: grip height, stop position of each finger,
+friction, mass and its offset, the force at which motors stop, and the gripper's timing. The
+fingertips sample rest counts, textures and noise (``scenarios.world.fingertip``), a tap its impulse
+and time (``scenarios.tap.mallet``). Normal variates are clipped at 2.5 standard deviations.
 """
 
 from collections.abc import Callable
@@ -27,7 +26,7 @@ from drivers.ur.driver import ArmDriver, ArmLink
 from drivers.ur.model import ArmModel
 from grasp.clock import PacedClock, VirtualClock
 from scenarios.rigs.config import (
-    CUT,
+    CUT_SIGMAS,
     AnyRigConfig,
     GraspRigConfig,
     PressRigConfig,
@@ -41,25 +40,27 @@ from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
 from scenarios.world.settings import Level, level_named
 
 
-class Wires(msgspec.Struct, frozen=True):
-    """Who sees all that passes between a driver and its device's model, both ways."""
+class LinkWrappers(msgspec.Struct, frozen=True):
+    """Wrappers around the links between the drivers and the device models, for tests."""
 
     gripper: Callable[[RegisterTransport], RegisterTransport] = lambda transport: transport
     arm: Callable[[ArmModel], ArmLink] = lambda model: model
     fingertips: Callable[[UsbBoard], UsbBoard] = lambda usb: usb
 
 
-DIRECT = Wires()
-UNREAD_S = 0.16  # monitors.standstill_s and a cycle: a run that goes on has not been braked
+UNWRAPPED = LinkWrappers()
+UNREAD_S = 0.16  # monitors.standstill_s plus a cycle: a run that continues was not braked
 
 
-def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIRECT) -> Rig[Any, Any]:
-    """In virtual time; ``paced`` at the wall's pace."""
+def simulated(
+    config: AnyRigConfig, seed: int, paced: bool, wrappers: LinkWrappers = UNWRAPPED
+) -> Rig[Any, Any]:
+    """The simulated rig in virtual time; ``paced``: at the pace of the wall clock."""
     cell = any_cell(config, seed)
-    fingertips = ModelLink(cell.board, config.tactile, cell.advance, wires.fingertips)
+    fingertips = ModelLink(cell.board, config.tactile, cell.advance, wrappers.fingertips)
     tactile = TakkTileDriver(fingertips, config.tactile).start()
-    arm = ArmDriver(wires.arm(cell.arm), config.arm)
-    gripper = _gripper(config, cell, wires)
+    arm = ArmDriver(wrappers.arm(cell.arm), config.arm)
+    gripper = _gripper(config, cell, wrappers)
     fast = VirtualClock(fingertips.advance)
     connect(arm, tactile, gripper, fast)
     arm.set_payload(config.arm.payload_kg)
@@ -73,48 +74,48 @@ def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIREC
 
 
 def _gripper(
-    config: AnyRigConfig, cell: SimulatedCell | PressedCell, wires: Wires
+    config: AnyRigConfig, cell: SimulatedCell | PressedCell, wrappers: LinkWrappers
 ) -> RobotiqDriver | None:
     if not isinstance(config, GraspRigConfig) or not isinstance(cell, SimulatedCell):
         return None
-    wire = wires.gripper(ModelTransport(cell.gripper, config.gripper.link))
-    return RobotiqDriver(wire, config.gripper, calibration(config))
+    link = wrappers.gripper(ModelTransport(cell.gripper, config.gripper.link))
+    return RobotiqDriver(link, config.gripper, calibration(config))
 
 
 # The world of a seed
 
 
-class Draw(msgspec.Struct, frozen=True):
-    """One draw."""
+class TrialSample(msgspec.Struct, frozen=True):
+    """Object, hand and finger positions of one trial."""
 
     body: GraspObject
     hand: HandSettings
-    finger_offset_m: NDArray[np.float64]  # (3,) added travel of each finger
+    finger_offset_m: NDArray[np.float64]  # (3,) true travel of each finger minus the commanded one
 
 
-def draw(
+def sample_trial(
     settings: VariationSettings, body: GraspObject, hand: HandSettings, rng: np.random.Generator
-) -> Draw:
-    """Object and hand of one trial. Draws the same numbers whatever the spreads are.
+) -> TrialSample:
+    """Sample object and hand of one trial; the random numbers do not depend on the spreads.
 
-    Normal: friction, mass, start height, weight aside and each finger's stop; uniform: latency,
+    Normal: friction, mass, start height, mass offset and each finger's stop; uniform: latency,
     refresh phase and force stop.
     """
 
     def normal(count: int) -> NDArray[np.float64]:
-        return np.clip(rng.standard_normal(count), -CUT, CUT)
+        return np.clip(rng.standard_normal(count), -CUT_SIGMAS, CUT_SIGMAS)
 
     friction, mass = normal(2).tolist()
     scatter = normal(3)
     latency, phase = rng.uniform(size=2).tolist()
     height = normal(1).item()
-    weak = float(rng.uniform())
+    weakness = float(rng.uniform())
     aside = normal(1).item()
-    rub = 1 + settings.friction_cv * friction
+    friction_scale = 1 + settings.friction_cv * friction
     varied_body = msgspec.structs.replace(
         wider(body, settings),
-        friction_static=body.friction_static * rub,
-        friction_kinetic=body.friction_kinetic * rub,
+        friction_static=body.friction_static * friction_scale,
+        friction_kinetic=body.friction_kinetic * friction_scale,
         mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
         added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
         centre_aside_m=body.centre_aside_m + settings.aside_m * aside,
@@ -125,15 +126,15 @@ def draw(
         hand,
         command_latency_s=hand.command_latency_s + settings.command_latency_s * latency,
         tick_phase_s=phase / hand.refresh_hz,
-        least_force_n=hand.least_force_n * (1 - settings.force_stop_fraction * weak),
+        least_force_n=hand.least_force_n * (1 - settings.force_stop_fraction * weakness),
     )
-    return Draw(varied_body, varied_hand, settings.finger_scatter_m * scatter)
+    return TrialSample(varied_body, varied_hand, settings.finger_scatter_m * scatter)
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
-    """The world that a seed stands for, and the generator of its noise; equal on every rig."""
+    """Settings of a seed's world and the generator of its noise; equal on every rig."""
     varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    trial = draw(config.variation, config.object, config.hand, varied)
+    trial = sample_trial(config.variation, config.object, config.hand, varied)
     level, impact_level = _levels(config)
     settings = CellSettings(
         body=trial.body, contact=config.contact, fingertip=config.fingertip, hand=trial.hand,
@@ -144,8 +145,7 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
 
 
 def _levels(config: GraspRigConfig) -> tuple[Level, Level]:
-    """Contact levels before a tap and while it moves the object. Without a scenario: the level of
-    a lift, and the fullest."""
+    """Contact levels before and during a tap; without a scenario, SLIDER and BRUSH."""
     level, impact_level = config.world.level, config.world.impact_level
     if level == "auto":
         return Level.SLIDER, Level.BRUSH if impact_level == "auto" else level_named(impact_level)
@@ -153,12 +153,12 @@ def _levels(config: GraspRigConfig) -> tuple[Level, Level]:
 
 
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
-    """A cell with that world."""
+    """The simulated cell of a seed."""
     return SimulatedCell(*cell_settings(config, seed), start_ns)
 
 
 def make_pressed_cell(config: PressRigConfig, seed: int, start_ns: int = 0) -> PressedCell:
-    """The pressed fingertip that a seed stands for; equal on every rig."""
+    """The pressed fingertip of a seed; equal on every rig."""
     settings = PressedCellSettings(
         surface=config.surface, press=config.press, fingertip=config.fingertip,
         board=config.board, arm=config.arm_model, finger=config.finger,
@@ -167,27 +167,27 @@ def make_pressed_cell(config: PressRigConfig, seed: int, start_ns: int = 0) -> P
 
 
 def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell | PressedCell:
-    """The cell that the settings are of."""
+    """The cell for either kind of settings."""
     if isinstance(config, GraspRigConfig):
         return make_cell(config, seed, start_ns)
     return make_pressed_cell(config, seed, start_ns)
 
 
-class _First(event.Listener):
-    """Tells of the first function that is compiled; what lies in numba's cache is not."""
+class _FirstCompilation(event.Listener):
+    """Calls a function at the first compilation; functions in numba's cache are not compiled."""
 
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self._callback: Callable[[], None] | None = callback
 
     def on_start(self, _: Any) -> None:
-        if self._tell is not None:
-            tell, self._tell = self._tell, None
-            tell()
+        if self._callback is not None:
+            callback, self._callback = self._callback, None
+            callback()
 
     def on_end(self, _: Any) -> None:
         pass
 
 
-def told_when_compiling(tell: Callable[[], None]) -> AbstractContextManager[None]:
-    """Within, ``tell`` is called once, as soon as anything must be compiled; else never."""
-    return event.install_listener("numba:compile", _First(tell))
+def on_first_compilation(callback: Callable[[], None]) -> AbstractContextManager[None]:
+    """Context in which ``callback`` is called once, when the first function must be compiled."""
+    return event.install_listener("numba:compile", _FirstCompilation(callback))

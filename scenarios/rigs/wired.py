@@ -1,4 +1,4 @@
-"""Single devices at the addresses of the configuration, ours or those of other packages."""
+"""Devices at the addresses of the configuration, including those of other packages."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -19,13 +19,13 @@ from grasp.clock import WallClock
 from scenarios.rigs.config import (
     AnyRigConfig,
     GraspRigConfig,
-    OwnDeviceSettings,
-    offered_devices,
+    PluginDeviceSettings,
+    plugin_devices,
 )
 from scenarios.rigs.rig import calibration
 
 ANY_BOARD = "any"  # of `usb.serial`
-# of an emulated board, whose process may have to wait for its turn on a busy machine
+# timeouts of an emulated board, whose process may be slow on a busy machine
 EMULATED_READ_MS, EMULATED_CONTROL_MS = 1_000, 10_000
 DeviceT = TypeVar("DeviceT")
 Now = Callable[[], int]
@@ -35,27 +35,29 @@ Now = Callable[[], int]
 def wired_devices(
     config: AnyRigConfig, clock: WallClock
 ) -> Iterator[tuple[Arm, TactileSensor, Gripper | None]]:
-    """Drivers at the addresses of the configuration. Raises what opening raises."""
+    """Drivers of all devices at the addresses of the configuration. Raises their errors."""
     now: Now = lambda: clock.now_ns  # noqa: E731
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
-            gripper = stack.enter_context(_letting_go(open_gripper(config, now)))
-        own = config.devices.fingertips
-        tips = own_device(config.devices, "fingertips", now) if own else open_board(config, now)
-        tactile: TactileSensor = stack.enter_context(_letting_go(tips))
+            gripper = stack.enter_context(_closing_leniently(open_gripper(config, now)))
+        plugin = config.devices.fingertips
+        tips = (
+            plugin_device(config.devices, "fingertips", now) if plugin else open_board(config, now)
+        )
+        tactile: TactileSensor = stack.enter_context(_closing_leniently(tips))
         yield stack.enter_context(open_arm(config, now)), tactile, gripper
 
 
 def open_gripper(config: GraspRigConfig, now: Now) -> AbstractContextManager[Gripper]:
-    """The gripper that the settings name, connected once it is entered."""
+    """The gripper of the settings; entering it connects."""
     if config.devices.gripper:
-        return own_device(config.devices, "gripper", now)
+        return plugin_device(config.devices, "gripper", now)
     return wired_gripper(config, now)
 
 
 def wired_gripper(config: GraspRigConfig, now: Now) -> ThreadedGripper:
-    """The Robotiq gripper on its wire; enter it to start the exchange."""
+    """The Robotiq gripper on Modbus; entering it starts the exchange."""
     modbus = ModbusTransport(config.modbus, config.gripper.link)
     return ThreadedGripper(
         RobotiqDriver(modbus, config.gripper, calibration(config), clock=now),
@@ -65,15 +67,15 @@ def wired_gripper(config: GraspRigConfig, now: Now) -> ThreadedGripper:
 
 
 def open_board(config: AnyRigConfig, now: Now) -> TakkTileDriver:
-    """The TakkTile board that the settings name, read by a thread once it is entered."""
+    """The TakkTile board of the settings; entering it starts its reading thread."""
     return TakkTileDriver(
         ReadingThread(board_finder(config, now), config.tactile, now), config.tactile
     )
 
 
 def board_finder(config: AnyRigConfig, now: Now) -> Callable[[str | None], UsbLink]:
-    """Finds the fingertip board: that with the serial number asked for, else the one that the
-    settings name, else any."""
+    """Function that finds the fingertip board: with the given serial number, else with that of the
+    settings, else any."""
     named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
     if not config.usb.url:
         return lambda serial: UsbLink.find(serial or named or None, clock=now)
@@ -85,9 +87,9 @@ def board_finder(config: AnyRigConfig, now: Now) -> Callable[[str | None], UsbLi
 
 @contextmanager
 def open_arm(config: AnyRigConfig, now: Now) -> Iterator[Arm]:
-    """The arm that the settings name, its program running."""
+    """The arm of the settings with its program running."""
     if config.devices.arm:
-        with own_device(config.devices, "arm", now) as arm:
+        with plugin_device(config.devices, "arm", now) as arm:
             yield arm
         return
     with UrLink(config.ur) as link:
@@ -95,21 +97,20 @@ def open_arm(config: AnyRigConfig, now: Now) -> Iterator[Arm]:
 
 
 @contextmanager
-def own_device(devices: OwnDeviceSettings, device: str, now: Now) -> Iterator[Any]:
-    """A device of another package, connected. Raises ConfigError for an unknown name, and
-    UsageError for what its package raises that is no error of ours. What closing it raises is
-    logged."""
-    devices.check_offered()
+def plugin_device(devices: PluginDeviceSettings, device: str, now: Now) -> Iterator[Any]:
+    """A connected device of another package. Raises ConfigError for an unknown name, GraspErrors of
+    the package, and UsageError for its other exceptions. Exceptions at closing are logged."""
+    devices.check_installed()
     name = devices.chosen[device]
     try:
-        opened = offered_devices(device)[name].load()(devices.settings(device), now)
+        opened = plugin_devices(device)[name].load()(devices.settings(device), now)
         entered = opened.__enter__()
     except (GraspError, KeyboardInterrupt):
         raise
     except BaseException as error:  # its sys.exit(), or a task that was cancelled
         raise UsageError(
             f"{device} {name!r} of another package cannot be opened: {describe_exception(error)}",
-            "ask its maintainers; docs/extending.md says what is expected of it",
+            "ask its maintainers; docs/extending.md has the requirements",
         ) from error
     try:
         yield entered
@@ -118,15 +119,15 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Now) -> Iterator[An
             opened.__exit__(None, None, None)
         except BaseException as error:
             logging.getLogger(__name__).warning(
-                "%s %r does not let go: %s", device, name, describe_exception(error)
+                "%s %r cannot be closed: %s", device, name, describe_exception(error)
             )
             if isinstance(error, KeyboardInterrupt):
                 raise
 
 
 @contextmanager
-def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
-    """A device that does not let go in time costs no result: the next that opens it finds out."""
+def _closing_leniently(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
+    """Context of a device whose errors at closing are ignored, so that they cost no result."""
     entered = device.__enter__()
     try:
         yield entered
@@ -136,8 +137,8 @@ def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
 
 
 def acknowledgements(gripper: Gripper | None) -> Callable[[], Sequence[tuple[int, int]]]:
-    """Pairs of times since now, ns: of a verb, and of the reply to its write; none of a gripper
-    that keeps none."""
+    """Function that returns pairs of times from now on, ns: command, reply to its write. Empty for
+    grippers that record none."""
     if not isinstance(gripper, ThreadedGripper):
         return tuple
     before = len(gripper.acknowledgements_ns)

@@ -1,6 +1,6 @@
-"""Where work is done: worker processes of this machine, or a Dask cluster by its address.
+"""Parallel execution of tasks: in worker processes of this machine or on a Dask cluster.
 
-Results come as they finish, so their order is chance; what they are depends on the tasks alone.
+Results come in the order of completion; their values depend only on the tasks.
 """
 
 import gc
@@ -28,23 +28,23 @@ from grasp import signals
 
 T = TypeVar("T")
 R = TypeVar("R")
-AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
+AHEAD = 2  # tasks in flight per worker, so that no worker waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 FOR_THE_PARENT = (signal.SIGINT, signal.SIGHUP)
 PARENT_POLL_S = 0.5
-GC_OBJECTS = 20_000  # a trial leaves few cycles: looking for them less often saves a tenth
+GC_OBJECTS = 20_000  # a trial leaves few cycles: less frequent collection saves a tenth of the time
 CONNECT_S = 10.0
 
 
 class Workers(msgspec.Struct, frozen=True):
-    """Who works."""
+    """Number and location of the workers."""
 
-    processes: int  # of one thread each; 0: no worker, this process does it
-    cluster: str | None = None  # address of a Dask scheduler, whose workers do it instead
+    processes: int  # single-threaded worker processes; 0: this process
+    cluster: str | None = None  # address of a Dask scheduler, used instead
 
 
 class Outcome(msgspec.Struct, Generic[T, R], frozen=True):
-    """What became of one task: a result, or an error."""
+    """Result or error of one task."""
 
     task: T
     result: R | None = None
@@ -54,7 +54,7 @@ class Outcome(msgspec.Struct, Generic[T, R], frozen=True):
 def results(
     work: Callable[[T], R], tasks: Sequence[T], workers: Workers
 ) -> Generator[R, None, None]:
-    """Results as they come; the first error of a task ends the others and is raised."""
+    """Results in order of completion; the first error ends the other tasks and is raised."""
     with closing(outcomes(work, tasks, workers)) as found:
         for outcome in found:
             if outcome.error is not None:
@@ -65,21 +65,21 @@ def results(
 def outcomes(
     work: Callable[[T], R], tasks: Sequence[T], workers: Workers
 ) -> Generator[Outcome[T, R], None, None]:
-    """What became of every task; to close it, or Ctrl-C, ends all workers.
+    """Outcomes in order of completion; closing the generator or Ctrl-C ends all workers.
 
-    Raises UsageError without the extra, LinkLost without a scheduler or when it goes.
+    Raises UsageError without Dask, LinkLost if the scheduler cannot be reached or is lost.
     """
     if not tasks:
         return
     if workers.cluster is not None:
         yield from _cluster(work, tasks, workers.cluster)
     elif workers.processes == 0:
-        yield from (_done(work, task) for task in tasks)
+        yield from (_run_task(work, task) for task in tasks)
     else:
         yield from _processes(work, tasks, min(workers.processes, len(tasks)))
 
 
-def _done(work: Callable[[T], R], task: T) -> Outcome[T, R]:
+def _run_task(work: Callable[[T], R], task: T) -> Outcome[T, R]:
     try:
         result = work(task)
     except Exception as error:
@@ -91,9 +91,9 @@ def _done(work: Callable[[T], R], task: T) -> Outcome[T, R]:
 def _processes(
     work: Callable[[T], R], tasks: Sequence[T], processes: int
 ) -> Iterator[Outcome[T, R]]:
-    """A worker that dies takes its pool with it, and nobody knows which of the tasks handed out
-    was to blame: they run once more one by one, and the one that dies again has the error."""
-    died = GraspError("the worker process died", "fewer --jobs, if the memory did not suffice")
+    """A worker that dies breaks its pool, and which task caused it is unknown. The tasks in flight
+    run again one at a time; the one whose worker dies again gets the error."""
+    died = GraspError("the worker process died", "if memory ran out, use fewer --jobs")
     waiting = deque(tasks)
     while waiting:
         suspects: list[T] = []
@@ -113,7 +113,8 @@ def _processes(
 def _drain(
     executor: Executor, waiting: deque[T], ahead: int, work: Callable[[T], R]
 ) -> Iterator[Outcome[T, R]]:
-    """Feed the executor until nothing waits, or until it breaks; then what was out comes back."""
+    """Submit tasks until none waits or the executor breaks; yields the outcomes of all submitted
+    ones."""
     out: dict[Future[R], T] = {}
     broken = False
     while (waiting and not broken) or out:
@@ -137,14 +138,14 @@ def _pool(processes: int) -> Iterator[Executor]:
     executor = ProcessPoolExecutor(
         max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
     )
-    # what is half done is of no use to anyone
+    # unfinished work is discarded
     with on_failure(lambda: executor.shutdown(wait=True, kill_workers=True)):
         yield executor
     executor.shutdown(wait=True)
 
 
 def _prepare(parent: int) -> None:
-    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it."""
+    """Initialize a worker: it ignores Ctrl-C and hang-up, and ends when its parent ends."""
     gc.set_threshold(GC_OBJECTS)
     for number in FOR_THE_PARENT:
         signal.signal(number, signal.SIG_IGN)
@@ -158,8 +159,8 @@ def _prepare(parent: int) -> None:
 
 
 def _cluster(work: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterator[Outcome[T, R]]:
-    """The scheduler moves the tasks of a lost worker to others; one that keeps killing workers
-    has the error."""
+    """Outcomes from a Dask cluster. The scheduler moves tasks of a lost worker to others; a task
+    that repeatedly kills workers gets the error."""
     try:
         from distributed import Client
     except ImportError:

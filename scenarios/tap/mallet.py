@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
-from scenarios.rigs.config import CUT
+from scenarios.rigs.config import CUT_SIGMAS
 from scenarios.trial.config import TrialConfig
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import HALF_APERTURE_M, ContactSettings, Impact, Level
@@ -86,9 +86,9 @@ def swing(config: TapConfig, seed: int) -> Swing:
     tap, direction = config.tap, config.direction(seed)
     nominal_n_s = 0.0 if config.real else nominal_impulse_n_s(config, direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
-    hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -CUT, CUT))
+    hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -CUT_SIGMAS, CUT_SIGMAS))
     delay, wait = rng.uniform(size=2).tolist()
-    beside_m = OFFSET_SPREAD_M * float(np.clip(rng.standard_normal(), -CUT, CUT))
+    beside_m = OFFSET_SPREAD_M * float(np.clip(rng.standard_normal(), -CUT_SIGMAS, CUT_SIGMAS))
     impulse_n_s = nominal_n_s * max(hand, 0.0)
     impact = impact_of(tap, direction, impulse_n_s, config.loop.period_s * delay, beside_m)
     return Swing(impact, WAIT_S * wait)

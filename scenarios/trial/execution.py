@@ -292,7 +292,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no device, and a step of it may take longer than a second
-    with signals.watchdog(loop.abort) if rig.on_wall else nullcontext():
+    with signals.watchdog(loop.abort) if rig.wall_time else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,
@@ -303,7 +303,7 @@ def run_trial(
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
         controller, loop, trace, final, stalls, acknowledged(rig, loop), granted,
-        bugs[0] if bugs else None, rig.way_out,
+        bugs[0] if bugs else None, rig.release_hint,
     )  # fmt: skip
 
 
@@ -314,7 +314,7 @@ def _run_to_end(
     """Run until the controller has finished. Tells whether a real-time priority was granted (None
     in virtual time). An exception of our own code is put into ``bugs`` before the safe state is
     pursued."""
-    with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+    with real_time(config.realtime) if rig.wall_time else nullcontext() as granted:
         try:
             _run_or_stop(loop, deadline_s)
         except BaseException as error:  # the outermost loop: arm and hand are made safe

@@ -20,7 +20,7 @@ from grasp.settings import (
     with_free_name,
     without_chosen,
 )
-from scenarios.rigs.calibration import Files, calibration_layers, own_layers, rig_layers
+from scenarios.rigs.calibration import Files, calibration_layers, rig_layers, user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
 
 
@@ -95,10 +95,7 @@ def trial_layers(
         without_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
         without_chosen(object_name),
         *map(without_chosen, detector_layers(detector)),
-        *(
-            with_free_name(own, "objects", "object", chosen)
-            for own in own_layers(files, assignments)
-        ),
+        *(with_free_name(x, "objects", "object", chosen) for x in user_layers(files, assignments)),
     ]
     layers = [*calibration_layers(layers), *layers]
     chosen_names = {"rig": like, "profile": profile, "detector_name": detector}

@@ -38,7 +38,7 @@ def place_object(rig: GraspRig, operator: Operator, which: str) -> None:
     )
     while operator.poll() is None:
         signals.check()
-        rig.idle()
+        rig.wait_and_poll()
 
 
 def read_mark(operator: Operator, line: str) -> TapeMark | None:

@@ -139,7 +139,7 @@ def _ended_while_placed(
         return None
     gripper = None if rig.gripper is None else rig.gripper.state
     old_s = config.controller.stale_after_s
-    end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
+    end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.release_hint)
     return Failure(kind, message, remedy, end)
 
 
@@ -163,7 +163,7 @@ def _check_hand(rig: GraspRig) -> None:
     if rig.load is None and gripper is not None and not gripper.is_open:
         raise Refused(
             f"the hand is not open, at {gripper.positions} counts: it may hold something",
-            rig.way_out or "open it first",
+            rig.release_hint or "open it first",
         )
 
 

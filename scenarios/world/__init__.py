@@ -1,1 +1,1 @@
-"""The physics of a scene: contact laws, fingertips, objects; ``cell`` joins it to the devices."""
+"""Physics of a scene: contact laws, fingertips, objects. ``cell`` joins them to the devices."""

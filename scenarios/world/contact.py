@@ -1,8 +1,5 @@
-"""One object between three fingers, at one contact level: what a cell advances.
-
-The laws themselves are compiled, in ``laws``; here are their parameters, their elements and a
-state that belongs together.
-"""
+"""Contact of one object with three fingers at one contact level: parameters, elements and state
+of the compiled laws in ``laws``."""
 
 import math
 from typing import Self
@@ -27,19 +24,19 @@ from scenarios.world.settings import (
 
 __all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "parameters"]
 
-# Linkage of one finger; assumed, 3-10 N/mm: without it one motor count would be 7-15 N and no
-# insufficient grasp would exist. And the 10 mm urethane pad, normal; derived, 12-20 N/mm.
+# Linkage of one finger: assumed, 3-10 N/mm; with a rigid one a motor count would be 7-15 N and no
+# insufficient grasp would exist. Normal stiffness of the 10 mm urethane pad: derived, 12-20 N/mm.
 MOUNT_STIFFNESS_NPM, PAD_STIFFNESS_NPM = 5000.0, 15000.0
-RELAXATION_TIME_S = 0.2  # of the fraction that relaxes; real clip 0.1-0.3 s
-FORCE_RISE_N = 0.2  # truth: a grip force has increased by this much; a few deviations of wander
+RELAXATION_TIME_S = 0.2  # of the fraction that relaxes; 0.1-0.3 s in the real recording
+FORCE_RISE_N = 0.2  # true rise that counts as an increased grip force; several sigmas of noise
 FINGER_SPACING_M = 0.06  # of B and C; assumed, 40-75 mm
-PULL_RAMP_S, PULL_S = 0.1, 0.3  # to full strength and back, and at it; assumed
-RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
-BRUSH_POINTS = 6  # a side of a pad
-# Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
+PULL_RAMP_S, PULL_S = 0.1, 0.3  # each ramp of a pull, and its time at full force; assumed
+RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which starts at full force
+BRUSH_POINTS = 6  # along each side of a pad
+# Mean distance from the centre of a square of half side 1: lever arm of a uniform patch's spin.
 SQUARE_SPIN = float((np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0))) / 3.0)
-# What an impact moved stands once it was slower than this share of gross slip for so long, longer
-# than half a swing on the pads; creeping on at that speed it would turn by 0.5 deg in ten seconds.
+# After an impact the object is at rest once it has stayed below this share of gross slip for
+# REST_S, more than half a period on the pads. At that speed it turns by 0.5 deg in ten seconds.
 REST_SHARE, REST_S = 5e-3, 0.5
 _DIRECTIONS = {"top": laws.TOP, "side": laws.SIDE, "closing": laws.CLOSING}
 
@@ -49,13 +46,13 @@ def finger_stiffness(body: GraspObject) -> float:
     return 1 / (1 / MOUNT_STIFFNESS_NPM + 1 / PAD_STIFFNESS_NPM + 1 / body.wall_stiffness_npm)
 
 
-def held_radps(body: GraspObject) -> float:
-    """Of an object that all fingers hold, along the closing axis, rad/s."""
+def held_object_radps(body: GraspObject) -> float:
+    """Natural frequency along the closing axis of an object that all fingers hold, rad/s."""
     return math.sqrt(FINGERS * finger_stiffness(body) / body.total_kg)
 
 
 def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
-    """Parameter vector (27,) of the compiled laws."""
+    """Parameter vector (27,) of the compiled laws (index constants P_*)."""
     out = np.empty(laws.PARAMETER_SIZE)
     out[: laws.P_STIFFNESS] = (
         body.total_kg, body.friction_static, body.friction_kinetic,
@@ -75,7 +72,7 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (50,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (50,): object at rest on the table and untouched, or no object."""
     state = np.zeros(laws.STATE_SIZE)
     state[laws.PRESENT] = 1.0 if present else 0.0
     for never in (laws.ONSET_S, laws.RISE_S, laws.MOVED_FROM_S, laws.MOVED_UNTIL_S):
@@ -83,15 +80,15 @@ def initial_state(present: bool = True) -> Floats:
     return state
 
 
-def let_along(p: Floats, state: Floats, normal_n: Floats) -> None:
-    """From now on the object has its inertia along the closing axis: parameters p (27,), state
-    (50,), what the fingers press with (3,), N, at rest."""
-    state[laws.INERT], state[laws.LATERAL_SPEED] = 1.0, 0.0
+def free_along_closing_axis(p: Floats, state: Floats, normal_n: Floats) -> None:
+    """Give the object its inertia along the closing axis: parameters p (27,), state (50,), normal
+    forces at rest (3,), N."""
+    state[laws.HAS_INERTIA], state[laws.LATERAL_SPEED] = 1.0, 0.0
     stiffness = p[laws.P_STIFFNESS : laws.P_STIFFNESS + FINGERS]
-    state[laws.SQUEEZE : laws.SQUEEZE + FINGERS] = normal_n / stiffness
+    state[laws.COMPRESSION : laws.COMPRESSION + FINGERS] = normal_n / stiffness
 
 
-# Middle of each pad, (3, 2), m: the thumb opposes the middle between B and C.
+# Centre of each pad, (3, 2), m: the thumb is opposite the midpoint of B and C.
 FINGER_PLACES_M = FINGER_SPACING_M * np.array([[0.0, 0.0], [-0.5, 0.0], [0.5, 0.0]])
 
 
@@ -120,34 +117,36 @@ class PadFrames(msgspec.Struct, frozen=True):
 
     @classmethod
     def at(cls, angle_rad: float) -> Self:
-        """Upwards is at that angle from each pad's x."""
+        """Frames in which upwards is at that angle from each pad's x."""
         cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         opposed = np.array([1.0, -1.0, -1.0])
         return cls(np.tile([cos, sin], (FINGERS, 1)), np.outer(opposed, [-sin, cos]), -opposed)
 
 
 class Contact:
-    """The object, the pads and what has happened to them. Times count from when the cell began.
+    """State of the object and the pads. Times count from the cell's start.
 
-    ``state`` is laid out as ``laws`` says; it may be read and copied.
+    ``state`` has the layout of ``laws``; it may be read and copied.
     """
 
     def __init__(
         self, settings: ContactSettings, body: GraspObject, level: Level = Level.SLIDER,
         impact_level: Level | None = None,
     ) -> None:  # fmt: skip
-        """Set the contact level while an impact moves the object; None: the level before it. Raises
-        ValueError for a lower level, which has no rotation."""
-        self.level, self._before = level, level
+        """Without ``impact_level``, ``level`` holds during an impact too. Raises ValueError where
+        it is below ``level``, which has no rotation."""
+        self.level, self._base_level = level, level
         self._impact_level = level if impact_level is None else impact_level
         if self._impact_level < level:
-            raise ValueError(f"{self._impact_level.label} is less than {level.label}")
+            raise ValueError(
+                f"impact level {self._impact_level.label} is below the contact level {level.label}"
+            )
         self.state = initial_state(present=False)
         self._settings = settings
         self._parameters = parameters(settings, body, level)
         self._elements = elements(level)
         self._places_m = FINGER_PLACES_M[:, 0]
-        self._moved_s = 0.0  # when an impact was last seen to move the object
+        self._last_motion_s = 0.0  # last time at which the object moved after an impact
 
     @property
     def normal_n(self) -> Floats:
@@ -155,69 +154,69 @@ class Contact:
         return self.state[laws.NORMAL : laws.NORMAL + FINGERS]
 
     def place(self, above_m: float = 0.0) -> None:
-        """The object stands on the table, untouched, its mark so far below the pads."""
+        """Put the object on the table, untouched, its grip mark above_m below the pads."""
         self.state[:] = initial_state()
         self.state[laws.SLIP], self.state[laws.COM_RISE] = above_m, -above_m
-        self._go_on_at(self._before)
+        self._switch_level(self._base_level)
         self._elements[:, laws.E_SLIDES :] = 0.0
 
-    def _go_on_at(self, level: Level) -> None:
-        """Another level from now on: each element takes over its finger's stretch."""
+    def _switch_level(self, level: Level) -> None:
+        """Change the contact level; each new element takes its finger's mean stretch."""
         if level is self.level:
             return
         old, new = self._elements, elements(level)
         for finger in range(FINGERS):
-            was = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
-            new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = was
+            mean_stretch = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
+            new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = mean_stretch
         new[:, laws.E_SLIDES] = new[:, laws.E_SLIDES] > 0.5
         self.level, self._elements = level, new
         self._parameters[laws.P_LEVEL] = float(level)
 
     def strike(self, impact: Impact, start_s: float) -> None:
-        """Apply a tap from start_s on; displacement by an earlier one is forgotten."""
-        self._go_on_at(self._impact_level)
+        """Apply a tap from start_s on; resets the record of an earlier one."""
+        self._switch_level(self._impact_level)
         s = self.state
         s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[impact.direction], start_s
         s[laws.TAP_S], s[laws.TAP_N_S] = impact.duration_s, impact.impulse_n_s
         s[laws.FOLLOW_S], s[laws.FOLLOW_N_S] = impact.follow_s, impact.follow_n_s
-        # of the object as it stood at first: it may have moved in the hand since
+        # the offset refers to the first grasp; the object may have moved in the hand since
         moved_m = s[laws.COM_RISE if impact.direction == "side" else laws.COM_ACROSS]
         s[laws.TAP_OFFSET] = impact.offset_m - moved_m
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
-        if impact.direction == "closing" and s[laws.INERT] == 0.0:
-            let_along(self._parameters, s, self.normal_n)
-        self._moved_s = start_s + impact.duration_s + impact.follow_s
+        if impact.direction == "closing" and s[laws.HAS_INERTIA] == 0.0:
+            free_along_closing_axis(self._parameters, s, self.normal_n)
+        self._last_motion_s = start_s + impact.duration_s + impact.follow_s
 
-    def _rests(self, t_s: float) -> bool:
-        """Whether what the last impact moved stands in the hand; asked again and again."""
+    def _is_at_rest(self, t_s: float) -> bool:
+        """Whether the object has come to rest after the last impact; call it at every step."""
         s = self.state
-        ways = laws.ACROSS_SPEED, laws.SLIP_SPEED, laws.LATERAL_SPEED
-        speed_mps = max(abs(s[way]) for way in ways)
+        speeds = laws.ACROSS_SPEED, laws.SLIP_SPEED, laws.LATERAL_SPEED
+        speed_mps = max(abs(s[speed]) for speed in speeds)
         slow = speed_mps < REST_SHARE * GROSS_SLIP_MPS
         if not (slow and abs(s[laws.TURN_RATE]) < REST_SHARE * GROSS_TURN_RADPS):
-            self._moved_s = t_s
-        return t_s > self._moved_s + REST_S
+            self._last_motion_s = t_s
+        return t_s > self._last_motion_s + REST_S
 
-    def _come_to_rest(self) -> None:
-        """On as before the impact: nothing is left that would turn, go across or along."""
+    def _end_impact(self) -> None:
+        """Return to the level before the impact; clears residual velocities."""
         s = self.state
         s[laws.ACROSS_SPEED] = s[laws.TURN_RATE] = s[laws.SPIN] = 0.0
-        s[laws.INERT] = s[laws.LATERAL_SPEED] = 0.0
-        self._go_on_at(self._before)
+        s[laws.HAS_INERTIA] = s[laws.LATERAL_SPEED] = 0.0
+        self._switch_level(self._base_level)
 
     def pull(self, settings: PullSettings, start_s: float) -> None:
-        """A force downwards from start_s on, with a ramp at either end."""
+        """Apply a downward force from start_s on, with a ramp at either end."""
         s = self.state
         s[laws.PULL_START_S], s[laws.PULL_N] = start_s, settings.force_n
         s[laws.PULL_RAMP_S], s[laws.PULL_S] = PULL_RAMP_S, PULL_S
 
     def wet(self, share: float) -> None:
-        """From now on the pads have so much of their friction left."""
+        """Reduce the friction of all pads to this share."""
         self._parameters[laws.P_MU_S] *= share
         self._parameters[laws.P_MU_K] *= share
 
     def push(self, down_n: float, start_s: float) -> None:
-        """A steady force downwards from start_s on, in place of any pull."""
+        """Apply a steady downward force from start_s on; replaces any pull."""
         s = self.state
         s[laws.PULL_RAMP_S], s[laws.PULL_S] = RAMP_S, FOREVER_S
         s[laws.PULL_START_S], s[laws.PULL_N] = start_s - RAMP_S, down_n
@@ -226,20 +225,20 @@ class Contact:
         self, t_s: float, dt_s: float, rise_m: float, from_mps: float, to_mps: float,
         travel0: Floats, travel1: Floats,
     ) -> None:  # fmt: skip
-        """From t_s on for dt_s: the hand rises by rise_m, its speed at both ends given; the fingers
-        close from travel0 to travel1, (3,) m."""
-        if self.state[laws.PRESENT] == 0.0:  # as when the hand is activated
+        """Advance from t_s by dt_s. The hand rises by rise_m, at from_mps first and to_mps last;
+        the fingers close from travel0 to travel1, (3,) m."""
+        if self.state[laws.PRESENT] == 0.0:  # during activation there is no object
             return
-        struck = self.level is not self._before or self.state[laws.INERT] != 0.0
-        if struck and self._rests(t_s):
-            self._come_to_rest()
+        in_impact = self.level is not self._base_level or self.state[laws.HAS_INERTIA] != 0.0
+        if in_impact and self._is_at_rest(t_s):
+            self._end_impact()
         laws.advance(
             self._parameters, self.state, self._elements, t_s, dt_s, self._settings.step_s,
             rise_m, from_mps, to_mps, travel0, travel1,
         )  # fmt: skip
 
     def compile(self) -> None:
-        """Run the law once, on a copy: it is not asked before there is an object."""
+        """Compile the law by running it on a copy; ``advance`` skips it without an object."""
         still = np.zeros(FINGERS)
         laws.advance(
             self._parameters, self.state.copy(), self._elements.copy(), 0.0, 1e-3,
@@ -248,19 +247,20 @@ class Contact:
 
     @property
     def stiffness_npm(self) -> Floats:
-        """(3,) dN/dtravel of each finger with the others still; a view of the state."""
+        """(3,) dN/dtravel of each finger, the others at rest; a view of the state."""
         return self.state[laws.STIFFNESS :]
 
     def clearance_m(self, travel: Floats) -> float:
-        """How far thumb and nearest opposing finger may close in all before both sides touch."""
+        """Gap between the object and the pads, m: sum of the thumb's and the nearest opposing
+        finger's."""
         gap: float = laws.clearance(self._parameters, self.state, travel)
         return gap
 
-    def felt(self, state: Floats, frames: PadFrames) -> tuple[Floats, Floats, Floats]:
-        """In the pads' frames, of a copy of the state: motion (3, 2), m, and turn (3,), rad, of the
-        surface at each pad's middle; centre (3, 2), m, of a curved one."""
+    def surface_motion(self, state: Floats, frames: PadFrames) -> tuple[Floats, Floats, Floats]:
+        """Motion (3, 2), m, and turn (3,), rad, of the surface at each pad's centre, and centre
+        (3, 2), m, of a curved one; in the pads' frames, from a copy of the state."""
         motion, turn, centre = np.empty((FINGERS, 2)), np.empty(FINGERS), np.empty((FINGERS, 2))
-        laws.felt(
+        laws.surface_motion(
             self._parameters, state, frames.up, frames.across, self._places_m, frames.turns,
             motion, turn, centre,
         )  # fmt: skip

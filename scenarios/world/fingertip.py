@@ -1,12 +1,12 @@
-"""What barometers under rubber read while a surface presses, slides and turns.
+"""Simulated fingertips: readings of barometers under rubber while a surface presses and slides.
 
 The pad is a bed of springs with friction bristles (``spring_bed``) over a height field fixed to
-the object. Load and displacement of the surface come from outside; the bed decides which part of
-the patch holds on, and so what shear reaches the barometers. Each spring's normal and shear load
+the object. Load and displacement of the surface are inputs; the bed decides which part of the
+patch sticks, and so how much shear reaches the barometers. Each spring's normal and shear load
 reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
-(closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). On top come
-wander and vibration of the press, and of each taxel rest code, warming, noise, whole counts and ten
-bits. docs/simulation.md has the equations and the sources of the values.
+(closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). Wander and
+vibration of the press are added, and per taxel the rest code, warming, noise and ten-bit rounding.
+docs/simulation.md has the equations and the sources of the values.
 
 Pad frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row, 5 4 3
 in the upper. Lengths in this file are millimetres, as in the kernels' published form.
@@ -23,12 +23,12 @@ from scenarios.world import pad_vibration
 from scenarios.world import spring_bed as bed
 from scenarios.world.settings import FingertipSettings, Surface
 
-FIELD_POINTS = 256  # a power of two, of either side of the height field, which is periodic
-FIELD_STEPS = 5.0  # grid points to a correlation length
-# All assumed: between barometers (6-8); of the spring bed along x and y; its tangential stiffness
-# over the normal one (layer theory, 0.4-0.6); damping of a held object on its pads, of critical
-# (0.1-0.3); rest codes from and to; and, numerical, the longest path of an inner step, and the time
-# below which none need be.
+FIELD_POINTS = 256  # per side of the periodic height field; a power of two
+FIELD_STEPS = 5.0  # grid points per correlation length
+# All assumed: spacing of the barometers (6-8); half size of the spring bed; its tangential over its
+# normal stiffness (layer theory, 0.4-0.6); damping of a held object on its pads, of critical
+# (0.1-0.3); range of rest codes. Numerical: longest path of an inner step, and the duration below
+# which a step is not divided.
 PITCH_MM = 6.0
 PAD_HALF_LENGTH_MM, PAD_HALF_WIDTH_MM = 10.0, 8.0
 SHEAR_SHARE = 0.5
@@ -37,7 +37,7 @@ REST_LOW, REST_HIGH = 420, 480
 STEP_MM, STEP_S = 0.05, 0.001
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
 CODE_MAX = 1023
-FOLD = 1 << 9  # the authors' driver takes ten bits for a signed number, and its absolute value
+FOLD = 1 << 9  # the authors' driver reads ten bits as signed and takes the absolute value
 TEMPERATURE_CODE = 498  # 25 degrees
 TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
@@ -46,8 +46,8 @@ Codes = NDArray[np.int16]
 
 
 def taxel_positions(settings: FingertipSettings) -> Floats:
-    """(taxels, 2) positions in mm; the kit's, unless the settings name others: serpentine, 0 1 2
-    below and 5 4 3 above."""
+    """(taxels, 2) positions, mm, from the settings or else the kit's: serpentine, 0 1 2 in the
+    lower row and 5 4 3 in the upper."""
     if settings.taxels_mm:
         return np.array(settings.taxels_mm)
     x = np.array([-1.0, 0.0, 1.0, 1.0, 0.0, -1.0])
@@ -57,7 +57,7 @@ def taxel_positions(settings: FingertipSettings) -> Floats:
 
 class Kernel(msgspec.Struct, frozen=True):
     """Counts under 1 N: normal peak exp(-r^2 / 2 width^2), shear towards the taxel peak r exp(...).
-    Of a 10 mm layer 4.3 kPa/N, 5.6 mm, 0.38 kPa/N/mm and 6 mm; of depth h by similarity."""
+    A 10 mm layer has 4.3 kPa/N, 5.6 mm, 0.38 kPa/N/mm and 6 mm; other depths by similarity."""
 
     normal_peak: float
     normal_width_mm: float
@@ -72,7 +72,7 @@ def kernel(depth_mm: float) -> Kernel:
 
 
 def spring_positions(settings: FingertipSettings) -> Floats:
-    """(S, 2) centres of the cells that fill the pad, from its middle outwards."""
+    """(S, 2) centres of the cells that fill the pad, sorted from its centre outwards."""
     x = _centres(_cells(PAD_HALF_LENGTH_MM, settings), PAD_HALF_LENGTH_MM)
     y = _centres(_cells(PAD_HALF_WIDTH_MM, settings), PAD_HALF_WIDTH_MM)
     at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -90,8 +90,8 @@ def _centres(n: int, half_mm: float) -> Floats:
 
 
 def height_field(surface: Surface, rng: np.random.Generator) -> tuple[bed.Singles, float]:
-    """Heights in mm on a periodic grid, Gaussian with the stated rms and correlation length (of a
-    fall to 1/e); and the grid's step, mm."""
+    """Heights in mm on a periodic grid, Gaussian with the surface's rms and correlation length
+    (decay to 1/e); and the grid's step, mm."""
     white = rng.standard_normal((FIELD_POINTS, FIELD_POINTS), np.float32)
     length = FIELD_STEPS  # in grid points
     fx = np.fft.fftfreq(FIELD_POINTS)[:, None]
@@ -102,26 +102,26 @@ def height_field(surface: Surface, rng: np.random.Generator) -> tuple[bed.Single
     return out.astype(np.float32), surface.texture_length_mm / FIELD_STEPS
 
 
-class Held(msgspec.Struct, frozen=True):
-    """A free object between the pads. sides (F,): +1 or -1, from which each presses it; radps: of
-    its mass on all of them."""
+class HeldObject(msgspec.Struct, frozen=True):
+    """A free object between the pads. sides (F,): +1 or -1, the side of each pad; radps: natural
+    frequency of its mass on all pads."""
 
     sides: Floats
     radps: float
 
 
 class Fingertips:
-    """One fingertip a surface, each with its own texture, tilt, rest codes and noise. What they
-    touch is fixed, or all hold one object: then the hand shakes as one, the object follows with its
-    inertia, and what friction adds by the fingers' levers balances on it.
+    """Fingertips, one per surface, each with its own texture, tilt, rest codes and noise.
 
-    ``advance`` must be called in the order of time. Everything random comes from the generator, so
-    equal seeds and equal call times give equal codes.
+    The surfaces are fixed, or all belong to one held object. Then the hand shakes as a whole, the
+    object follows with its inertia, and the load that friction adds through the fingers' levers is
+    balanced on the object. Call ``advance`` in order of time. All random numbers come from the
+    generator, so equal seeds and equal call times give equal codes.
     """
 
     def __init__(
         self, settings: FingertipSettings, surfaces: Sequence[Surface], rng: np.random.Generator,
-        held: Held | None = None,
+        held: HeldObject | None = None,
     ) -> None:  # fmt: skip
         s, n = settings, len(surfaces)
         self._settings, self._rng, self._pads = s, rng, n
@@ -129,7 +129,7 @@ class Fingertips:
         self._at = spring_positions(s)
         self._taxels = taxel_positions(s)
         self._parameters = _parameters(s)
-        self._disturbing = _disturbing(s, 0.0 if held is None else held.radps)
+        self._vibration_parameters = _vibration_parameters(s, 0.0 if held is None else held.radps)
         fields = [height_field(surface, rng) for surface in surfaces]
         self._fields = np.stack([field for field, _ in fields])
         self._surfaces = np.array([
@@ -146,22 +146,22 @@ class Fingertips:
         self.rest = rng.integers(REST_LOW, REST_HIGH, (n, len(self._taxels)), endpoint=True)
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
-        self._numbers = _Numbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
+        self._normals = _NormalNumbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
         jitters = (self._shaken, pad_vibration.JITTERS, 2)
         jitter = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
-        self._jitter_numbers = _Numbers(jitter, jitters)
+        self._jitter_normals = _NormalNumbers(jitter, jitters)
         self._t_s = 0.0
         self._disturbance = np.zeros((pad_vibration.DISTURBANCE, self._shaken))
         self._jitter = np.zeros(jitters)
-        self._following = np.zeros((pad_vibration.WAYS, pad_vibration.FOLLOWING))
+        self._following = np.zeros((pad_vibration.DIRECTIONS, pad_vibration.FOLLOWING))
         self._totals, self._turn = np.zeros(n), np.zeros(n)
         self._rocked, self._motion, self._centre = (np.zeros((n, 2)) for _ in range(3))
-        self._given = np.zeros(n)  # no mount: the load is what it is said to be
-        self.slid = np.zeros((n, 3))  # sum of sliding, mm, mm and rad, where the load is
+        self._no_mount = np.zeros(n)  # mount stiffness 0: the load is an input
+        self.slid = np.zeros((n, 3))  # accumulated sliding at the load's centre: mm, mm, rad
         self._noise = np.zeros((n, len(self._taxels)))
         self._pressed = np.zeros_like(self.rest)  # counts
         self._pressed_until_s = 0.0
-        # columns of the state, as it stands
+        # views of columns of the state
         self._stiffness = self._states[:, bed.STIFFNESS]
         self._pull = self._states[:, bed.PULL_X : bed.PULL_Y + 1]
 
@@ -169,37 +169,37 @@ class Fingertips:
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
         centre_mm: Floats, arm_moves: bool, mount_npmm: Floats | None = None,
     ) -> None:  # fmt: skip
-        """Bring all pads to t_s; everything given goes linearly from its last value to this one.
+        """Advance all pads to t_s; every input changes linearly from its previous value.
 
-        normal_n (F,): load, 0 or less without contact. motion_mm (F, 2): integral of the velocity
-        of the surface at the pad's middle, relative to the mount's base, in the pad's frame.
-        turn_rad (F,): rotation of the surface about it. centre_mm (F, 2): where on the pad the
-        widest point of a curved surface lies. arm_moves excites the arm's mode.
+        normal_n (F,): load, 0 or less without contact. motion_mm (F, 2): integral of the surface's
+        velocity at the pad's centre, relative to the mount's base, in the pad's frame. turn_rad
+        (F,): rotation of the surface about that centre. centre_mm (F, 2): position of the widest
+        point of a curved surface on the pad. arm_moves excites the arm's structural mode.
 
-        With mount_npmm (F,), above 0, each pad hangs on a spring that is so stiff: then normal_n is
-        its load if the pad's face were at the surface's mean plane (stiffness times how far the
-        base has come beyond), and what the pad meets there and its friction decide the load. Not
-        for pads that hold an object.
+        mount_npmm (F,), above 0, is the stiffness of a spring that carries each pad. Then normal_n
+        is the load with the pad's face at the surface's mean plane (stiffness times travel of the
+        base beyond it); contact and friction determine the true load. Not for pads that hold an
+        object.
         """
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
             return
-        row, n = self._numbers.draw(), self._pads
+        row, n = self._normals.take(), self._pads
         self._noise = row[4 * self._shaken + 2 :].reshape(n, -1)
-        mounts = self._given if mount_npmm is None else mount_npmm
+        mounts = self._no_mount if mount_npmm is None else mount_npmm
         totals, motion, rocked = np.empty(n), np.empty((n, 2)), self._rocked
-        shaker = (
-            self._disturbing, dt_s, arm_moves, row, self._disturbance, self._jitter_numbers.draw(),
-            self._jitter, normal_n,
+        vibration = (
+            self._vibration_parameters, dt_s, arm_moves, row, self._disturbance,
+            self._jitter_normals.take(), self._jitter, normal_n,
         )  # fmt: skip
         if self._held is None:
             pad_vibration.shake(
-                *shaker, mount_npmm is not None, mounts, self._stiffness, motion_mm,
+                *vibration, mount_npmm is not None, mounts, self._stiffness, motion_mm,
                 self._shaking, totals, motion, rocked,
             )  # fmt: skip
         else:
             pad_vibration.shake_held(
-                *shaker, self._stiffness, self._pull, self._held.sides, self._following,
+                *vibration, self._stiffness, self._pull, self._held.sides, self._following,
                 motion_mm, self._shaking, totals, motion, rocked,
             )  # fmt: skip
         bed.advance(
@@ -212,11 +212,10 @@ class Fingertips:
         self._turn[:], self._centre[:] = turn_rad, centre_mm
 
     def press(self, pad: int, taxel: int, load_n: float, until_s: float) -> None:
-        """A person's finger on the rubber over one taxel, until then or until the next press. Only
-        the barometers feel it, as a point load: object and hand do not. Raises ValueError for a
-        taxel that there is not."""
+        """Press the rubber over one taxel with a point load until until_s or the next press. Loads
+        neither object nor hand. Raises ValueError for an unknown taxel."""
         if taxel >= len(self._taxels):
-            raise ValueError(f"taxel {taxel}: from 0 to {len(self._taxels) - 1}")
+            raise ValueError(f"taxel {taxel} is unknown; allowed: 0 to {len(self._taxels) - 1}")
         under = kernel(self._settings.depth_mm)
         far = ((self._taxels - self._taxels[taxel]) ** 2).sum(axis=1) / under.normal_width_mm**2
         self._pressed[:] = 0
@@ -240,34 +239,34 @@ class Fingertips:
 
     @property
     def load_n(self) -> Floats:
-        """(F,) load that the springs carry."""
-        return self._of_pads(bed.CARRIED)
+        """(F,) load on the springs, N."""
+        return self._state_column(bed.CARRIED)
 
     @property
     def approach_mm(self) -> Floats:
-        """(F,) how far the pad's base has come towards the surface's mean plane: what it takes to
-        carry the load on this spot. 0 or stale without contact."""
-        return self._of_pads(bed.APPROACH)
+        """(F,) travel of the pad's base towards the surface's mean plane that carries the load, mm.
+        0 or stale without contact."""
+        return self._state_column(bed.APPROACH)
 
     @property
     def sliding_share(self) -> Floats:
-        """(F,) share of the load on springs that slide, at the end of the last step."""
-        return self._of_pads(bed.SHARE)
+        """(F,) share of the load on sliding springs at the end of the last step."""
+        return self._state_column(bed.SHARE)
 
-    def _of_pads(self, column: int) -> Floats:
+    def _state_column(self, column: int) -> Floats:
         out: Floats = self._states[:, column].copy()
         return out
 
 
-class _Numbers:
-    """Standard normal numbers in arrays of one shape; drawn in blocks, a tenth of the cost of
-    singles. Without a generator they are zeros."""
+class _NormalNumbers:
+    """Standard normal numbers in arrays of one shape, generated in blocks, which is ten times
+    faster. Without a generator they are zeros."""
 
     def __init__(self, rng: np.random.Generator | None, shape: tuple[int, ...]) -> None:
         self._rng, self._shape = rng, shape
         self._block, self._next = np.zeros((1, *shape)), 0 if rng is None else 1
 
-    def draw(self) -> Floats:
+    def take(self) -> Floats:
         if self._rng is not None:
             if self._next >= len(self._block):
                 self._block, self._next = self._rng.standard_normal((256, *self._shape)), 0
@@ -290,9 +289,9 @@ def _parameters(s: FingertipSettings) -> Floats:
     return out
 
 
-def _disturbing(s: FingertipSettings, held_radps: float) -> Floats:
+def _vibration_parameters(s: FingertipSettings, held_object_radps: float) -> Floats:
     return np.array([
         s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
         2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.lever_x, s.lever_y,
-        s.shift_mm, s.rock_rad, s.jitter_s, held_radps, HELD_DAMPING,
+        s.shift_mm, s.rock_rad, s.jitter_s, held_object_radps, HELD_DAMPING,
     ])  # fmt: skip

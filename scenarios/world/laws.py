@@ -1,27 +1,26 @@
-"""The contact laws of levels L1 to L4, compiled: one object between three fingers, one state.
+"""Compiled contact laws of levels L1 to L4: one object between three fingers, one state vector.
 
-Numba's cache sees no change in an imported kernel, so all of them are in this file.
+Numba's cache does not detect changes in an imported kernel, so all kernels are in this file.
 
-Normal forces: finger, pad and object wall in series, a linear spring each; one relaxation term a
-finger (rubber, Prony form); the object is free along the closing axis x, so that the thumb carries
-the sum of the other two (quasi-static balance). A body struck along that axis has its own inertia
-there too, m x'' = push - N_A + N_B + N_C, and a damper beside each finger's spring. Below
-the object is a table that can push but not pull; while it does, it keeps the object from turning
-and sliding.
+Normal forces: finger, pad and object wall are linear springs in series, with one relaxation term
+per finger (rubber, Prony form). The object is free along the closing axis x, so the thumb carries
+the sum of the other two (quasi-static balance). After an impact along x the object has inertia
+there, m x'' = push - N_A + N_B + N_C, and each finger's spring has a parallel damper. The table
+below the object pushes but does not pull; while it pushes, the object neither turns nor slides.
 
 Friction: a pad is one or more elements, each a Kelvin-Voigt spring behind a friction limit (Jenkins
-element). L1 has a point a finger and moves along z, or, once it is struck from the
-side, without turning; L2 a point a finger that may turn; L3 a point whose third spring is the
-patch's spin (the ellipsoid limit surface |(f_y, f_z, tau / a)| <= mu N); L4 a grid of points.
+element). L1: one point per finger, motion along z, and without rotation along y after an impact
+from the side. L2: one point per finger, with rotation. L3: as L2, with a third spring for the
+patch's spin (ellipsoid limit surface |(f_y, f_z, tau / a)| <= mu N). L4: a grid of points.
 
-The backward Euler step is the minimum of a strictly convex function: inertia is quadratic, and an
-element's radial return is the slope of a Huber function. So Newton's method with a line search that
-keeps its bracket cannot cycle, whatever step and stiffness; along z alone the balance is linear
-between six break points and solved exactly. Limits and lever arms are those at a step's start.
+The backward Euler step minimizes a strictly convex function: inertia is quadratic, and an
+element's radial return is the slope of a Huber function. So Newton's method with a bracketing line
+search cannot cycle at any step or stiffness. Along z alone the balance is linear between six break
+points and is solved exactly. Friction limits and lever arms are those at the start of a step.
 
 Signs: y across the closing axis, along an impact from the side; z up; rotation from y to z.
-``slip`` is how far the fingers have risen over the object, ``across`` how far it has moved beside
-them, both at the middle of the grip.
+``slip`` is the rise of the fingers relative to the object, ``across`` the object's displacement
+along y relative to them, both at the centre of the grip.
 """
 
 import math
@@ -35,26 +34,26 @@ from scenarios.world.settings import GRAVITY_MPS2
 FINGERS = 3
 Floats = NDArray[np.float64]
 
-# Layout of the state: one flat array, so that a compiled call takes a single object.
+# Layout of the state: one flat array, because a compiled call then takes a single object.
 (
     HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED, SLOPE, ONSET_FORCE, RISE_S, PRESENT,
     TAP_START_S, TAP_S, TAP_N_S, TAP_DIRECTION, TAP_OFFSET, FOLLOW_S, FOLLOW_N_S,
     MOVED_FROM_S, MOVED_UNTIL_S,  # gross slip since the last impact: first and last instant
     ACROSS, ACROSS_SPEED, TURN, TURN_RATE,
-    SPIN,  # the turning rate while at most one pad holds on, else 0
-    COM_ACROSS, COM_RISE,  # how the centre of mass has moved against the hand
+    SPIN,  # the turning rate while at most one pad sticks, else 0
+    COM_ACROSS, COM_RISE,  # displacement of the centre of mass relative to the hand
     PULL_START_S, PULL_N, PULL_RAMP_S, PULL_S,  # a steady pull down: ramp, full force, ramp
-    INERT, LATERAL_SPEED,  # 1 while x is not the forces' balance alone; and dx/dt then
+    HAS_INERTIA, LATERAL_SPEED,  # 1 while the object has inertia along x; dx/dt then
 ) = range(32)  # fmt: skip
-# of each finger; compression of its spring while INERT; the last: how its force rises with its
-# travel, the others still
-RELAXED, NORMAL, SHEAR, PEAK, SQUEEZE, STIFFNESS = 32, 35, 38, 41, 44, 47
+# Per finger. COMPRESSION of its spring is used while HAS_INERTIA; STIFFNESS is dN/dtravel with the
+# other fingers at rest.
+RELAXED, NORMAL, SHEAR, PEAK, COMPRESSION, STIFFNESS = 32, 35, 38, 41, 44, 47
 STATE_SIZE = STIFFNESS + FINGERS
-# of the elements (E, 9): place on the pads, spin radius, share of its finger's force, the finger,
-# 1 while it slides, stretch along y, z and turn,
+# Columns of the elements (E, 9): position on the pads, spin radius, share of the finger's force,
+# finger, 1 while it slides, stretch along y, z and rotation.
 E_Y, E_Z, E_SPIN, E_SHARE, E_FINGER, E_SLIDES, E_STRETCH_Y, E_STRETCH_Z, E_STRETCH_TURN = range(9)
 ELEMENT_SIZE = 9
-# and of the parameters.
+# Layout of the parameters.
 (
     P_MASS, P_MU_S, P_MU_K, P_K_SHEAR, P_C_SHEAR, P_RELAX, P_TAU, P_APERTURE, P_PAD_HALF,
     P_SHAPE, P_HALF_WIDTH, P_HALF_HEIGHT, P_GRIP_HEIGHT, P_BODY_TOP, P_STIFFNESS,
@@ -63,22 +62,22 @@ P_GROSS_SLIP, P_FORCE_RISE, P_GROSS_TURN = 18, 19, 20
 P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_IMPACT_STEP, P_LOSS = 21, 22, 23, 24, 25, 26
 PARAMETER_SIZE = 27
 NOT_YET = -1.0
-TOP, SIDE, CLOSING = 0, 1, 2  # an impact downwards; across; along the closing axis, onto the thumb
-IMPACT_LASTS_S = 0.3  # an impact and what it sets off is stepped more finely
-IN_THE_AIR_M = 100.0  # height of what has no table below it
+TOP, SIDE, CLOSING = 0, 1, 2  # impact downwards; across; along the closing axis, onto the thumb
+IMPACT_LASTS_S = 0.3  # time from an impact's start with finer steps
+IN_THE_AIR_M = 100.0  # height of an object without a table below it
 NEWTON_LIMIT = 60
-# Columns of the scratch of a planar step (E, 8): the element's force were the object at rest, its
-# loss per m/s, its limit, its place about the centre of mass and its spin radius.
+# Columns of the work array of a planar step (E, 8): the element's force with the object at rest,
+# loss per m/s, friction limit, position from the centre of mass, spin radius.
 W_Y, W_Z, W_TURN, W_LOSS, W_CAP, W_ARM_Y, W_ARM_Z, W_SPIN = range(8)
-SLIDER = 1.0  # of P_LEVEL: what may turn is above
+SLIDER = 1.0  # value of P_LEVEL; higher levels model rotation
 
 
 @njit(cache=True)
 def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
-    """Half width (m) that a flat pad meets after sliding by ``slip``, and its slope dw/du.
+    """Half width (m) of the object at a flat pad after sliding by ``slip``, and its slope dw/du.
 
-    A flat pad keeps touching the widest point of a ball until its own edge has passed it; then it
-    touches with that edge, on the falling flank. A width of -1 means that the body is gone.
+    A flat pad touches the widest point of a ball until the pad's edge has passed it; then the edge
+    touches the falling flank. A width of -1 means that the object has left the grip.
     """
     if p[P_SHAPE] == 0.0:
         return (p[P_HALF_WIDTH], 0.0) if slip < p[P_BODY_TOP] else (-1.0, 0.0)
@@ -96,7 +95,7 @@ def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def centre_on_pad(p: Floats, slip: float) -> float:
-    """Where the object's widest point lies on the pads, m above their middle; 0 if straight."""
+    """Position of the object's widest point on the pads, m above their centre; 0 if straight."""
     if p[P_SHAPE] == 0.0:
         return 0.0
     above = -(p[P_GRIP_HEIGHT] + slip)
@@ -105,9 +104,9 @@ def centre_on_pad(p: Floats, slip: float) -> float:
 
 
 @njit(cache=True)
-def _compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
-    """Of each finger (3,), m, at lateral position zero: wall minus pad surface, minus what has
-    relaxed."""
+def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
+    """Compression of each finger's spring (3,), m, into ``out``, at lateral position zero: wall
+    minus pad surface minus relaxation."""
     for i in range(FINGERS):
         relaxed = p[P_RELAX] * state[RELAXED + i]
         out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
@@ -117,10 +116,10 @@ def _compressions(p: Floats, width: float, travel: Floats, state: Floats, out: F
 def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 
-    The balance N_A = N_B + N_C is piecewise linear in the lateral position: of B and C the one that
-    reaches less far lets go first.
+    The balance N_A = N_B + N_C is piecewise linear in the lateral position; of B and C the one
+    with the smaller compression loses contact first.
     """
-    _compressions(p, width, travel, state, out)
+    _free_compressions(p, width, travel, state, out)
     if width < 0.0:
         out[:] = 0.0
         return
@@ -142,34 +141,34 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
 
 
 @njit(cache=True)
-def inert_forces(
+def inertial_normal_forces(
     p: Floats, s: Floats, h: float, width: float, travel: Floats, push: float, out: Floats
 ) -> None:
-    """The same after a step of h seconds of an object that has its inertia along the closing axis,
-    pushed onto the thumb by ``push``, N; its speed and the fingers' springs into the state.
+    """As ``normal_forces``, after a step of h seconds of an object with inertia along the closing
+    axis, pushed onto the thumb by ``push``, N; its speed and spring compressions into the state.
 
-    A pad that lets go springs back as its damper lets it, compression x tau / (h + tau), and
-    presses again where the wall meets it, so that it never pulls: its force (k + k tau / h)
-    max(0, wall - pad) is the slope of a convex function of the object's place, and so is the
-    inertia. The root is unique, and exact between the places at which the three pads touch.
+    A pad out of contact recovers at its damper's rate, compression x tau / (h + tau), and presses
+    again once the wall meets it, so it never pulls. Its force (k + k tau / h) max(0, wall - pad)
+    is the slope of a convex function of the object's position, and so is the inertia. The root is
+    unique, and exact between the positions at which the three pads touch.
     """
     tau = p[P_LOSS]
-    _compressions(p, width, travel, s, out)
+    _free_compressions(p, width, travel, s, out)
     if width < 0.0:
         out[:], s[LATERAL_SPEED] = 0.0, 0.0
         return
     inertia = p[P_MASS] / (h * h)
     slope, total = inertia, push + inertia * (s[LATERAL] + h * s[LATERAL_SPEED])
-    low, high = -np.inf, np.inf  # of the place, between those at which a pad touches
+    low, high = -np.inf, np.inf  # bounds of x, from the positions at which a pad touches
     for i in range(FINGERS):
-        out[i] -= s[SQUEEZE + i] * tau / (h + tau)  # of the wall beyond the free pad, at x = 0
+        out[i] -= s[COMPRESSION + i] * tau / (h + tau)  # of the wall beyond the free pad, at x = 0
     for i in range(FINGERS):
         at = -out[0] if i == 0 else out[i]
         rest = total - inertia * at
         for j in range(FINGERS):
             side = -1.0 if j == 0 else 1.0
             rest += side * p[P_STIFFNESS + j] * (1.0 + tau / h) * max(0.0, out[j] - side * at)
-        if rest >= 0.0:  # the object comes to lie beyond it
+        if rest >= 0.0:  # the new position is beyond this one
             low = max(low, at)
         else:
             high = min(high, at)
@@ -181,18 +180,18 @@ def inert_forces(
             total += side * k * out[i]
     lateral = total / slope
     if s[HEIGHT] == 0.0 and lateral <= -out[0] and lateral >= max(out[1], out[2]):
-        lateral = s[LATERAL]  # the table keeps what no finger holds
+        lateral = s[LATERAL]  # the table holds an object that no finger touches
     s[LATERAL_SPEED] = (lateral - s[LATERAL]) / h
     s[LATERAL] = lateral
     for i in range(FINGERS):
         beyond = max(0.0, out[i] + lateral if i == 0 else out[i] - lateral)
         out[i] = p[P_STIFFNESS + i] * (1.0 + tau / h) * beyond
-        s[SQUEEZE + i] = s[SQUEEZE + i] * tau / (h + tau) + beyond
+        s[COMPRESSION + i] = s[COMPRESSION + i] * tau / (h + tau) + beyond
 
 
 @njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
-    """How far thumb and nearest opposing finger may close in all before both sides touch, m."""
+    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m."""
     width, _ = width_and_slope(p, s[SLIP])
     if s[PRESENT] == 0.0 or width < 0.0:
         return np.inf
@@ -202,8 +201,8 @@ def clearance(p: Floats, s: Floats, travel: Floats) -> float:
 
 @njit(cache=True)
 def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> None:
-    """dN_i/dtravel_i (3,), N/m, with the other fingers still and the object free to the side but
-    for its inertia, N/m."""
+    """dN_i/dtravel_i (3,), N/m, into ``out``, the other fingers at rest and the object free along
+    x; ``inertia`` is m / h^2, N/m."""
     total = inertia
     for i in range(FINGERS):
         if forces[i] > 0.0:
@@ -214,10 +213,10 @@ def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> 
 
 
 @njit(cache=True)
-def _residual_along(
+def _residual_vertical(
     v: float, inertia: float, push: float, a: Floats, b: float, cap: Floats
 ) -> float:
-    """inertia * v + push - sum of finger forces at object velocity v; rises strictly with v."""
+    """inertia * v + push - sum of finger forces at object velocity v; strictly increasing in v."""
     r = inertia * v + push
     for i in range(FINGERS):
         r -= min(max(a[i] - b * v, -cap[i]), cap[i])
@@ -225,31 +224,31 @@ def _residual_along(
 
 
 @njit(cache=True)
-def solve_along(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
-    """Root of the residual: tried with all pads holding on, else bracketed between its six break
-    points, where it is linear."""
+def solve_vertical(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
+    """Root of the residual: with all pads sticking if that is consistent, else bracketed between
+    its six break points, where it is linear."""
     total, slope = -push, inertia
     for i in range(FINGERS):
         total += a[i]
         slope += b
     v = total / slope
-    held = True
+    sticking = True
     for i in range(FINGERS):
-        held = held and abs(a[i] - b * v) <= cap[i]
-    if not held:
-        v = _bracketed(inertia, push, a, b, cap)
+        sticking = sticking and abs(a[i] - b * v) <= cap[i]
+    if not sticking:
+        v = _solve_bracketed(inertia, push, a, b, cap)
     return v
 
 
 @njit(cache=True)
-def _bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
+def _solve_bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
     low, high = -np.inf, np.inf
     for i in range(FINGERS):
         for side in (-1.0, 1.0):
             v = (a[i] + side * cap[i]) / b
             if not low < v < high:
                 continue
-            r = _residual_along(v, inertia, push, a, b, cap)
+            r = _residual_vertical(v, inertia, push, a, b, cap)
             if r <= 0.0:
                 low = max(low, v)
             if r >= 0.0:
@@ -289,7 +288,7 @@ def _residual(
         f2 = work[e, W_TURN] - b * spin * v[2]
         square = f0 * f0 + f1 * f1 + f2 * f2
         across = b
-        if square > cap * cap:  # across * (1 - n n'), seen through the lever arms
+        if square > cap * cap:  # across * (1 - n n'), transformed by the lever arms
             shrink = cap / math.sqrt(square)
             across = b * shrink
             f0, f1, f2 = f0 * shrink, f1 * shrink, f2 * shrink
@@ -330,8 +329,8 @@ def _newton_direction(r: Floats, h: Floats, d: Floats) -> None:
 
 @njit(cache=True)
 def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: Floats) -> int:
-    """Root of the residual into v (3,), from the guess in it; work (E, 8) as its columns say,
-    small (6, 3) is scratch. Returns iterations."""
+    """Root of the residual into v (3,), which holds the initial guess; work (E, 8) has the columns
+    W_*, small (6, 3) is scratch. Returns the number of iterations."""
     r, d, trial, hessian = small[0], small[1], small[2], small[3:6]
     _residual(v, inertia, push, work, r, hessian)
     scale = 0.0
@@ -365,7 +364,7 @@ def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: 
 
 @njit(cache=True)
 def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
-    """What such a pulse has delivered, N s; one that has no length delivers nothing."""
+    """Impulse delivered so far by a half-sine pulse, N s; 0 for one without duration."""
     if duration_s <= 0.0:
         return 0.0
     phase = min(max(since_s / duration_s, 0.0), 1.0)
@@ -374,9 +373,8 @@ def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
 
 @njit(cache=True)
 def tap_force(s: Floats, t_s: float, h: float) -> float:
-    """Mean force, N, of the mallet from t_s on for h seconds, so that no step loses any of its
-    impulse: a half sine that carries TAP_N_S in all, then a longer one of FOLLOW_N_S while the
-    hand follows through."""
+    """Mean force, N, of the mallet from t_s over h seconds, so that steps preserve its impulse: a
+    half sine of TAP_N_S, then a longer one of FOLLOW_N_S while the hand follows through."""
     carried = 0.0
     for end, sign in ((t_s + h, 1.0), (t_s, -1.0)):
         since = end - s[TAP_START_S]
@@ -396,18 +394,19 @@ def pull_force(s: Floats, t_s: float) -> float:
 
 
 @njit(cache=True)
-def _along(
+def _step_vertical(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float, n: Floats,
     a: Floats, cap: Floats,
 ) -> float:  # fmt: skip
-    """L1 that nothing has struck from the side: the object's velocity up; pads brought along."""
+    """Vertical step of L1 without an impact from the side: updates the elements, returns the
+    object's velocity upwards."""
     b = (p[P_K_SHEAR] * h + p[P_C_SHEAR]) * cos
     for i in range(FINGERS):
         mu = p[P_MU_K] if e[i, E_SLIDES] != 0.0 else p[P_MU_S]
         cap[i] = mu * n[i] * cos
         touching = 1.0 if n[i] > 0.0 else 0.0
         a[i] = touching * p[P_K_SHEAR] * e[i, E_STRETCH_Z] * cos + b * v_hand
-    v = solve_along(p[P_MASS] / h, push, a, b, cap)
+    v = solve_vertical(p[P_MASS] / h, push, a, b, cap)
     if s[HEIGHT] + h * v < 0.0:
         v = -s[HEIGHT] / h  # the table
     damper = p[P_C_SHEAR] / h
@@ -428,12 +427,12 @@ def _along(
 
 
 @njit(cache=True)
-def _planar(
+def _step_planar(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float,
     force_y: float, torque: float, n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
-    """L2 to L4, and L1 without its rotation: velocity (y, z, turn) into small[6]; pads brought
-    along. ``torque`` of the impact is about the centre of mass."""
+    """Planar step of L2 to L4, and of L1 without rotation: velocity (y, z, turn) into small[6].
+    ``torque`` of the impact is about the centre of mass."""
     v, inertia, load = small[6], small[7], small[8]
     turns = 1.0 if p[P_LEVEL] > SLIDER else 0.0
     com_y, com_z = p[P_COM_Y] + s[COM_ACROSS], p[P_COM_Z] + s[COM_RISE]
@@ -462,14 +461,14 @@ def _planar(
 
 
 @njit(cache=True)
-def _settle(
-    p: Floats, s: Floats, e: Floats, h: float, v: Floats, n: Floats, work: Floats, held: Floats
+def _update_elements(
+    p: Floats, s: Floats, e: Floats, h: float, v: Floats, n: Floats, work: Floats, sticking: Floats
 ) -> None:
-    """Elements at the end of a planar step; the share of each finger's force that holds on into
-    ``held`` (3,), and its pull upwards into the state."""
+    """Update the elements at the end of a planar step; the sticking share of each finger's force
+    into ``sticking`` (3,), its shear force upwards into the state."""
     damper = p[P_C_SHEAR] / h
     gain = p[P_K_SHEAR] * h + p[P_C_SHEAR]
-    held[:] = 0.0
+    sticking[:] = 0.0
     s[SHEAR : SHEAR + FINGERS] = 0.0
     for j in range(e.shape[0]):
         finger, b, cap = int(e[j, E_FINGER]), work[j, W_LOSS], work[j, W_CAP]
@@ -484,9 +483,9 @@ def _settle(
             e[j, E_STRETCH_Y] = e[j, E_STRETCH_Z] = e[j, E_STRETCH_TURN] = 0.0
             continue
         shrink = cap / size if slides else 1.0
-        held[finger] += 0.0 if slides else e[j, E_SHARE]
+        sticking[finger] += 0.0 if slides else e[j, E_SHARE]
         s[SHEAR + finger] += shrink * f1
-        back = shrink * gain / b  # from an element's force to that of a whole pad
+        back = shrink * gain / b  # converts an element's force to that of a whole pad
         stiff = p[P_K_SHEAR] + damper
         e[j, E_STRETCH_Y] = (f0 * back + damper * e[j, E_STRETCH_Y]) / stiff
         e[j, E_STRETCH_Z] = (f1 * back + damper * e[j, E_STRETCH_Z]) / stiff
@@ -506,8 +505,8 @@ def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
 
 
 @njit(cache=True)
-def _moved_along(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats) -> None:
-    """The object's place at the end of a step along z, and whether all pads slide."""
+def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats) -> None:
+    """Update the object's position and slip speed at the end of a vertical step."""
     relative = v_hand - v
     all_slide, touching = True, False
     for i in range(FINGERS):
@@ -522,18 +521,18 @@ def _moved_along(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Flo
 
 
 @njit(cache=True)
-def _moved(
-    p: Floats, s: Floats, h: float, v_hand: float, v: Floats, n: Floats, held: Floats
+def _move_planar(
+    p: Floats, s: Floats, h: float, v_hand: float, v: Floats, n: Floats, sticking: Floats
 ) -> None:
-    """The same of a planar step. A pad holds on while most of its force does; one may be the pivot
-    of a rotation, two hold the object."""
-    up = v[1] - v[2] * (p[P_COM_Y] + s[COM_ACROSS])  # at the middle of the grip
+    """Update the object's position and slip speed at the end of a planar step. A pad sticks if most
+    of its force does; the object can turn about one sticking pad, not about two."""
+    up = v[1] - v[2] * (p[P_COM_Y] + s[COM_ACROSS])  # at the centre of the grip
     aside = v[0] + v[2] * (p[P_COM_Z] + s[COM_RISE])
     holding, touching = 0, 0
     for i in range(FINGERS):
         if n[i] > 0.0:
             touching += 1
-            holding += 1 if held[i] > 0.5 else 0
+            holding += 1 if sticking[i] > 0.5 else 0
     s[HEIGHT] = max(0.0, s[HEIGHT] + h * v[1])
     s[ACROSS_SPEED], s[SPEED], s[TURN_RATE] = v[0], v[1], v[2]
     s[SLIP] += h * (v_hand - up)
@@ -550,34 +549,34 @@ def step(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, impact: Floats,
     n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
-    """One backward Euler step of h seconds. ``impact`` (4,): force along y, z and the closing axis,
-    onto the thumb, N (the last only while INERT); torque about the middle of the grip, N m."""
-    gone = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
-    width, slope = (-1.0, 0.0) if gone else width_and_slope(p, s[SLIP])
-    if s[INERT] == 0.0:
+    """One backward Euler step of h seconds. ``impact`` (4,): force along y, z and the closing axis
+    onto the thumb, N (the last only while HAS_INERTIA); torque about the grip's centre, N m."""
+    out_of_grip = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
+    width, slope = (-1.0, 0.0) if out_of_grip else width_and_slope(p, s[SLIP])
+    if s[HAS_INERTIA] == 0.0:
         normal_forces(p, width, travel, s, n)
     else:
-        inert_forces(p, s, h, width, travel, impact[2], n)
+        inertial_normal_forces(p, s, h, width, travel, impact[2], n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - impact[1]
     for i in range(FINGERS):
-        push -= n[i] * slope  # above the widest point (slope < 0) closing pushes the object down
+        push -= n[i] * slope  # above the widest point (slope < 0) the grip pushes the object down
     if p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and impact[0] == 0.0:
-        v = _along(p, s, e, h, v_hand, cos, push, n, small[0], small[1])
-        _moved_along(s, e, h, v_hand, v, n)
+        v = _step_vertical(p, s, e, h, v_hand, cos, push, n, small[0], small[1])
+        _move_vertical(s, e, h, v_hand, v, n)
     else:
         torque = impact[3] - p[P_COM_Y] * impact[1] + p[P_COM_Z] * impact[0]
-        _planar(p, s, e, h, v_hand, cos, push, impact[0], torque, n, work, small)
-        _settle(p, s, e, h, small[6], n, work, small[0])
-        _moved(p, s, h, v_hand, small[6], n, small[0])
+        _step_planar(p, s, e, h, v_hand, cos, push, impact[0], torque, n, work, small)
+        _update_elements(p, s, e, h, small[6], n, work, small[0])
+        _move_planar(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
     if n.max() > 0.0:
         s[SLOPE] = slope
 
 
 @njit(cache=True)
-def _note(p: Floats, s: Floats, t_s: float) -> None:
-    """Write down when gross slip set in, when the force rose after it, and what an impact moved."""
+def _record_events(p: Floats, s: Floats, t_s: float) -> None:
+    """Record the onset of gross slip, the force rise after it, and motion after an impact."""
     gross = abs(s[SLIP_SPEED]) > p[P_GROSS_SLIP] or abs(s[SPIN]) > p[P_GROSS_TURN]
     if s[ONSET_S] == NOT_YET and gross:
         s[ONSET_S] = t_s
@@ -592,8 +591,8 @@ def _note(p: Floats, s: Floats, t_s: float) -> None:
 
 
 @njit(cache=True)
-def _impact(s: Floats, t_s: float, h: float, out: Floats) -> None:
-    """What mallet and pull do in a step of h seconds from t_s on, as ``step`` takes it."""
+def _external_forces(s: Floats, t_s: float, h: float, out: Floats) -> None:
+    """Forces of mallet and pull in a step of h seconds from t_s, as ``step`` expects them."""
     force = tap_force(s, t_s, h)
     out[:] = 0.0
     if s[TAP_DIRECTION] == CLOSING:
@@ -611,13 +610,14 @@ def advance(
     finger_rise_m: float, v0: float, v1: float, travel0: Floats, travel1: Floats,
 ) -> None:  # fmt: skip
     """Advance state and elements by dt_s. The fingers rise by finger_rise_m with speeds v0 -> v1 at
-    the ends and close from travel0 to travel1 (3,), m. Records the onset of gross slip: the first
-    instant at which every touching pad slides faster than 3 mm/s, or the object turns faster than
-    0.2 rad/s about at most one pad that holds on; and, after it, the first rise of the thumb's
-    force.
+    the ends and close from travel0 to travel1 (3,), m.
+
+    Records the onset of gross slip: the first instant at which every touching pad slides faster
+    than 3 mm/s, or the object turns faster than 0.2 rad/s with at most one sticking pad. After it,
+    records the first rise of the thumb's force.
     """
-    struck = s[TAP_S] > 0.0
-    since_impact = t_s + dt_s - s[TAP_START_S] if struck else -1.0
+    tapped = s[TAP_S] > 0.0
+    since_impact = t_s + dt_s - s[TAP_START_S] if tapped else -1.0
     if 0.0 < since_impact < IMPACT_LASTS_S + dt_s:
         step_s = min(step_s, p[P_IMPACT_STEP])
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
@@ -630,22 +630,22 @@ def advance(
         end = (j + 1.0) / steps
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
-        if struck or s[PULL_N] != 0.0:
-            _impact(s, t_s + j * h, h, impact)
+        if tapped or s[PULL_N] != 0.0:
+            _external_forces(s, t_s + j * h, h, impact)
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         step(p, s, e, h, v_hand, travel, impact, n, work, small)
-        _note(p, s, t_s + (j + 1) * h)
-    normal_stiffness(p, n, s[INERT] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
+        _record_events(p, s, t_s + (j + 1) * h)
+    normal_stiffness(p, n, s[HAS_INERTIA] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 
 
 @njit(cache=True)
-def felt(
+def surface_motion(
     p: Floats, s: Floats, up: Floats, across: Floats, places: Floats, turns: Floats,
     motion: Floats, turn: Floats, centre: Floats,
 ) -> None:  # fmt: skip
-    """What moves over the pads, in their own frames: motion (F, 2), m, and turn (F,), rad, of the
-    surface at each pad's middle, which lies at ``places`` (F,) across; centre (F, 2), m, of a
-    curved one. ``up`` and ``across`` (F, 2), ``turns`` (F,): the pads' frames."""
+    """Surface motion in the pads' frames: motion (F, 2), m, and turn (F,), rad, at each pad's
+    centre, at ``places`` (F,) across; centre (F, 2), m, of a curved surface. ``up`` and ``across``
+    (F, 2) and ``turns`` (F,) are the pads' frames."""
     middle = centre_on_pad(p, s[SLIP])
     for i in range(FINGERS):
         rise = s[TURN] * places[i] - s[SLIP]  # the object lags behind rising fingers

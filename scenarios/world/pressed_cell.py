@@ -1,9 +1,8 @@
-"""The cell of the acquisition: an arm, a board, and one fingertip pressed on a fixed surface.
+"""The cell of data acquisition: an arm, a board, and one fingertip pressed on a fixed surface.
 
-The pad faces down, the surface is a plane, a cylinder or a sphere. Finger, arm and wall are springs
-in series, on which the pad hangs: how hard it is pressed follows from how far the tool has come
-down, from what the pad meets there (texture, curvature, the slope of a surface that is not quite
-level) and from its friction. The rest is the fingertip's own affair.
+The pad faces down; the surface is a plane, a cylinder or a sphere. Finger, arm and wall are springs
+in series that carry the pad. Its load follows from the tool's height, from texture, curvature and
+slope of the surface, and from friction.
 
 Tool frame: the tool points down, so its x runs along the base's x and its y against the base's y;
 the pad's frame is the tool frame turned with the tool.
@@ -29,24 +28,24 @@ from scenarios.world.settings import (
 )
 from scenarios.world.truth import PressedTruth
 
-STROKE_MPS, STROKE_RADPS = 0.001, 0.02  # from here on the arm's mode is excited
-SPAN_S = 0.005  # the least that a speed is the mean of: a step to a sample may take a microsecond
-STEP_S = 0.015  # motion between two board samples, jitter included, is taken as straight
+STROKE_MPS, STROKE_RADPS = 0.001, 0.02  # faster motion excites the arm's mode
+SPAN_S = 0.005  # least averaging time of a speed; a step to a sample may take a microsecond
+STEP_S = 0.015  # motion is linear within it: the time between two board samples with jitter
 KNOCK_STEP_S = 0.001
-GAP_M = 0.006  # from the start down to the apex; assumed
+GAP_M = 0.006  # height of the start above the apex; assumed
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 
 class PressedCellSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """All that the cell is made of."""
+    """Settings of all parts of the cell."""
 
     surface: FixedSurface
     press: PressSettings
     fingertip: FingertipSettings
     board: BoardModelSettings
     arm: ArmModelSettings
-    finger: int  # which of the three is pressed
+    finger: int  # index of the pressed finger
 
 
 class PressedCell:
@@ -64,7 +63,7 @@ class PressedCell:
             REST_LOW, REST_HIGH, (FINGERS, self.pad.tips.rest.shape[1]), endpoint=True,
         ).astype(np.int16)  # fmt: skip
         self._finger = settings.finger
-        self.shaken = False  # something shakes the arm that is not its own motion
+        self.shaken = False  # an external disturbance shakes the arm
         self._now_ns = self._since_ns = start_ns
         self._slid, self._sliding = np.zeros(3), np.zeros(3)
         self.board = BoardModel(settings.board, self._sample)
@@ -89,8 +88,8 @@ class PressedCell:
         pressure, temperature = self.pad.tips.codes()
         codes = self._rest.copy()
         codes[self._finger] = pressure[0]
-        felt = codes.ravel(), np.broadcast_to(temperature, codes.shape).ravel()
-        return lambda: felt
+        sample = codes.ravel(), np.broadcast_to(temperature, codes.shape).ravel()
+        return lambda: sample
 
     def compile(self) -> None:
         """Run every compiled function once, as ``SimulatedCell.compile``."""
@@ -125,7 +124,7 @@ class PressedPad:
         self._start_m = np.array(start_m)
         self._apex_m = start_m[2] - GAP_M
         self._off_apex_m = np.array([press.off_apex_x_m, press.off_apex_y_m])
-        self.tips = Fingertips(fingertip, [_touched(surface)], rng)
+        self.tips = Fingertips(fingertip, [_pad_surface(surface)], rng)
         self._start_s = self._t_s = start_s
         self._motion_mm = np.zeros(2)
         self._at_m = np.zeros(2)
@@ -133,13 +132,13 @@ class PressedPad:
         self._knock = (-math.inf, 1.0, 0.0)  # start, duration, impulse
 
     def knock(self, impulse_n_s: float, duration_s: float) -> None:
-        """Something strikes the table now: a half sine added to the load, sideways nothing."""
+        """Add the half-sine load of a knock on the table, now and along the normal only."""
         self._knock = (self._t_s, duration_s, impulse_n_s)
 
     def advance(
         self, t_s: float, position_m: tuple[float, float, float], angle_rad: float, moving: bool
     ) -> None:
-        """To t_s, when the tool is there; it got there straight."""
+        """Advance to t_s, along a straight line to the tool's new pose."""
         x, y, z = position_m
         at = np.array([x - self._start_m[0], self._start_m[1] - y])
         span = t_s - self._t_s
@@ -157,14 +156,14 @@ class PressedPad:
 
     def _step(self, t_s: float, at_m: Floats, height_m: float, angle: float, moving: bool) -> None:
         middle = 0.5 * (angle + self._angle_rad)
-        arc = (angle - self._angle_rad) * _turned(self._from_axis_m, middle + 0.5 * math.pi)
-        self._motion_mm = self._motion_mm - 1e3 * _turned(at_m - self._at_m + arc, -middle)
+        arc = (angle - self._angle_rad) * _rotated(self._from_axis_m, middle + 0.5 * math.pi)
+        self._motion_mm = self._motion_mm - 1e3 * _rotated(at_m - self._at_m + arc, -middle)
         self._at_m, self._height_m, self._angle_rad, self._t_s = at_m, height_m, angle, t_s
-        turned = _turned(self._from_axis_m, angle) - self._from_axis_m
+        turned = _rotated(self._from_axis_m, angle) - self._from_axis_m
         off = at_m + turned + self._off_apex_m
         surface_m = self._apex_m + float(self._slope @ (off - self._off_apex_m))
-        beyond = self._stiffness_npm * (surface_m - height_m) + self._struck(t_s)
-        centre = _turned(-1e3 * off, -angle)
+        beyond = self._stiffness_npm * (surface_m - height_m) + self._knock_force_n(t_s)
+        centre = _rotated(-1e3 * off, -angle)
         self.tips.advance(
             t_s - self._start_s, np.array([beyond]), self._motion_mm[None, :],
             np.array([-angle]), centre[None, :], moving, self._mount_npmm,
@@ -175,7 +174,7 @@ class PressedPad:
         """Load on the pad."""
         return float(self.tips.load_n[0])
 
-    def _struck(self, t_s: float) -> float:
+    def _knock_force_n(self, t_s: float) -> float:
         start_s, duration_s, impulse_n_s = self._knock
         phase = (t_s - start_s) / duration_s
         if not 0.0 < phase < 1.0:
@@ -183,7 +182,7 @@ class PressedPad:
         return 0.5 * math.pi * impulse_n_s / duration_s * math.sin(math.pi * phase)
 
 
-def _touched(surface: FixedSurface) -> Surface:
+def _pad_surface(surface: FixedSurface) -> Surface:
     return Surface(
         curvature_per_mm=(_per_mm(surface.radius_x_m), _per_mm(surface.radius_y_m)),
         texture_rms_mm=surface.texture_rms_m * 1e3,
@@ -197,6 +196,6 @@ def _per_mm(radius_m: float) -> float:
     return 1e-3 * (1.0 / radius_m) if radius_m else 0.0
 
 
-def _turned(vector: Floats, angle: float) -> Floats:
+def _rotated(vector: Floats, angle: float) -> Floats:
     c, s = math.cos(angle), math.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

@@ -1,20 +1,19 @@
 """The compiled part of the fingertip: a bed of springs with friction bristles under rough contact.
 
-Every function here is a leaf: numba's cache does not see changes in an imported kernel, so nothing
-of this file comes from another. Lengths in millimetres, forces in newtons, the pad's frame
-throughout (x along the columns, y across the rows).
+Numba's cache does not detect changes in an imported kernel, so this file imports none. Lengths in
+millimetres, forces in newtons, in the pad's frame (x along the columns, y across the rows).
 
-One spring j sits at r_j, those near the middle first. Where it touches, its tip holds on to the
-surface by a bristle (deflection b_j), so it meets the surface point q = R(-turn) (r_j + b_j -
-pose), whose height decides how deep it is pressed. The common approach of the pad is the one at
-which all springs carry the given load.
-A bristle follows the surface until its traction exceeds the friction of its own load, and then
-drags behind (return mapping; statically 1-D: Jenkins element). Prony terms let both loads relax:
+Spring j is at r_j; springs near the centre come first. In contact its tip sticks to the surface by
+a bristle (deflection b_j), so it touches the surface point q = R(-turn) (r_j + b_j - pose), whose
+height determines its depth. The common approach of the pad is the one at which all springs carry
+the given load.
+A bristle follows the surface until its traction exceeds the friction of its spring's load; then it
+slides (return mapping; statically 1-D: Jenkins element). Prony terms relax both loads:
 f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
 
-The pad hangs on a mount. Along the normal it is a spring (stiffness 0: the load is given); the
-friction Q on the pad's face acts on the mount's joint by a lever, which loads or unloads it
-(a drum brake's shoe, leading or trailing). Sideways the mount is a damped spring with a mass.
+The pad is carried by a mount. Along the normal it is a spring (stiffness 0: the load is an input).
+Friction Q on the pad's face acts on the mount's joint through a lever, which loads or unloads it
+(as a leading or trailing shoe of a drum brake). Laterally the mount is a damped spring with a mass.
 docs/simulation.md has the equations.
 """
 
@@ -30,7 +29,7 @@ Codes = NDArray[np.int16]
 Indices = NDArray[np.int64]
 Rests = NDArray[np.int64]
 
-# Layout of the parameter vector, one for all pads,
+# Layout of the parameter vector, common to all pads.
 (
     K_NORMAL, K_SHEAR, STEP_MM, STEP_S, NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
     LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, HALF_X, HALF_Y, RELAXATION,
@@ -38,28 +37,28 @@ Rests = NDArray[np.int64]
 TERMS = 3  # of the relaxation: shares from RELAXATION on, then time constants
 RELAXATION_TIME = RELAXATION + TERMS
 PARAMETERS = RELAXATION_TIME + TERMS
-# of the surface of each pad,
+# Layout of each pad's surface.
 CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP, FIELD_PEAK = range(6)
-# and of the state of each pad.
+# Layout of each pad's state.
 (
     POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS, CARRIED,
     PULL_X, PULL_Y, AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y, TOUCHED,
 ) = range(17)  # fmt: skip
 STATE = 17
-# State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
-# Depth is that under the last load, 0 once its bristle has let go.
+# Layout of each spring's state. RELAXED: relaxed parts of the depth, then of the bristle. DEPTH is
+# that under the last load, 0 once its bristle is released.
 DEPTH, BRISTLE_X, BRISTLE_Y, LOAD, SLIDES, TRACTION_X, TRACTION_Y, RELAXED = range(8)
 RELAXED_X, RELAXED_Y = RELAXED + TERMS, RELAXED + 2 * TERMS
 SPRING = RELAXED + 3 * TERMS
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
-NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
-NARROW_MM2 = 0.25  # load within half a millimetre of its middle shows no turn
-CLEAR_MM = 0.1  # springs that stay further than this from the surface are not looked at closely
+NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts/N
+NARROW_MM2 = 0.25  # a load within half a millimetre of its centre has no measurable rotation
+CLEAR_MM = 0.1  # springs farther than this from the surface are skipped
 FAR = -1e6  # reach of such a spring
-MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period
-STABLE = 1.5  # radians of a swing in a step; symplectic Euler is stable below 2
-OUT_OF_REACH_MM = 5.0  # a mount that would have to be pressed so much further touches nothing
+MODE_STEP_S = 0.002  # longest inner step of a swaying mount: a fiftieth of its period
+STABLE = 1.5  # phase per step, rad; symplectic Euler is stable below 2
+OUT_OF_REACH_MM = 5.0  # a pad this far from the surface has no contact
 
 
 @njit(cache=True)
@@ -78,21 +77,21 @@ def height(field: Singles, step_mm: float, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def reaches(
+def touching_candidates(
     p: Floats, state: Floats, surface: Floats, centre: Floats, tilt: Floats, field: Singles,
     at: Floats, gap: Floats, level: float, springs: Floats, near: Indices, out: Floats,
 ) -> int:  # fmt: skip
-    """Which springs could touch at the approach ``level``, and the depth of each at approach zero,
-    less what has relaxed of it: near (S,) and out (S,), as far as the count that is returned. gap
-    (2, S): of pad and tilt at each spring, and the least of it from there on."""
+    """Springs that could touch at the approach ``level``: indices into near (S,), depths at
+    approach zero minus relaxation into out (S,); returns their count. gap (2, S): gap by pad shape
+    and tilt at each spring, and its minimum over all later springs."""
     cos, sin = math.cos(state[POSE_TURN]), math.sin(state[POSE_TURN])
     kx, ky = 0.5 * surface[CURVATURE_X], 0.5 * surface[CURVATURE_Y]
     step, highest = surface[FIELD_STEP], level + surface[FIELD_PEAK]
     pose_x, pose_y = state[POSE_X], state[POSE_Y]
-    out_of_sight = highest + abs(tilt[0]) * p[HALF_X] + abs(tilt[1]) * p[HALF_Y]
+    beyond_reach = highest + abs(tilt[0]) * p[HALF_X] + abs(tilt[1]) * p[HALF_Y]
     count = 0
     for j in range(at.shape[0]):
-        if gap[1, j] > out_of_sight:
+        if gap[1, j] > beyond_reach:
             break
         x = at[j, 0] + springs[BRISTLE_X, j]
         y = at[j, 1] + springs[BRISTLE_Y, j]
@@ -115,11 +114,11 @@ def reaches(
 
 @njit(cache=True)
 def solve_approach(reach: Floats, total_mm: float, mount: float, start: float, n: int) -> float:
-    """Approach a at which positive depths reach + a, and mount * a, sum to total_mm: mount is the
-    mount's stiffness over that of a spring; 0: the load is given, and above 0. Of n springs in all
-    those that reach does not name stay clear.
+    """Approach a at which the positive depths reach + a, plus mount * a, sum to total_mm.
 
-    The sum rises piecewise linearly and convexly, so Newton steps from the right are exact.
+    mount is the mount's stiffness over that of a spring; 0: the load is an input, above 0. n is the
+    number of all springs; those not in reach do not touch. The sum is piecewise linear and convex,
+    so Newton steps from the right are exact.
     """
     approach = start
     for k in range(NEWTON_STEPS):
@@ -146,8 +145,8 @@ def press(
     p: Floats, state: Floats, near: Indices, reach: Floats, total_n: float, mount: float,
     springs: Floats,
 ) -> None:  # fmt: skip
-    """Share the load out over the springs near the surface; total_n is that of a mount at approach
-    zero."""
+    """Distribute the load over the springs near the surface; total_n is the load with a mount at
+    approach zero."""
     k = p[K_NORMAL]
     state[APPROACH] = solve_approach(
         reach, total_n / k, mount / k, state[APPROACH], springs.shape[1]
@@ -174,17 +173,16 @@ def drag(
     p: Floats, surface: Floats, at: Floats, dx: float, dy: float, turn: float, keep: Floats,
     springs: Floats, state: Floats, sums: Floats,
 ) -> None:  # fmt: skip
-    """Carry the bristles along with the surface, which moves by (dx, dy) and turns; those beyond
-    their friction slide. Adds to sums (5,): sliding load; slip, and its moment about the pad's
-    middle, mean over the load as it is now; notes the pull of all on the pad.
-    """
+    """Move the bristles with the surface, which moves by (dx, dy) and turns; those beyond their
+    friction limit slide. Adds to sums (5,): sliding load, slip x and y, and moment of slip about
+    the pad's centre, each weighted by load. Stores the total pull on the pad in the state."""
     k, carried = p[K_SHEAR], state[CARRIED]
     state[PULL_X] = state[PULL_Y] = 0.0
     for j in range(int(state[TOUCHED])):
         load = springs[LOAD, j]
         if load <= 0.0:
             if springs[DEPTH, j] != 0.0:
-                let_go(springs, j)
+                release_spring(springs, j)
             for i in range(TERMS):
                 springs[RELAXED + i, j] *= keep[i]
             continue
@@ -212,15 +210,15 @@ def drag(
         state[PULL_X] += k * ex
         state[PULL_Y] += k * ey
         for i in range(TERMS):
-            gone = 1.0 - keep[i]
-            springs[RELAXED + i, j] += (springs[DEPTH, j] - springs[RELAXED + i, j]) * gone
-            springs[RELAXED_X + i, j] += (bx - springs[RELAXED_X + i, j]) * gone
-            springs[RELAXED_Y + i, j] += (by - springs[RELAXED_Y + i, j]) * gone
+            share = 1.0 - keep[i]
+            springs[RELAXED + i, j] += (springs[DEPTH, j] - springs[RELAXED + i, j]) * share
+            springs[RELAXED_X + i, j] += (bx - springs[RELAXED_X + i, j]) * share
+            springs[RELAXED_Y + i, j] += (by - springs[RELAXED_Y + i, j]) * share
 
 
 @njit(cache=True)
-def let_go(springs: Floats, j: int) -> None:
-    """A spring that carried load and does not any more has nothing to hold on to."""
+def release_spring(springs: Floats, j: int) -> None:
+    """Clear the bristle of a spring that has lost contact."""
     for c in (DEPTH, BRISTLE_X, BRISTLE_Y, TRACTION_X, TRACTION_Y, SLIDES):
         springs[c, j] = 0.0
     for i in range(TERMS):
@@ -228,9 +226,9 @@ def let_go(springs: Floats, j: int) -> None:
 
 
 @njit(cache=True)
-def swing(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
-    """Let the mount give way sideways for h_s: a mass on a damped spring under the friction of the
-    last step (symplectic Euler). The way that it goes, mm."""
+def sway_mount(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
+    """Displacement (x, y) of the mount in h_s, mm: a mass on a damped spring under the friction of
+    the last step (symplectic Euler)."""
     k, w = p[LATERAL_NPMM], p[LATERAL_RADPS]
     if k == 0.0:
         return 0.0, 0.0
@@ -244,9 +242,9 @@ def swing(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Floats) -> None:
-    """The rigid motion that fits the slip of all loaded springs best, weighted by load: velocity
-    at the load's middle (mm/s) and turning rate (rad/s), of a contact wide enough to tell."""
+def fit_sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Floats) -> None:
+    """Fit a rigid motion to the slip of all loaded springs, weighted by load: velocity at the
+    load's centre (mm/s) and turning rate (rad/s), 0 for a narrow contact."""
     weight, wx, wy, wr = 0.0, 0.0, 0.0, 0.0
     for j in range(int(state[TOUCHED])):
         load, x, y = springs[LOAD, j], at[j, 0], at[j, 1]
@@ -269,12 +267,12 @@ def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Float
 
 @njit(cache=True)
 def inner_steps(p: Floats, path_mm: float, dt_s: float, stiffness: float) -> int:
-    """So many that none goes further than STEP_MM unless it would be shorter than STEP_S, and that
-    a mount that swings on pads of that stiffness (normal, N/mm) is stepped stably."""
+    """Number of inner steps: none moves farther than STEP_MM unless shorter than STEP_S, and a
+    mount that sways on pads of that stiffness (normal, N/mm) is integrated stably."""
     steps = math.ceil(min(path_mm / p[STEP_MM], dt_s / p[STEP_S]) - 1e-9)
     if p[LATERAL_NPMM] > 0.0:
-        held = stiffness * p[K_SHEAR] / p[K_NORMAL] / p[LATERAL_NPMM]
-        stuck_radps = p[LATERAL_RADPS] * math.sqrt(1.0 + held)
+        added = stiffness * p[K_SHEAR] / p[K_NORMAL] / p[LATERAL_NPMM]
+        stuck_radps = p[LATERAL_RADPS] * math.sqrt(1.0 + added)
         longest_s = min(MODE_STEP_S, STABLE / stuck_radps)
         steps = max(steps, math.ceil(dt_s / longest_s - 1e-9))
     out: int = max(1, steps)
@@ -282,8 +280,8 @@ def inner_steps(p: Floats, path_mm: float, dt_s: float, stiffness: float) -> int
 
 
 @njit(cache=True)
-def forget(state: Floats, springs: Floats) -> None:
-    """Nothing is touched, and nothing of it is left."""
+def clear_contact(state: Floats, springs: Floats) -> None:
+    """Reset a pad without contact."""
     springs[:, : int(state[TOUCHED])] = 0.0
     state[CARRIED:] = 0.0
 
@@ -294,22 +292,22 @@ def advance(
     turn: Floats, rocked: Floats, centre0: Floats, centre1: Floats, surfaces: Floats,
     fields: Singles, at: Floats, gaps: Floats, states: Floats, springs: Floats,
 ) -> None:  # fmt: skip
-    """Advance all pads by dt_s > 0. Load and centre go from their first values to their second,
-    the surface moves by motion (F, 2) and turns by turn (F,), all linearly.
+    """Advance all pads by dt_s > 0. Loads change from total0 to total1, centres from centre0 to
+    centre1; the surface moves by motion (F, 2) and turns by turn (F,), all linearly.
 
-    Where mounts (F,) is above 0 the pad hangs on a spring so stiff, N/mm, and the totals (F,) are
-    its load at approach 0; elsewhere they are the load itself. rocked (F, 2): tilt from outside.
+    Where mounts (F,) is above 0 it is the stiffness of the pad's spring, N/mm, and the totals (F,)
+    are its load at approach 0; elsewhere they are the load itself. rocked (F, 2): external tilt.
     """
     reach, near = np.empty(at.shape[0]), np.empty(at.shape[0], np.int64)
     keep, centre, widest = np.empty(TERMS), np.empty(2), at[:, 0].max()
     for f in range(states.shape[0]):
-        s, own, mount = states[f], springs[f], mounts[f]
+        s, pad, mount = states[f], springs[f], mounts[f]
         away = -OUT_OF_REACH_MM * mount
         if total0[f] <= away and total1[f] <= away:
-            s[POSE_X], s[POSE_Y] = moved(s, motion[f, 0], motion[f, 1], turn[f])
+            s[POSE_X], s[POSE_Y] = shift_origin(s, motion[f, 0], motion[f, 1], turn[f])
             s[POSE_TURN] += turn[f]
             s[SLIP_X : SHARE + 1] = 0.0
-            forget(s, own)
+            clear_contact(s, pad)
             continue
         path = math.hypot(motion[f, 0], motion[f, 1]) + abs(turn[f]) * widest
         steps = inner_steps(p, path, dt_s, s[STIFFNESS])
@@ -320,36 +318,36 @@ def advance(
         sums = np.zeros(5)
         for i in range(steps):
             end = (i + 1.0) * h
-            away_x, away_y = swing(p, s, dt_s * h)
+            away_x, away_y = sway_mount(p, s, dt_s * h)
             dx, dy = motion[f, 0] * h - away_x, motion[f, 1] * h - away_y
             for c in range(2):
                 centre[c] = centre0[f, c] + (centre1[f, c] - centre0[f, c]) * end - s[AWAY_X + c]
-            s[POSE_X], s[POSE_Y] = moved(s, dx, dy, dturn)
+            s[POSE_X], s[POSE_Y] = shift_origin(s, dx, dy, dturn)
             s[POSE_TURN] += dturn
             sums[0] = 0.0
-            drag(p, surfaces[f], at, dx, dy, dturn, keep, own, s, sums)
+            drag(p, surfaces[f], at, dx, dy, dturn, keep, pad, s, sums)
             total = total0[f] + (total1[f] - total0[f]) * end
             if mount > 0.0:
                 total -= p[LEVER_X] * s[PULL_X] + p[LEVER_Y] * s[PULL_Y]
             elif total <= 0.0:
-                forget(s, own)
+                clear_contact(s, pad)
                 continue
             level = -math.inf
-            while s[APPROACH] > level:  # what was out of sight may touch as well
+            while s[APPROACH] > level:  # springs skipped at a smaller approach may touch as well
                 level = s[APPROACH] + CLEAR_MM
-                n = reaches(
-                    p, s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], level, own,
+                n = touching_candidates(
+                    p, s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], level, pad,
                     near, reach,
                 )  # fmt: skip
-                press(p, s, near[:n], reach[:n], total, mount, own)
+                press(p, s, near[:n], reach[:n], total, mount, pad)
             sums[4] = min(1.0, sums[0] / s[CARRIED]) if s[CARRIED] > 0.0 else 0.0
-        sliding(at, own, sums, dt_s, s)
+        fit_sliding(at, pad, sums, dt_s, s)
 
 
 @njit(cache=True)
-def moved(state: Floats, dx: float, dy: float, turn: float) -> tuple[float, float]:
-    """Where the surface's own origin lies after the surface moved by (dx, dy) at the pad's middle
-    while turning about it."""
+def shift_origin(state: Floats, dx: float, dy: float, turn: float) -> tuple[float, float]:
+    """Position of the surface's origin after the surface has moved by (dx, dy) at the pad's centre
+    and turned about it."""
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = state[POSE_X], state[POSE_Y]
     return cos * x - sin * y + dx, sin * x + cos * y + dy
@@ -360,8 +358,8 @@ def read(
     p: Floats, states: Floats, springs: Floats, at: Floats, taxels: Floats, rest: Rests,
     warm: float, noise_counts: float, noise: Floats, most: int, fold: int, out: Codes,
 ) -> None:  # fmt: skip
-    """Whole codes (F, taxels) from 0 to most under all springs' loads; those above fold come back
-    down from it."""
+    """Codes (F, taxels) from 0 to most under all springs' loads into ``out``; codes above ``fold``
+    are mirrored at it."""
     fall = np.empty(out.shape[1])
     for f in range(out.shape[0]):
         kernel_sums(p, springs[f, :, : int(states[f, TOUCHED])], at, taxels, fall)
@@ -373,8 +371,7 @@ def read(
 
 @njit(cache=True)
 def kernel_sums(p: Floats, springs: Floats, at: Floats, taxels: Floats, out: Floats) -> None:
-    """Fall of each taxel's code, counts (taxels,), under the loads of one pad's springs at their
-    tips.
+    """Fall of each taxel's code, counts (taxels,), under the loads at one pad's spring tips.
 
     A normal load f at distance r gives f * NORMAL_PEAK exp(-r^2 / 2 NORMAL_WIDTH^2) counts; a
     shear load q towards the taxel q * SHEAR_PEAK r exp(-r^2 / 2 SHEAR_WIDTH^2).

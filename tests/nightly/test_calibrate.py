@@ -20,7 +20,7 @@ NO_FORCE_N = 1e-6  # what floating point leaves between surfaces that touch and 
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
     with emulate(*STRANGE) as endpoints:
         found = Lab(endpoints, tmp_path_factory.mktemp("lab"))
-        found.wake()
+        found.activate_hand()
         yield found
         found.cell.close()
 
@@ -28,7 +28,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 @pytest.fixture(autouse=True)
 def in_place(lab: Lab) -> None:
     """The can stands where a scale would."""
-    lab.done("release")
+    lab.run_confirmed("release")
     lab.cell.ask("place")
 
 
@@ -41,12 +41,12 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
     read: list[float] = []
 
     def person(question: str) -> str:
-        assert "what does the scale say" in question
+        assert "reading of the scale" in question
         read.append(newtons(lab))
         return f"{read[-1] / 9.80665 * 1e3:.0f} g"
 
     words = ("calibrate", "hand", "--up-to", "16", "--out", str(out), *CONFIRMED)
-    done = lab.grasp(*words, answer=person)
+    done = lab.grasp(*words, operator=person)
     assert done.code == 0, done.err
     assert len(read) == 10
     config = load_config("can", "hardware", "energy", [lab.file], (f"gripper.calibration={out}",))
@@ -77,16 +77,16 @@ def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
     with started(*whole, stdin=subprocess.PIPE) as run:
         assert run.stderr is not None and run.stdin is not None
         for line in run.stderr:
-            if "what" in line and (pressed := newtons(lab)) <= 1.0:
+            if "reading of the scale" in line and (pressed := newtons(lab)) <= 1.0:
                 run.stdin.write("\n")
                 run.stdin.flush()
-            elif "what" in line:
+            elif "reading of the scale" in line:
                 break
         if ctrl_c:
             run.send_signal(signal.SIGINT)
         _, said = run.communicate(timeout=PATIENCE_S)  # closes its input
     assert pressed > 1.0
     assert run.returncode == 130, said
-    assert "has backed off the scale and stands, at" in said
+    assert "has backed off the scale and stopped at" in said
     assert newtons(lab) < NO_FORCE_N
     assert not out.exists()

@@ -3,7 +3,7 @@
 import pytest
 
 from grasp.states import State
-from tests.wire.scenarios.cell.staged import FAULTS, PHASES, run
+from tests.wire.scenarios.cell.lift_with_fault import FAULTS, PHASES, run
 
 
 @pytest.mark.parametrize("phase", PHASES)

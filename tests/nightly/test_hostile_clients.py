@@ -20,8 +20,8 @@ def answers(emulator):
     """A client of each port is served as ever."""
     with Rtde(emulator.host) as rtde:
         rtde.sock.settimeout(MUTE_S)
-        assert rtde.ask("O", recipe(125.0, "timestamp")) == ("O", b"\x01DOUBLE")
-        assert rtde.ask("S") == ("S", b"\x01")
+        assert rtde.request("O", recipe(125.0, "timestamp")) == ("O", b"\x01DOUBLE")
+        assert rtde.request("S") == ("S", b"\x01")
         assert rtde.read()[0] == "U"
     started = time.monotonic()
     assert ask_dashboard(emulator.host, "robotmode") == "Robotmode: RUNNING"
@@ -35,12 +35,12 @@ def test_recipe_that_cannot_be_served_is_refused(emulator):
     asked += [("O", recipe(125.0, "actual_q," * 1400)), ("I", b"input_int_register_0," * 3_000)]
     for kind, body in asked:
         with Rtde(emulator.host) as rtde:
-            answer, refused = rtde.ask(kind, body)
+            answer, refused = rtde.request(kind, body)
             assert (answer, refused[:1]) == (kind, b"\x00"), body[:40]
-            assert rtde.ask("S") == ("S", b"\x00")
+            assert rtde.request("S") == ("S", b"\x00")
     with Rtde(emulator.host) as rtde:  # those of one client are bounded together
         names = b",".join(b"input_double_register_%d" % n for n in range(48))
-        given = [rtde.ask("I", names)[1][0] for _ in range(200)]
+        given = [rtde.request("I", names)[1][0] for _ in range(200)]
         assert given[0] == 1 and given[-1] == 0
     assert answers(emulator)
 

@@ -13,11 +13,11 @@ def test_activation_is_stopped_by_ctrl_c_and_the_hand_is_inactive_then(tmp_path:
     with emulate("--set", "hand.activation_s=10") as endpoints:
         lab = Lab(endpoints, tmp_path)
         with lab.started("gripper", "activate", "--empty", *CONFIRMED) as run:
-            until(lambda: max(lab.places) > 20)
+            until(lambda: max(lab.positions) > 20)
             run.send_signal(signal.SIGINT)
             _, said = run.communicate(timeout=PATIENCE_S)
         assert run.returncode == 130, said
-        assert "the fingers stand; the hand is not active any more" in said
+        assert "the fingers have stopped; the hand is not active any more" in said
         assert not lab.hand.active and lab.ask("motion")["fingers_mps"] == 0.0
         lab.cell.close()
 
@@ -29,7 +29,7 @@ def test_devices_that_freeze_or_go_are_all_named_and_cost_no_result(
     with started("emulate", *sets()) as cell:
         assert cell.stdout is not None
         lab = Lab(json.loads(cell.stdout.readline()), tmp_path)
-        lab.wake()
+        lab.activate_hand()
         words = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path / "runs"))
         with lab.started(*words, *sets()) as run:
             assert run.stdout is not None

@@ -1,4 +1,4 @@
-"""Many cases in one test, the one that fails named."""
+"""Several cases in one test; a failure names its case."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,6 +1,6 @@
-"""Tests that wait for real time: for events, with generous deadlines, and never for durations.
+"""Tests in real time. They wait for events with generous deadlines, never for durations.
 
-A slow machine makes them slow, not red: nothing is run again, and no time that passed is judged.
+On a slow machine they are slow but pass: nothing is repeated, and no elapsed time is checked.
 """
 
 from collections.abc import Iterator
@@ -35,13 +35,13 @@ def lab_of_the_worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]
 
 @pytest.fixture
 def lab(lab_of_the_worker: Lab) -> Lab:
-    """Arm and hand as they began, the hand not active, no object in place."""
+    """A lab in its initial state: hand not active, no object in place."""
     lab_of_the_worker.reset()
     return lab_of_the_worker
 
 
 @pytest.fixture
 def ready(lab: Lab) -> Lab:
-    """With an active hand, open."""
-    lab.wake()
+    """A lab with an active, open hand."""
+    lab.activate_hand()
     return lab

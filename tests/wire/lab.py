@@ -1,7 +1,7 @@
-"""An emulated lab: a cell, the settings that point at it, and `grasp` as a person runs it there.
+"""An emulated lab: a cell, the settings with its addresses, and `grasp` commands on it.
 
-One cell serves all tests of a worker, reset between them (`Lab.reset`). Commands run in this
-process, which spares each of them a second of imports; those that a signal ends run in their own.
+One cell serves all tests of a worker and is reset between them (`Lab.reset`). Commands run in this
+process, which saves a second of imports each; those that a signal ends run in their own process.
 """
 
 import io
@@ -32,7 +32,7 @@ from tests.calibrations import OF_A_LAB
 ROOT = Path(__file__).parents[2]
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
-PATIENCE_S = 120.0  # for what must come at last, on a machine however busy
+PATIENCE_S = 120.0  # timeout of any event, also on a busy machine
 QUICK = (
     "hand.activation_s=0.1", "controller.hold_s=0.3", "controller.lift_height_m=0.08",
     "controller.lower_speed_mps=0.2", "controller.settle_s=0.2", "controller.baseline_s=0.2",
@@ -47,46 +47,47 @@ def sets(assignments: Sequence[str] = QUICK) -> list[str]:
 
 
 def until(condition: Callable[[], Any], what: str = "") -> Any:
-    """Wait for an event; fails when it does not come at all."""
+    """Wait until the condition is true; fails after PATIENCE_S."""
     deadline = time.monotonic() + PATIENCE_S
     while not (found := condition()):
-        assert time.monotonic() < deadline, f"did not come: {what}"
+        assert time.monotonic() < deadline, f"timeout: {what}"
         time.sleep(0.01)
     return found
 
 
-class Done(NamedTuple):
-    """How a command ended, and what it wrote."""
+class CommandResult(NamedTuple):
+    """Exit code and output of a command."""
 
     code: int
     out: str
     err: str
 
 
-class _Heard(io.StringIO):
-    """Standard error, with somebody who answers each question on it."""
+class _OperatorStderr(io.StringIO):
+    """Standard error on which an operator replies to each question."""
 
-    def __init__(self, answer: Callable[[str], str | None], typed: int) -> None:
+    def __init__(self, operator: Callable[[str], str | None], typed: int) -> None:
         super().__init__()
-        self._answer, self._typed, self._line = answer, typed, ""
+        self._operator, self._typed, self._line = operator, typed, ""
 
     def write(self, text: str) -> int:
         *lines, self._line = (self._line + text).split("\n")
         written = super().write(text)
         for line in lines:
             question = line.removeprefix(">>> ")
-            asked = question != line and any(w in line for w in ("type", "Enter", "?"))
-            if asked and (reply := self._answer(question)) is not None:
+            is_question = question != line and any(w in line for w in ("type", "Enter", "?"))
+            if is_question and (reply := self._operator(question)) is not None:
                 os.write(self._typed, f"{reply}\n".encode())
         return written
 
 
-def grasp(*words: str, answer: Callable[[str], str | None] | None = None) -> Done:
-    """In this process. ``answer``: what somebody types at a question, None for nothing; without it
-    nobody is there."""
+def grasp(*words: str, operator: Callable[[str], str | None] | None = None) -> CommandResult:
+    """Run a command in this process. ``operator``: reply to a question, None for no reply; without
+    an operator standard input is closed."""
     reads, types = os.pipe()
-    out, err = io.StringIO(), io.StringIO() if answer is None else _Heard(answer, types)
-    if answer is None:
+    out = io.StringIO()
+    err = io.StringIO() if operator is None else _OperatorStderr(operator, types)
+    if operator is None:
         os.close(types)
     try:
         with (
@@ -95,14 +96,14 @@ def grasp(*words: str, answer: Callable[[str], str | None] | None = None) -> Don
         ):  # fmt: skip
             code = main(list(words))
     finally:
-        if answer is not None:
+        if operator is not None:
             os.close(types)
-    return Done(code, out.getvalue(), err.getvalue())
+    return CommandResult(code, out.getvalue(), err.getvalue())
 
 
 @contextmanager
 def started(*words: str, **options: Any) -> Iterator["subprocess.Popen[str]"]:
-    """A command in a process of its own, killed at the end at the latest."""
+    """A command in its own process, killed at the end at the latest."""
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(
         [*GRASP, *words], env=ENVIRONMENT, text=True, **{**pipes, **options}
@@ -115,7 +116,7 @@ def started(*words: str, **options: Any) -> Iterator["subprocess.Popen[str]"]:
 
 @contextmanager
 def emulate(*words: str) -> Iterator[dict[str, Any]]:
-    """`grasp emulate` in a process of its own; where its devices are."""
+    """`grasp emulate` in its own process; gives the addresses of its devices."""
     with started("emulate", *sets(), *words, stderr=None) as process:
         assert process.stdout is not None
         yield json.loads(process.stdout.readline())
@@ -124,23 +125,23 @@ def emulate(*words: str) -> Iterator[dict[str, Any]]:
 
 
 def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
-    """Settings of a lab, with the patience of the rig `emulated`."""
+    """Write the settings of a lab, with the timeouts of the rig `emulated`."""
     hand = path.with_name("paper.toml")
     hand.write_text(OF_A_LAB)
     gripper = endpoints["gripper"]
     text = (config_dir() / "rigs" / "emulated.toml").read_text(encoding="utf-8")
-    for section, told in (
+    for section, lines in (
         ("modbus", f'host = "{gripper["host"]}"\nport = {gripper["port"]}\n'),
         ("ur", f'host = "{endpoints["arm"]["host"]}"\n'),
     ):
-        text = text.replace(f"[{section}]\n", f"[{section}]\n{told}")
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{lines}")
     text = text.replace('calibration = "paper"', f'calibration = "{hand}"')
     path.write_text(f'{text}[usb]\nurl = "{endpoints["tactile"]["url"]}"\n', encoding="utf-8")
     return path
 
 
 class Lab:
-    """A cell, the file that points at it, and what a person does and sees there."""
+    """A cell, its settings file, commands on it, and its state."""
 
     def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
         self.endpoints = endpoints
@@ -150,7 +151,7 @@ class Lab:
         self.ask = self.cell.ask
 
     def reset(self) -> None:
-        """As after `grasp emulate` began, but that the object is put in place by hand alone."""
+        """Restore the state after the start of `grasp emulate`, without the object."""
         self.ask("fault", name="replug")
         self.ask("fault", name="gripper_fault", code=0)
         self.ask("fault", name="speed_slider", fraction=1.0)
@@ -159,39 +160,41 @@ class Lab:
         self._open()
         self.write(CommandRegisters())
         until(lambda: not self.hand.active, "the hand is reset")
-        until(lambda: not self.ask("home")["away_m"], "the arm is where it began")
+        until(lambda: not self.ask("home")["away_m"], "the arm is at its start pose")
 
-    def wake(self) -> None:
+    def activate_hand(self) -> None:
         """Activate the hand, which is open."""
         self.write(CommandRegisters(activate=True))
         until(lambda: self.hand.ready, "the hand is active")
 
     def _open(self) -> None:
-        """Whatever mode or fault it is in. So short an activation moves no finger far."""
+        """Open the hand from any mode or fault. The short activation moves no finger far."""
         hand = self.hand
-        if max(self.places) < OPEN and not hand.mode and not hand.fault:
+        if max(self.positions) < OPEN and not hand.mode and not hand.fault:
             return
         self.write(CommandRegisters())
         until(lambda: not self.hand.active, "the hand is reset")
-        self.wake()
+        self.activate_hand()
         self.write(CommandRegisters(activate=True, go_to=True, a=AxisCommand(0, 255, 0)))
-        until(lambda: max(self.places) < OPEN, "the hand is open")
+        until(lambda: max(self.positions) < OPEN, "the hand is open")
 
-    def grasp(self, *words: str, answer: Callable[[str], str | None] | None = None) -> Done:
-        return grasp(*words, "--config", str(self.file), answer=answer)
+    def grasp(
+        self, *words: str, operator: Callable[[str], str | None] | None = None
+    ) -> CommandResult:
+        return grasp(*words, "--config", str(self.file), operator=operator)
 
-    def done(self, *words: str) -> str:
-        """Of a command that moves something, what it wrote; asked again while rubber that was
-        pressed a moment ago still creeps back."""
-        ended: list[Done] = []
+    def run_confirmed(self, *words: str) -> str:
+        """Output of a successful command with --confirm-motion; repeated while recently pressed
+        rubber still creeps back."""
+        results: list[CommandResult] = []
 
-        def tried() -> bool:
-            ended.append(self.grasp(*words, *CONFIRMED))
-            return "unsteady at rest" not in ended[-1].err
+        def is_steady() -> bool:
+            results.append(self.grasp(*words, *CONFIRMED))
+            return "unsteady at rest" not in results[-1].err
 
-        until(tried)
-        assert ended[-1].code == 0, ended[-1]
-        return ended[-1].out
+        until(is_steady)
+        assert results[-1].code == 0, results[-1]
+        return results[-1].out
 
     @contextmanager
     def started(self, *words: str, **options: Any) -> Iterator["subprocess.Popen[str]"]:
@@ -207,7 +210,7 @@ class Lab:
             return f.readline()
 
     def write(self, command: CommandRegisters) -> None:
-        """What any program may write to the hand."""
+        """Write a command to the hand, as any other program could."""
         with closing(ModbusTransport(self.config.modbus, self.config.gripper.link)) as link:
             link.write(0, command.to_registers(), time.monotonic_ns())
 
@@ -216,7 +219,7 @@ class Lab:
         return read_gripper(self.config)[1]
 
     @property
-    def places(self) -> tuple[int, ...]:
+    def positions(self) -> tuple[int, ...]:
         return tuple(finger.position for finger in self.hand.fingers)
 
     @property

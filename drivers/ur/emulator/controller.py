@@ -293,9 +293,7 @@ class Controller:
     def check_remote_control(self) -> None:
         """Raises ValueError for a controller without remote control mode."""
         if not self._has_remote_control:
-            raise ValueError(
-                "a CB3 (PolyScope 3) has no remote and no local control: e-Series alone"
-            )
+            raise ValueError("a CB3 (PolyScope 3) has no remote control mode; an e-Series has")
 
     def set_remote_control(self, on: bool) -> None:
         """Switch the pendant to Remote or Local; Local ends the program (assumed). Raises

@@ -28,7 +28,7 @@ from tests.nightly.chaos import proxy
 from tests.nightly.chaos.proxy import WIRES, Commands, Order, Passed, Plan, Route, Trouble, drawn
 from tests.nightly.lift_verdict import Ended, problems
 from tests.nightly.onlooker import LATER_S, MOMENT_S, Left, Onlooker
-from tests.wire.scenarios.cell.staged import QUICK
+from tests.wire.scenarios.cell.lift_with_fault import QUICK
 
 PLANS, FROM = int(os.environ.get("PLANS", "20")), int(os.environ.get("FROM", "0"))
 SLACK_S = 2.0

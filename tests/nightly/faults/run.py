@@ -15,7 +15,7 @@ from grasp.states import END_STATES, SAFE_STATES, State
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs.rig import Rig
-from scenarios.rigs.simulated import Wires, simulated
+from scenarios.rigs.simulated import LinkWrappers, simulated
 from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import SimulatedCell
@@ -87,8 +87,8 @@ class Attack:
         self._hits: list[Struck | None] = []  # the same; None: no wire was struck
 
     @property
-    def wires(self) -> Wires:
-        return Wires(self.hand.around, self.arm.around, self.pads.around)
+    def wires(self) -> LinkWrappers:
+        return LinkWrappers(self.hand.around, self.arm.around, self.pads.around)
 
     def begin(self, case: Case, now_ns: int) -> None:
         """The case's fault strikes now, its second one as long after as it says."""
@@ -261,7 +261,7 @@ def run(case: Case) -> Ended:
 def _run(moment: Moment) -> Ended:
     case = moment.case
     config, attack = load_config(case.object, "simulated").for_lift().built_for(case.seed), Attack()
-    rig = attack.rig = simulated(config, case.seed, paced=False, wires=attack.wires)
+    rig = attack.rig = simulated(config, case.seed, paced=False, wrappers=attack.wires)
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)
     attack.pads.of(cell.board)

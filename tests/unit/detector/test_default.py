@@ -1,6 +1,6 @@
-"""The default detector as it is packaged: rule and weights are held to the value.
+"""Exact rule and weights of the packaged default detector.
 
-What they do on recordings is told by tests/nightly/test_default_detector.py.
+tests/nightly/test_default_detector.py tests its performance on recordings.
 """
 
 from detector.decision import RuleSettings
@@ -9,9 +9,8 @@ from detector.training.settings import DEFAULTS
 from scenarios.campaign.config import load_config
 
 DEFAULT = load_config("can", "simulated")
-# What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
-# with `make results` that new ones are no worse, and write the new values here. A test that fails
-# for any other reason has found a mistake.
+# To change one of these: tune the rule (`grasp detector tune`), show with `make results` that the
+# new values are not worse, and write them here.
 RULES = {
     "tcn": RuleSettings(
         kind="consecutive", fusion="mean", consecutive=2, threshold=0.7471, release=8
@@ -30,13 +29,13 @@ def test_the_default_is_the_tcn() -> None:
     assert DEFAULT.detector_name == "tcn"
 
 
-def test_packaged_rules_and_weights_are_those_that_the_figures_were_made_with() -> None:
+def test_packaged_rules_and_weights_are_unchanged() -> None:
     for name, rule in RULES.items():
         assert load_config("can", "simulated", name).rule == rule, "see above RULES"
         assert weights_digest(weights_path(name)) == WEIGHTS[name], "see above RULES"
 
 
-def test_the_default_was_trained_to_its_end() -> None:
-    """Those of half the steps may do as well in what the nightly test asks of them."""
+def test_default_was_trained_for_all_steps() -> None:
+    """The nightly test would also pass with weights of half the steps."""
     card = read_network(weights_path(DEFAULT.detector_name)).card
     assert card.steps == DEFAULTS[DEFAULT.detector_name].steps

@@ -1,4 +1,4 @@
-"""The server of a live page: who is let in, what is told, and that nobody waits for a viewer."""
+"""The server of a live page: access, data for viewers, and no delay by viewers."""
 
 import http.client
 import json
@@ -30,8 +30,8 @@ def feed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Feed]:
         yield made
 
 
-def asked(feed: Feed, path: str, **headers: str) -> http.client.HTTPResponse:
-    """Whatever becomes of asking for that path."""
+def get(feed: Feed, path: str, **headers: str) -> http.client.HTTPResponse:
+    """Response to a request for that path."""
     at = urlsplit(feed.address)
     assert at.hostname is not None
     connection = http.client.HTTPConnection(at.hostname, at.port, timeout=LONG_S)
@@ -39,22 +39,22 @@ def asked(feed: Feed, path: str, **headers: str) -> http.client.HTTPResponse:
     return connection.getresponse()
 
 
-def looking_on(feed: Feed, **more: Any) -> ClientConnection:
+def viewer_of(feed: Feed, **more: Any) -> ClientConnection:
     at = urlsplit(feed.address)
     address = feed.address.replace("http", "ws", 1) + "live"
     return connect(address, origin=f"http://{at.netloc}", open_timeout=LONG_S, **more)
 
 
-def told(viewer: ClientConnection, rows: int) -> list[dict[str, Any]]:
-    """Everything until so many rows have come."""
+def received(viewer: ClientConnection, rows: int) -> list[dict[str, Any]]:
+    """All messages until that many rows have arrived."""
     found: list[dict[str, Any]] = []
     while sum(message["type"] == "Row" for message in found) < rows:
         found += json.loads(viewer.recv(LONG_S))
     return found
 
 
-def shown(feed: Feed, rows: int, first: int = 0) -> None:
-    """So many rows, as slowly as a pipe takes them."""
+def show_rows(feed: Feed, rows: int, first: int = 0) -> None:
+    """Show that many rows, each repeated until the pipe accepts it."""
     for i in range(first, first + rows):
         lost = feed.lost
         feed.show("lift", [i * 0.01, 1.0])
@@ -64,32 +64,34 @@ def shown(feed: Feed, rows: int, first: int = 0) -> None:
             feed.show("lift", [i * 0.01, 1.0])
 
 
-def test_the_page_is_for_who_knows_the_token(feed: Feed) -> None:
+def test_page_is_served_only_with_the_token(feed: Feed) -> None:
     path = urlsplit(feed.address).path
-    page = asked(feed, path)
+    page = get(feed, path)
     assert page.status == 200
     text = page.read().decode()
     assert "a run" in text and f"connect-src ws://{urlsplit(feed.address).netloc};" in text
     assert page.getheader("Referrer-Policy") == "no-referrer"
     for other in ("/", path[:-2] + "/", path + "x", f"{path}../etc/passwd", "/favicon.ico"):
-        assert asked(feed, other).status == 404
-    assert asked(feed, path, Host="elsewhere.example").status == 404  # a name that leads here
+        assert get(feed, other).status == 404
+    assert get(feed, path, Host="elsewhere.example").status == 404  # another name of this host
 
 
-def test_every_viewer_is_told_all_of_the_trial_however_late_he_comes(feed: Feed) -> None:
+def test_every_viewer_receives_the_whole_trial_at_any_time(feed: Feed) -> None:
     feed.begin(DATA)
-    with looking_on(feed) as early:
-        shown(feed, 5)
-        first = told(early, 5)
-        with looking_on(feed) as late:
-            assert told(late, 5) == first
-            shown(feed, 3, first=5)
-            assert [row["values"][0] for row in told(late, 3)] == pytest.approx([0.05, 0.06, 0.07])
+    with viewer_of(feed) as early:
+        show_rows(feed, 5)
+        first = received(early, 5)
+        with viewer_of(feed) as late:
+            assert received(late, 5) == first
+            show_rows(feed, 3, first=5)
+            assert [row["values"][0] for row in received(late, 3)] == pytest.approx(
+                [0.05, 0.06, 0.07]
+            )
     assert first[0]["type"] == "Begin" and first[0]["of"] == 2
     assert [row["values"][0] for row in first[1:]] == pytest.approx([0, 0.01, 0.02, 0.03, 0.04])
 
 
-def test_a_stranger_is_not_let_in(feed: Feed) -> None:
+def test_connections_with_a_wrong_path_or_origin_are_refused(feed: Feed) -> None:
     address = feed.address.replace("http", "ws", 1)
     for path, origin, status in (
         ("live", "http://elsewhere.example", "403"),
@@ -110,9 +112,7 @@ def until_lost(feed: Feed) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP])
-def test_a_server_that_stands_still_or_has_gone_costs_pictures_alone(
-    feed: Feed, number: int
-) -> None:
+def test_stopped_or_dead_server_only_loses_rows(feed: Feed, number: int) -> None:
     feed.begin(DATA)
     os.kill(feed.pid, number)
     until_lost(feed)

@@ -1,4 +1,4 @@
-"""Lifts on real wires: the emulated rig, and the hardware rig pointed at an emulated cell."""
+"""Lifts on real protocols: the emulated rig, and the hardware rig with an emulated cell."""
 
 import json
 import os
@@ -29,52 +29,54 @@ from tests.wire.lab import (
 )
 
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
-LANDING = {"lower.feel"}  # how often the arm stops on its way down, noise decides
+LOWERING_STEPS = {"lower.feel"}  # their number depends on noise
 
 
-def on_hardware(folder: Path) -> tuple[str, ...]:
+def hardware_lift(folder: Path) -> tuple[str, ...]:
     return ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(folder / "runs"), *sets())
 
 
-def shown(process: "subprocess.Popen[str]", phase: str) -> None:
+def wait_for_phase(process: "subprocess.Popen[str]", phase: str) -> None:
     """Read until a phase has begun."""
     assert process.stdout is not None
     assert any(phase in line.split() for line in process.stdout), f"no phase {phase}"
 
 
-def test_lift_on_the_emulated_rig_is_that_of_the_simulated_one(tmp_path: Path) -> None:
+def test_lift_on_the_emulated_rig_equals_that_on_the_simulated_rig(tmp_path: Path) -> None:
     done = grasp("run", "lift", "--rig", "emulated", "--runs", str(tmp_path), "--json", *sets())
     wired, simulated = json.loads(done.out), lift.run(by_default(*QUICK), 0, None).result
     assert simulated is not None
     assert done.code == 0, wired
     assert wired["outcome"] == simulated.outcome
-    expected = [p for p in dict.fromkeys(p.phase for p in simulated.phases) if p not in LANDING]
+    expected = [
+        p for p in dict.fromkeys(p.phase for p in simulated.phases) if p not in LOWERING_STEPS
+    ]
     found = dict.fromkeys(p["phase"] for p in wired["phases"])
-    assert [p for p in found if p not in LANDING] == expected
+    assert [p for p in found if p not in LOWERING_STEPS] == expected
     assert simulated.slip_distance_m is not None and simulated.reaction_latency_ms is not None
-    # 0.1 mm for each millisecond that the wall-clock loop reacted later or earlier, and 2 mm
+    # 0.1 mm for each millisecond of difference in reaction latency, plus 2 mm
     later_ms = abs(wired["reaction_latency_ms"] - simulated.reaction_latency_ms)
     assert abs(wired["slip_distance_m"] - simulated.slip_distance_m) < 0.002 + 1e-4 * later_ms
     assert wired["commanded_force_n"] <= 10.0
     assert grasp("replay", wired["recording"], "--check").code == 0
 
 
-def test_hardware_rig_pointed_at_a_cell_gives_the_verdict_without_the_truth(
+def test_hardware_rig_with_a_cell_gives_the_outcome_without_ground_truth(
     ready: Lab, tmp_path: Path
 ) -> None:
     ready.ask("place")
-    done = ready.grasp(*on_hardware(tmp_path), "--json")
+    done = ready.grasp(*hardware_lift(tmp_path), "--json")
     result = json.loads(done.out)
     assert done.code == 0, result
     assert (result["success"], result["outcome"]) == (True, "held")
     assert all(result[name] is None for name in TRUTH_FIELDS)
-    assert 5.0 < result["peak_measured_n"]["A"] < 13.0  # nobody knows better there
+    assert 5.0 < result["peak_measured_n"]["A"] < 13.0  # only an estimate is available
 
 
-def test_signal_stops_the_arm_keeps_the_grip_and_says_so(ready: Lab, tmp_path: Path) -> None:
+def test_signal_stops_the_arm_keeps_the_grip_and_is_reported(ready: Lab, tmp_path: Path) -> None:
     ready.ask("place")
-    with ready.started(*on_hardware(tmp_path)) as process:
-        shown(process, "lift")
+    with ready.started(*hardware_lift(tmp_path)) as process:
+        wait_for_phase(process, "lift")
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 128 + signal.SIGTERM, err
@@ -85,11 +87,11 @@ def test_signal_stops_the_arm_keeps_the_grip_and_says_so(ready: Lab, tmp_path: P
     assert result["end"]["arm"] == "the arm stands"
     assert "grasp release --rig hardware" in err
     assert ready.ask("motion")["arm_mps"] == 0.0
-    assert max(ready.places) > 20  # it was not opened
+    assert max(ready.positions) > 20  # it was not opened
 
 
-# hangs 0.5 s into the lift: it is reset when it is made, once it grips and once the pads relaxed
-HANGS = """
+# hangs 0.5 s after the start of the lift, which begins with the fourth reset
+HANGING_DETECTOR = """
 import time
 import numpy as np
 
@@ -108,11 +110,11 @@ class Hangs:
 """
 
 
-def test_detector_that_never_returns_costs_no_grip_and_one_signal_ends_the_run(
+def test_grip_is_kept_with_a_hanging_detector_and_one_signal_ends_the_run(
     tmp_path: Path,
 ) -> None:
     detector = tmp_path / "hangs.py"
-    detector.write_text(HANGS)
+    detector.write_text(HANGING_DETECTOR)
     with started(
         "run", "lift", "--rig", "emulated", "--detector", f"{detector}:Hangs", "--runs",
         str(tmp_path / "runs"), *sets(), stdout=subprocess.DEVNULL,
@@ -130,7 +132,7 @@ def test_detector_that_never_returns_costs_no_grip_and_one_signal_ends_the_run(
     assert open_trial(folder).complete
 
 
-def test_devices_that_are_not_there_are_a_device_error_with_a_remedy(tmp_path: Path) -> None:
+def test_unreachable_devices_are_a_device_error_with_a_remedy(tmp_path: Path) -> None:
     lab = tmp_path / "lab.toml"
     lab.write_text(
         '[gripper]\ncalibration = "paper"\n[calibration]\npressed_bytes = [0]\npresses = 10\n'
@@ -143,7 +145,7 @@ def test_devices_that_are_not_there_are_a_device_error_with_a_remedy(tmp_path: P
     done = grasp(*words, *CONFIRMED)
     error = json.loads(done.out)["error"]
     assert (done.code, error["kind"]) == (3, "link_lost") and error["remedy"]
-    assert list(runs.iterdir()) == []  # it could be written, and nothing was
+    assert list(runs.iterdir()) == []  # the folder is writable and empty
     doctor = json.loads(grasp("doctor", *HARDWARE, "--config", str(lab), "--json").out)
     failed = {c["name"]: c["remedy"] for c in doctor["checks"] if c["status"] == "fail"}
     assert {"gripper", "arm rtde port", "fingertips"} <= set(failed) and all(failed.values())
@@ -156,7 +158,7 @@ def alive(pid: int) -> bool:
         return False
 
 
-def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
+def test_cell_ends_when_its_parent_is_killed() -> None:
     script = (
         "from scenarios.campaign.config import load_config\n"
         "from scenarios.rigs.emulated import CellProcess\n"
@@ -183,14 +185,14 @@ def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
         cell.load(ball, 3)
         assert cell.control.ask("truth")["placed"] is False
         cell.control.ask("tap", impulse_n_s=0.1, duration_s=0.008)
-        wrong: tuple[tuple[str, dict[str, Any], str], ...] = (
+        invalid: tuple[tuple[str, dict[str, Any], str], ...] = (
             ("dance", {}, "load, place, take, tap, press, lay, home, truth, motion, fault"),
             ("tap", {}, "impulse_n_s"),
             ("press", {"finger": "D", "taxel": 0}, "finger"),
             ("press", {"finger": "A", "taxel": 6}, "taxel"),
             ("fault", {"name": "gripper_dorp"}, "gripper_drop"),
         )
-        for verb, said, why in wrong:
-            with pytest.raises(ValueError, match=why):
-                cell.control.ask(verb, **said)
+        for verb, arguments, error in invalid:
+            with pytest.raises(ValueError, match=error):
+                cell.control.ask(verb, **arguments)
         assert cell.truth().height_m == 0.0

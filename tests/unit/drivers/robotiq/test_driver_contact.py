@@ -123,7 +123,7 @@ def test_a_target_already_reached_is_ineffective_even_at_the_software_limit(rig)
     made = rig()
     made.driver.open(FAST)
     made.settle()
-    assert made.driver.open(FAST).note == "already there"
+    assert made.driver.open(FAST).note == "already at the target"
     assert made.driver.move_to((60, 60, 60), FAST, 10.0).effective
 
 

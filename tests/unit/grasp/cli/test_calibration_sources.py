@@ -33,7 +33,8 @@ def output(
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     assert main([*typed, *words]) == 0
     assert started
-    return [line for line in capsys.readouterr().err.splitlines() if " by: " in line]
+    lines = capsys.readouterr().err.splitlines()
+    return [line for line in lines if " by: " in line or "; source: " in line]
 
 
 def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
@@ -45,7 +46,7 @@ def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
     Path("hand.toml").write_text(hand.format(16.0))
     Path("force.toml").write_text('[source]\ncounts_per_newton = "a kitchen scale"\n')
     Path("rule.toml").write_text('[source]\nrule = "a hold of three minutes"\n')
-    manual = "calibration 'hand' has force byte 0 press with 16 N, by: a load cell, in May"
+    manual = "calibration 'hand': force byte 0 gives 16 N; source: a load cell, in May"
     assert output(monkeypatch, capsys) == [f"grasp: {manual}"]
     both = ("--config", "force.toml", "--config", "rule.toml")
     assert output(monkeypatch, capsys, *both)[1:] == [
@@ -54,4 +55,4 @@ def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
     ]
     Path("hand.toml").write_text(hand.format(9.0) + "pressed_bytes = [0]\npresses = 10\n")
     (weak,) = output(monkeypatch, capsys)
-    assert "9 N, less than the manual's 15 N, by: a load cell, in May" in weak
+    assert "9 N, less than the manual's 15 N; source: a load cell, in May" in weak

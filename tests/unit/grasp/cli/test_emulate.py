@@ -62,12 +62,12 @@ class Cell:
         self.requests: list[dict[str, Any]] = []
         self.homeward: list[dict[str, Any]] = []  # replies on the way home
 
-    def obey(self, request: dict[str, Any]) -> dict[str, Any]:
+    def execute_request(self, request: dict[str, Any]) -> dict[str, Any]:
         self.requests.append(request)
         if request["verb"] == "fault" and request["name"] == "dance":
             raise ValueError("unknown fault 'dance'")
         if request["verb"] == "fault" and request["name"] == "unplug":
-            return {"told": "unplug: off the bus"}
+            return {"effect": "unplug: off the bus"}
         if request["verb"] == "press":
             msgspec.convert(request["taxel"], int)
         if request["verb"] == "home":

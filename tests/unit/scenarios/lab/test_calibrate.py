@@ -1,4 +1,4 @@
-"""Calibrations with a person who mistypes, or a scale that says nothing; no devices."""
+"""Calibrations with an operator who mistypes readings, without devices."""
 
 from typing import Any, cast
 
@@ -9,74 +9,76 @@ from scenarios.lab import calibrate
 from scenarios.lab.calibrate import (
     Presser,
     check_force,
-    newtons,
+    parse_newtons,
 )
 
 COUNTS_PER_NEWTON = 200.0
 
 
-class Person:
-    """Types those lines, one a question; keeps what was said."""
+class ScriptedOperator:
+    """Types one line per question and records the messages."""
 
     def __init__(self, *lines: str) -> None:
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self._lines = iter(lines)
 
     def say(self, text: str) -> None:
-        self.said.append(text)
+        self.messages.append(text)
 
     def poll(self) -> str | None:
         return next(self._lines)
 
 
-def weighed(
+def readings(
     monkeypatch: pytest.MonkeyPatch, loads_n: list[float], *lines: str
 ) -> tuple[list[float], list[str]]:
-    """Readings of a pad under those loads in newtons, of which that is typed, and what was said."""
-    person, felt = Person(*lines), iter(loads_n)
-    monkeypatch.setattr(calibrate, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(felt), False))
-    nothing = cast(Any, None)
-    points = calibrate.weigh(nothing, nothing, "A", 15.0, person, lambda text: None)
-    return [point.force_n for point in points], person.said
+    """Accepted readings of a pad under these loads, N, for these typed lines; and the messages."""
+    operator, loads = ScriptedOperator(*lines), iter(loads_n)
+    monkeypatch.setattr(
+        calibrate, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(loads), False)
+    )
+    unused = cast(Any, None)
+    accepted = calibrate.weight_readings(unused, unused, "A", 15.0, operator, lambda text: None)
+    return [reading.force_n for reading in accepted], operator.messages
 
 
-def test_zero_of_a_scale_is_no_reading_and_costs_none_of_the_others(
+def test_zero_reading_is_refused_and_the_others_are_accepted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     forces = [0.5, 1.0, 2.0, 3.0, 4.0]
-    taken, said = weighed(monkeypatch, forces, "0 g", *(f"{n} N" for n in forces), "")
-    assert taken == forces
-    assert "0 N is no load: load the pad, then type what the scale says" in said
+    accepted, messages = readings(monkeypatch, forces, "0 g", *(f"{n} N" for n in forces), "")
+    assert accepted == forces
+    assert "0 N is not a load: load the pad, then type the scale's reading" in messages
 
 
-def test_reading_that_the_others_contradict_is_left_out_and_named(
+def test_reading_that_contradicts_the_others_is_dropped_and_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     forces = [0.5, 1.0, 2.0, 3.0, 4.0, 5.0]
     typed = ("0.5 N", "1 N", "2 N", "9 N", "4 N", "5 N", "")
-    taken, said = weighed(monkeypatch, forces, *typed)
-    assert taken == [0.5, 1.0, 2.0, 4.0, 5.0]
-    assert "9.00 N contradicts the others: it is left out" in said
+    accepted, messages = readings(monkeypatch, forces, *typed)
+    assert accepted == [0.5, 1.0, 2.0, 4.0, 5.0]
+    assert "9.00 N contradicts the others: dropped" in messages
 
 
-class Finger:
-    """That always meets the scale."""
+class FingerOnScale:
+    """Finger that always makes contact with the scale."""
 
     counts = 100
 
-    def idle(self) -> None: ...
+    def wait_and_poll(self) -> None: ...
 
-    def to(self, counts: int) -> bool:
+    def move_to(self, counts: int) -> bool:
         return True
 
 
 def presses(*lines: str, count: int = 4) -> tuple[list[float], list[str]]:
-    """Readings, and what was asked."""
-    person = Person(*lines)
-    return calibrate.pressed(cast(Presser, Finger()), count, 60.0, person), person.said
+    """Readings of the presses, and the messages."""
+    operator, presser = ScriptedOperator(*lines), cast(Presser, FingerOnScale())
+    return calibrate.press_readings(presser, count, 60.0, operator), operator.messages
 
 
-def test_press_that_was_mistyped_is_made_again() -> None:
+def test_press_with_a_mistyped_reading_is_repeated() -> None:
     forces, _ = presses("10.5 N", "5.2 N", "11.5 N", "12 N", "11 N")
     assert forces == [10.5, 11.5, 12.0, 11.0]
 
@@ -85,16 +87,14 @@ def test_press_that_was_mistyped_is_made_again() -> None:
     ("wrong", "right"),
     [("1.2 N", "1.2 kg"), ("12 g", "12 N"), ("1.25 g", "1.25 kg"), ("50 N", "5 N")],
 )
-def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
-    wrong: str, right: str
-) -> None:
-    """Ten of them contradict one another nowhere: the manual's force is what tells."""
-    forces, said = presses(*([wrong, right] * 4))
-    assert forces == [pytest.approx(newtons(right))] * 4
-    assert sum("is far from the 15 N that the manual says of byte 0" in line for line in said) == 4
+def test_readings_in_a_wrong_unit_are_asked_for_again(wrong: str, right: str) -> None:
+    """They do not contradict one another, but the manual's force."""
+    forces, messages = presses(*([wrong, right] * 4))
+    assert forces == [pytest.approx(parse_newtons(right))] * 4
+    assert sum("is far from the manual's 15 N of byte 0" in line for line in messages) == 4
 
 
-def test_hand_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
+def test_hand_stronger_than_allowed_is_refused_with_the_option_to_set() -> None:
     with pytest.raises(UsageError) as byte_0:
         check_force(14.0)
     assert byte_0.value.remedy == "--up-to 15"

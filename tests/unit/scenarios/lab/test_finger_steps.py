@@ -1,5 +1,5 @@
-"""Motions of the hand as short steps, on a modelled hand in virtual time: what a frozen link leaves
-to be done, and what is done where it answers."""
+"""Motions of the hand in short steps, on a modelled hand in virtual time, with and without a frozen
+link."""
 
 import re
 from asyncio import CancelledError
@@ -27,8 +27,7 @@ AllThree = tuple[int, int, int]
 
 
 class Bench:
-    """A hand that is moved by hand, its link freezing once finger A or B is so far closed, and how
-    fast it is in every millisecond."""
+    """A modelled hand whose link freezes once ``freeze`` is true of the finger positions."""
 
     def __init__(
         self,
@@ -39,8 +38,7 @@ class Bench:
         self.rig = Rig(HandSettings(), calibration, springs=springs)
         self.freeze = freeze
         self.clock = VirtualClock(self._advance)
-        self.speeds: list[float] = []
-        self.heard: list[str] = []
+        self.messages: list[str] = []
         self.rig.driver.poll(0)
         known = LAB if calibration is PAPER else config("gripper.calibration=manual")
         self.hand = Hand(known, self.rig.driver, None, self.clock, "grasp release")
@@ -49,23 +47,22 @@ class Bench:
     def _advance(self, t_ns: int) -> None:
         while self.rig.now_ns < t_ns:
             self.rig.advance(1)
-            self.speeds.append(float(self.rig.model.velocity_mps.max()))
-            if self.freeze is not None and self.freeze(self.places):
-                self.frozen_at, self.freeze = self.places, None
+            if self.freeze is not None and self.freeze(self.positions):
+                self.frozen_at, self.freeze = self.positions, None
                 self.rig.transport.down = True
 
     @property
-    def places(self) -> AllThree:
+    def positions(self) -> AllThree:
         a, b, c = np.round(self.rig.model.travel_m / PAPER.m_per_count).astype(int).tolist()
         return a, b, c
 
     def close(self, *targets: int) -> None:
-        self.hand.move(targets, self.heard.append)
+        self.hand.move(targets, self.messages.append)
 
-    def later(self) -> AllThree:
-        """Where the fingers have come to stand in the end."""
+    def final_positions(self) -> AllThree:
+        """Positions of the fingers after 15 s."""
         self._advance(self.rig.now_ns + 15_000 * MS)
-        return self.places
+        return self.positions
 
 
 @pytest.mark.parametrize(
@@ -75,64 +72,65 @@ def test_frozen_link_leaves_no_more_than_one_short_step(targets: AllThree) -> No
     bench = Bench(freeze=lambda at: max(at) >= 50)
     with pytest.raises(LinkLost):
         bench.close(*targets)
-    further = [end - at for end, at in zip(bench.later(), bench.frozen_at, strict=True)]
-    assert max(further) <= LEAD <= LEAD_M / PAPER.m_per_count
-    assert [way > 0 for way in further] == [target == 255 for target in targets]
-    told = re.search(r"told to go to \((.*)\) counts and no further", bench.heard[0])
-    assert told is not None
-    assert bench.places == tuple(map(int, told[1].split(", ")))
+    ends = bench.final_positions()
+    moved = [end - start for end, start in zip(ends, bench.frozen_at, strict=True)]
+    assert max(moved) <= LEAD <= LEAD_M / PAPER.m_per_count
+    assert [counts > 0 for counts in moved] == [target == 255 for target in targets]
+    last = re.search(r"last commanded to \((.*)\) counts", bench.messages[0])
+    assert last is not None
+    assert bench.positions == tuple(map(int, last[1].split(", ")))
 
 
-def test_frozen_link_stops_a_press_on_its_way_to_the_scale() -> None:
+def test_frozen_link_stops_a_press_before_the_scale() -> None:
     bench = Bench(SCALE, freeze=lambda at: at[0] >= 90)
     with pytest.raises(LinkLost):
-        bench.presser.to(255)
-    assert bench.later()[0] <= 90 + LEAD
-    bench.presser.back_off(bench.heard.append, "grasp release")
-    assert "NOT SEEN TO BACK OFF" in bench.heard[0]
+        bench.presser.move_to(255)
+    assert bench.final_positions()[0] <= 90 + LEAD
+    bench.presser.back_off(bench.messages.append, "grasp release")
+    assert "BACK-OFF NOT CONFIRMED" in bench.messages[0]
 
 
-def test_closing_goes_all_the_way_where_nothing_is_and_opening_back() -> None:
+def test_fingers_close_and_open_fully_in_free_air() -> None:
     bench = Bench()
     bench.close(255, OPEN, OPEN)
-    assert bench.places == (240, OPEN, OPEN)  # the hand's own limit
+    assert bench.positions == (240, OPEN, OPEN)  # limit of the hand
     bench.close(0, 0, 0)
-    assert bench.places == (OPEN, OPEN, OPEN)
+    assert bench.positions == (OPEN, OPEN, OPEN)
 
 
-def test_press_has_its_whole_force_though_it_is_told_step_by_step() -> None:
+def test_press_in_steps_reaches_the_full_force() -> None:
     bench = Bench(SCALE, calibration=MANUAL)
-    met = bench.presser.to(255)
-    assert met
+    contact = bench.presser.move_to(255)
+    assert contact
     assert bench.rig.springs.force_n(bench.rig.model.travel_m)[0] == pytest.approx(10.0, abs=0.5)
-    at = bench.places[0]
-    bench.presser.back_off(bench.heard.append, "grasp release --rig hardware")
-    assert bench.later()[0] == at - BACK_COUNTS
-    assert "`grasp release --rig hardware`" in bench.heard[0]
+    pressed = bench.positions[0]
+    bench.presser.back_off(bench.messages.append, "grasp release --rig hardware")
+    assert bench.final_positions()[0] == pressed - BACK_COUNTS
+    assert "`grasp release --rig hardware`" in bench.messages[0]
 
 
 @pytest.mark.parametrize(
     "bug", [LinkLost("gone", "look"), ValueError(), SystemExit(0), CancelledError()]
 )
-def test_what_fails_once_is_asked_for_again(bug: BaseException) -> None:
-    asked: list[int] = []
+def test_action_that_fails_once_is_repeated(bug: BaseException) -> None:
+    calls: list[int] = []
     clock = VirtualClock(lambda t_ns: None)
 
     def fails_once() -> None:
-        asked.append(clock.now_ns)
-        if len(asked) == 1:
+        calls.append(clock.now_ns)
+        if len(calls) == 1:
             raise bug
 
     assert retry(fails_once, clock)
-    assert len(asked) == 2 and asked[1] > asked[0]
+    assert len(calls) == 2 and calls[1] > calls[0]
 
 
-def test_what_fails_for_ever_is_given_up() -> None:
-    asked: list[int] = []
+def test_action_that_always_fails_is_abandoned() -> None:
+    calls: list[int] = []
 
     def fails() -> None:
-        asked.append(1)
+        calls.append(1)
         raise ZeroDivisionError
 
     assert not retry(fails, VirtualClock(lambda t_ns: None))
-    assert len(asked) == TRIES
+    assert len(calls) == TRIES

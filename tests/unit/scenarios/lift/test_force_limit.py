@@ -26,7 +26,7 @@ from grasp.states import State
 from grasp.step import GraspStep
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration
-from scenarios.rigs.simulated import Wires, simulated
+from scenarios.rigs.simulated import LinkWrappers, simulated
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import grip_plan, make_controller, make_guard, run_trial
 from tests.unit.scenarios import checkpoint
@@ -75,7 +75,7 @@ def watched(config: GraspRigConfig, seed: int) -> tuple[Rig, Wire]:
         wires.append(Wire(transport))
         return wires[0]
 
-    return simulated(config, seed, paced=False, wires=Wires(gripper=wrap)), wires[0]
+    return simulated(config, seed, paced=False, wrappers=LinkWrappers(gripper=wrap)), wires[0]
 
 
 class FixedDetector:

@@ -69,7 +69,7 @@ def closed_hand(act: Callable[[Rig], None]) -> Iterator[GraspRig]:
     with open_rig(config(), 0, paced=False) as rig:
         rig.devices.gripper.move_to((120, 120, 120), 0.1, 10.0)
         for _ in range(40):
-            rig.idle()
+            rig.wait_and_poll()
         act(rig)
         yield rig
 

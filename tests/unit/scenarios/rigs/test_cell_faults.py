@@ -1,4 +1,4 @@
-"""What is ordered to go wrong in an emulated cell, without a cell."""
+"""Fault requests of an emulated cell, without a cell."""
 
 from unittest.mock import Mock
 
@@ -6,7 +6,7 @@ import pytest
 
 from drivers.robotiq.emulator import WireFaults
 from drivers.ur.emulator.controller import PROFILES, Controller
-from scenarios.rigs.cell_faults import KNOWN, CellFaults
+from scenarios.rigs.cell_faults import CELL_FAULTS, CellFaults
 
 
 class Gripper:
@@ -16,18 +16,18 @@ class Gripper:
 
 
 def arm(profile: str) -> Mock:
-    """One that stands, with a controller of its own."""
+    """An arm at rest with its own controller."""
     motion = Mock(moving=False, tripped=False)
     motion.update.return_value = ""
     settings = Mock(controller=PROFILES[profile], unlock_delay_s=5.0)
     return Mock(controller=Controller(settings, motion, 0))
 
 
-def test_every_fault_that_is_told_of_is_taken_and_answered_in_words() -> None:
+def test_every_listed_fault_is_accepted_and_its_effect_is_returned() -> None:
     faults = CellFaults(Mock(), arm("e-series"), Gripper())  # type: ignore[arg-type]
-    for name, known in KNOWN.items():
-        told = faults.order({"name": name, "after_s": 0.5}, 0)
-        assert told.startswith(name) and told.endswith(f" in 0.5 s: {known.does}")
+    for name, kind in CELL_FAULTS.items():
+        effect = faults.order({"name": name, "after_s": 0.5}, 0)
+        assert effect.startswith(name) and effect.endswith(f" in 0.5 s: {kind.effect}")
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_every_fault_that_is_told_of_is_taken_and_answered_in_words() -> None:
         ({"name": "arm_freeze", "after_s": -1}, "arm_freeze"),
     ],
 )
-def test_fault_that_is_none_is_refused_with_what_it_takes(
+def test_wrong_fault_request_is_refused_with_the_allowed_settings(
     request_: dict[str, object], error: str
 ) -> None:
     faults = CellFaults(Mock(), arm("cb3"), Gripper())  # type: ignore[arg-type]
@@ -49,15 +49,15 @@ def test_fault_that_is_none_is_refused_with_what_it_takes(
         faults.order(request_, 0)
 
 
-def test_fault_of_the_arm_has_struck_after_its_next_cycle_and_not_before() -> None:
+def test_fault_of_the_arm_is_applied_in_its_next_cycle() -> None:
     faults = CellFaults(Mock(), Mock(), None)
-    assert faults.struck(0.0)  # nothing was ordered
+    assert faults.wait_applied_to_arm(0.0)  # nothing was ordered
     faults.order({"name": "emergency_stop"}, 0)
     faults.order({"name": "unplug"}, 0)
-    assert not faults.struck(0.0)
-    faults.strike_arm()
-    assert faults.struck(0.0)
+    assert not faults.wait_applied_to_arm(0.0)
+    faults.apply_due_to_arm()
+    assert faults.wait_applied_to_arm(0.0)
     faults.order({"name": "emergency_stop", "after_s": 1.0}, 0)
-    assert faults.struck(0.0)  # it is told when it comes
-    faults.strike(1_000_000_000)
-    assert not faults.struck(0.0)
+    assert faults.wait_applied_to_arm(0.0)  # not due yet
+    faults.apply_due(1_000_000_000)
+    assert not faults.wait_applied_to_arm(0.0)

@@ -1,4 +1,4 @@
-"""`grasp doctor` finds what a run would be refused for, and says it once."""
+"""`grasp doctor` reports everything for which a run would be refused."""
 
 from collections.abc import Iterable
 from itertools import chain, cycle, repeat
@@ -41,11 +41,11 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("", "fail"),
         ("[gripper]\ncalibration='manual'", "ok"),
-        ("[gripper]\ncalibration='paper'", "fail"),  # less than the manual says, unpressed
+        ("[gripper]\ncalibration='paper'", "fail"),  # below the manual's force, without presses
         (f"[gripper]\ncalibration='paper'\n{PRESSED}", "warn"),
     ],
 )
-def test_hand_that_nobody_has_chosen_stands_against_a_run(
+def test_missing_or_implausible_calibration_is_reported(
     tmp_path: Path, chosen: str, status: str
 ) -> None:
     lab = tmp_path / "lab.toml"
@@ -55,7 +55,7 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
     )
     found = next(check for check in checks if check.name == "calibration")
     assert found.status == status
-    assert ("chosen by hand" in found.detail) == (not chosen)
+    assert ("not set" in found.detail) == (not chosen)
     assert ("less than the manual's 15 N" in found.detail) == ("paper" in chosen)
 
 
@@ -66,15 +66,15 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
      (False, 90, "fail", "release --activate")],
     ids=["ready", "not active", "closed", "closed and not active"],
 )  # fmt: skip
-def test_hand_that_a_run_would_refuse_stands_against_it(
+def test_hand_that_a_run_would_refuse_fails_the_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, active: bool, at: int, status: str, remedy: str
 ) -> None:
     lab = tmp_path / "lab.toml"
     lab.write_text("[gripper]\ncalibration='manual'" + ADDRESSES)
-    said = StatusRegisters(
+    status_registers = StatusRegisters(
         active=active, initialization=3 if active else 0, a=AxisStatus(position=at)
     )
-    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
+    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (status_registers,) * 2)
     monkeypatch.setattr(device_checks, "implausible_values", lambda *looks: [])
     checks = doctor._devices(
         "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
@@ -84,8 +84,8 @@ def test_hand_that_a_run_would_refuse_stands_against_it(
     assert remedy in found.remedy
 
 
-class Tips:
-    """Fingertips that say the next of these codes at every tick; None: no frame came."""
+class ScriptedFingertips:
+    """Fingertips that send the next of these codes at every tick; None: no frame."""
 
     def __init__(self, codes: Iterable[int | None]) -> None:
         self.frame: TactileFrame | None = None
@@ -98,12 +98,12 @@ class Tips:
         if code is None and self.frame is not None:
             self.frame = msgspec.structs.replace(self.frame, missed=self.frame.missed + 1)
         elif code is not None:
-            still = frame()
-            self.frame = msgspec.structs.replace(still, raw=still.raw + np.int16(code))
+            rest = frame()
+            self.frame = msgspec.structs.replace(rest, raw=rest.raw + np.int16(code))
 
 
-class Ticking:
-    """A clock that nobody waits for."""
+class FakeClock:
+    """Clock that advances without waiting."""
 
     now_ns = 0
 
@@ -111,16 +111,18 @@ class Ticking:
         self.now_ns = until_ns
 
 
-@pytest.mark.parametrize(("codes", "status", "doubted"), [
+@pytest.mark.parametrize(("codes", "status", "reported"), [
     (cycle((0, 1)), "ok", "0% of the frames lost"),
     (repeat(0), "fail", "no code changes at all"),
     (cycle((0, None, 1)), "fail", "33% of the frames lost"),
     (chain((0, 1), repeat(None)), "fail", "sends too few frames"),
     (repeat(None), "fail", "sends too few frames"),
-], ids=["well", "frozen", "lossy", "silent later", "silent"])  # fmt: skip
-def test_fingertips_that_no_run_could_use_stand_against_it(
-    codes: Iterable[int | None], status: str, doubted: str
+], ids=["ok", "frozen", "lossy", "silent later", "silent"])  # fmt: skip
+def test_fingertips_with_frozen_or_lost_frames_fail_the_check(
+    codes: Iterable[int | None], status: str, reported: str
 ) -> None:
-    found, detail, *_ = device_checks._listened(cast(Any, Tips(codes)), cast(Any, Ticking()))
+    found, detail, *_ = device_checks._check_frames(
+        cast(Any, ScriptedFingertips(codes)), cast(Any, FakeClock())
+    )
     assert found == status
-    assert doubted in detail
+    assert reported in detail

@@ -1,5 +1,5 @@
-"""Real devices are opened by a verb made for a lab, told so on its command line, and by nobody
-else, whatever files and settings say."""
+"""Only lab commands with a confirmation on their command line open real devices; files and
+settings cannot."""
 
 import argparse
 from collections.abc import Iterator
@@ -15,14 +15,13 @@ from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import lift
 from scenarios.rigs import opening
-from scenarios.rigs import opening as hardware_room
 from scenarios.rigs.permission import MotionPermit, check_devices, permit
 from scenarios.tap.tap import tap
 from scenarios.trial.series import Bench
 from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
-# addresses where nobody is; a test that came so far would fail for that reason, not move anything
+# addresses without a device: a test that connected would fail and move nothing
 LAB = """
 [gripper]
 calibration = "paper"
@@ -51,14 +50,14 @@ CHOICES = (
 
 @pytest.fixture(autouse=True)
 def devices(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Whoever comes so far as to open real devices is noted, and comes no further."""
+    """Record attempts to open real devices and prevent them."""
     opened: list[str] = []
 
     def wired_devices(config: Any, clock: Any) -> Any:
         opened.append(config.rig)
         raise AssertionError("real devices were opened")
 
-    monkeypatch.setattr(hardware_room, "wired_devices", wired_devices)
+    monkeypatch.setattr(opening, "wired_devices", wired_devices)
     return opened
 
 
@@ -66,7 +65,7 @@ def hardware_lift() -> Any:
     return load_config("can", "hardware", "energy", None, LAB_WORDS)
 
 
-# Every verb
+# Every command
 
 
 def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -87,7 +86,7 @@ CALIBRATE = {
     "noise": ["--out", "f.toml"],
 }  # fmt: skip
 
-# a command line of every verb that reads settings of one's own, less the settings
+# a command line of every command that reads user settings, without the settings
 LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
     ("run", "tap"): ["run", "tap", "--rig", "simulated", "--pace", "max", "--trials", "1"],
@@ -107,7 +106,7 @@ LINES = {
 }
 
 
-def with_own_settings() -> dict[tuple[str, ...], set[str]]:
+def commands_with_settings() -> dict[tuple[str, ...], set[str]]:
     found = {}
     for words, parser in verbs(build_parser()):
         options = {text for action in parser._actions for text in action.option_strings}
@@ -117,11 +116,11 @@ def with_own_settings() -> dict[tuple[str, ...], set[str]]:
 
 
 @pytest.mark.parametrize("layer", ["--config", "GRASP_CONFIG", "--set"])
-def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
+def test_options_of_the_command_line_are_refused_in_files_and_assignments(
     layer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str], devices: list[str],
 ) -> None:  # fmt: skip
-    settable = with_own_settings()
+    settable = commands_with_settings()
     file = tmp_path / "lab.toml"
     stroke_csv(tmp_path / "strokes.csv")
     (tmp_path / "c.toml").write_text('name = "c"\nobjects = ["can"]\nrepetitions = 1\n')
@@ -136,29 +135,26 @@ def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
         if layer == "GRASP_CONFIG":
             monkeypatch.setenv("GRASP_CONFIG", str(file))
         code = main([*LINES[words], *more[layer]])
-        said = "".join(capsys.readouterr())
-        assert code == 2, (words, choice, said)
-        assert "is no setting" in said, (words, choice)
-        assert "choose it with --" in said, (words, choice)
+        output = "".join(capsys.readouterr())
+        assert code == 2, (words, choice, output)
+        assert "is no setting" in output, (words, choice)
+        assert "choose it with --" in output, (words, choice)
         assert devices == [], (words, choice)
 
 
-# Campaigns
-
-
-# Rigs of one's own
+# Rig files
 
 
 @pytest.fixture
 def lab_rig(tmp_path: Path) -> str:
-    """The file of a lab, by a name that tells nothing."""
+    """Settings file of a lab with a misleading name."""
     file = tmp_path / "simulated.toml"
     file.write_text('rig = "hardware"\n' + LAB)
     return str(file)
 
 
 @pytest.mark.parametrize("scenario", ["lift", "tap"])
-def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
+def test_rig_file_for_real_devices_is_hardware_under_any_name(
     scenario: str, lab_rig: str, tmp_path: Path, devices: list[str],
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -182,13 +178,13 @@ WITH_A_RIG = {
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
     **{("calibrate", name): more for name, more in CALIBRATE.items()},
 }  # fmt: skip
-LOOKS = {  # nobody answers
+READ_ONLY = {  # no device replies
     ("doctor",), ("status",), ("arm", "stop"),
     *(("tactile", name) for name in TACTILE),
 }  # fmt: skip
 
 
-def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
+def test_no_command_opens_real_devices_of_a_rig_file_without_a_confirmation(
     lab_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     devices: list[str], capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -198,8 +194,8 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
         for words, parser in verbs(build_parser())
         if any("--rig" in action.option_strings for action in parser._actions)
     }
-    assert found == set(WITH_A_RIG)  # every verb that takes a rig is tried here
-    expected = {("config",): 0, **dict.fromkeys(LOOKS, 3)}
+    assert found == set(WITH_A_RIG)  # every command with --rig is tried here
+    expected = {("config",): 0, **dict.fromkeys(READ_ONLY, 3)}
     for words, more in WITH_A_RIG.items():
         code = main([*words, *more, "--rig", lab_rig])
         assert "Traceback" not in "".join(capsys.readouterr()), words
@@ -219,19 +215,16 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
         lambda c: opening.open_rig(c, 0, paced=False).__enter__(),
     ],
 )
-def test_library_call_without_a_permit_opens_no_real_device(call: Any, devices: list[str]) -> None:
+def test_library_opens_no_real_device_without_a_permit(call: Any, devices: list[str]) -> None:
     with pytest.raises(UsageError, match="may not open the rig hardware"):
         call(hardware_lift())
     assert devices == []
 
 
-def test_with_a_permit_real_devices_are_opened(devices: list[str]) -> None:
+def test_real_devices_are_opened_with_a_permit(devices: list[str]) -> None:
     with pytest.raises(AssertionError, match="real devices were opened"):
         opening.open_rig(hardware_lift(), 0, False, MotionPermit("x")).__enter__()
     assert devices == ["hardware"]
-
-
-# Confirmation
 
 
 # Addresses and calibration
@@ -244,17 +237,14 @@ def test_hardware_has_no_default_address_and_no_default_calibration(
     left = ("gripper", "calibration") if left_out == "gripper" else (left_out,)
     given = [word for word in LAB_WORDS if not word.startswith(left)]
     config = load_config("can", "hardware", None, None, given)
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as refused:
         check_devices(config)
-    assert left_out in told.value.message
+    assert left_out in refused.value.message
     with pytest.raises(ConfigError):
         opening.open_rig(config, 0, False, MotionPermit("x")).__enter__()
     assert devices == []
 
 
-# The way out
-
-
-def test_simulated_rigs_need_no_permit_and_advise_nothing() -> None:
+def test_simulated_and_emulated_rigs_need_no_permit() -> None:
     for rig in ("simulated", "emulated"):
         assert permit(load_config("can", rig, "energy"), False, None, ()) is None

@@ -1,4 +1,4 @@
-"""Profiles set detector, decision and reaction together."""
+"""Profiles set detector, decision rule and slip response together."""
 
 from scenarios.campaign.config import load_config
 from scenarios.lift.lift import LiftConfig, lift
@@ -9,7 +9,7 @@ def paper(*assignments: str) -> LiftConfig:
     return load_config("can", "simulated", "energy", None, assignments, "paper").for_lift()
 
 
-def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess() -> None:
+def test_thumb_bears_twice_the_limit_in_each_motor_mode_without_a_force_violation() -> None:
     result = lift.run(paper(), 0, None).result
     assert result is not None and result.peak_force_n is not None
     assert 18.0 < result.peak_force_n["A"] < 24.0
@@ -18,8 +18,8 @@ def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess() -> No
     assert result.outcome != "over_force"
 
 
-def test_the_paper_s_profile_never_gives_up_at_the_cap() -> None:
-    """Its loop closes once and holds: an alarm that stays is reported, the object decides."""
+def test_paper_profile_continues_at_the_force_limit() -> None:
+    """Its loop closes once and holds; a persistent alarm is reported but does not end the lift."""
     result = lift.run(paper("energy.threshold_counts=0.3"), 0, None).result
     assert result is not None
     assert result.outcome not in ("cap_reached", "alarm_stayed")

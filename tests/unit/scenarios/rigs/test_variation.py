@@ -1,25 +1,25 @@
-"""What differs between trials is drawn from the distributions that are stated."""
+"""Trials vary with the stated distributions."""
 
 import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
 from scenarios.rigs.config import VariationSettings
-from scenarios.rigs.simulated import Draw, draw
+from scenarios.rigs.simulated import TrialSample, sample_trial
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
 
 
-def drawn(settings: VariationSettings, n: int = MANY) -> list[Draw]:
+def samples(settings: VariationSettings, n: int = MANY) -> list[TrialSample]:
     c = config()
-    return [draw(settings, c.object, c.hand, np.random.default_rng(k)) for k in range(n)]
+    return [sample_trial(settings, c.object, c.hand, np.random.default_rng(k)) for k in range(n)]
 
 
 def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     c = config()
     s = VariationSettings()
-    trials = drawn(s)
+    trials = samples(s)
     spreads = {
         "friction": (np.std([t.body.friction_static / c.object.friction_static for t in trials]),
                      s.friction_cv),
@@ -37,9 +37,9 @@ def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
 
 
-def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
+def test_sampled_mass_and_friction_are_positive() -> None:
     with pytest.raises(ConfigError, match="mass_cv"):
         config("variation.mass_cv=0.5")
     widest = config("variation.mass_cv=0.3", "variation.friction_cv=0.3").variation
-    for trial in drawn(widest, 400):
+    for trial in samples(widest, 400):
         assert min(trial.body.mass_kg, trial.body.friction_kinetic) > 0.0

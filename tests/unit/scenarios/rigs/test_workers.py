@@ -1,4 +1,4 @@
-"""Workers: the same results from any number of them, and what a dying or failing task costs."""
+"""Workers: results do not depend on their number; effects of dying and failing tasks."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ def test_results_are_the_same_from_any_number_of_workers(processes: int) -> None
     assert sorted(results(squared, range(5), Workers(processes))) == [0, 1, 4, 9, 16]
 
 
-def test_a_task_that_kills_its_worker_is_the_only_one_lost() -> None:
+def test_only_the_task_that_kills_its_worker_is_lost() -> None:
     def work(number: int) -> int:
         if number == 1:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -32,13 +32,13 @@ def test_a_task_that_kills_its_worker_is_the_only_one_lost() -> None:
 
 
 def test_workers_have_one_thread_and_leave_ctrl_c_to_their_parent() -> None:
-    def asked(_: int) -> tuple[bool, bool]:
+    def environment(_: int) -> tuple[bool, bool]:
         limits = {name: os.environ.get(name) for name in ONE_THREAD}
         return limits == ONE_THREAD, signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
-    assert list(results(asked, [0], Workers(1))) == [(True, True)]
+    assert list(results(environment, [0], Workers(1))) == [(True, True)]
 
 
-def test_who_stops_listening_ends_the_workers() -> None:
+def test_closing_the_results_ends_the_workers() -> None:
     with closing(results(squared, range(1000), Workers(2))) as found:
-        next(found)  # the leak fixture looks for whoever lives on
+        next(found)  # the leak fixture checks that no process remains

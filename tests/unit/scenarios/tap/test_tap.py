@@ -147,7 +147,7 @@ def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
     c = tap.configure(config(*assignments))
     with open_rig(c, 0, paced=False) as rig:
         person = Person(rig, swing(c, 0).impact, answers)
-        blind = msgspec.structs.replace(rig, tap=None, world=None)
+        blind = msgspec.structs.replace(rig, tap=None, read_truth=None)
         trial = tap.act(c, 0, blind, make_guard(c), lambda *_: None, person)
     return tap.judge(c, 0, trial, None), person
 

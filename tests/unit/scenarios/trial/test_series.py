@@ -59,7 +59,7 @@ def told(
             if fingers is not None:
                 rig.devices.gripper.move_to((fingers, fingers, fingers), 0.1, 10.0)
             for _ in range(100):
-                rig.idle()
+                rig.wait_and_poll()
             yield rig
 
     def attempt(seed: int, rig: GraspRig, home: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The contact law against closed forms, brute force and its own limit of small steps."""
+"""The contact law against closed forms, brute force and the limit of small steps."""
 
 import numpy as np
 import pytest
@@ -35,10 +35,10 @@ def travel(a: float, b: float, c: float) -> Floats:
     return np.array([a, b, c]) * COUNT_M
 
 
-def squeeze(what: GraspObject, b_n: float, c_n: float) -> Floats:
+def grip_travel(grasped: GraspObject, b_n: float, c_n: float) -> Floats:
     """Travel (3,) at which B and C press with b_n and c_n and the thumb with their sum."""
-    k = finger_stiffness(what)
-    return HALF_APERTURE_M - what.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
+    k = finger_stiffness(grasped)
+    return HALF_APERTURE_M - grasped.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
 
 
 def forces_at(p: Floats, positions: Floats, state: Floats | None = None) -> Floats:
@@ -78,10 +78,10 @@ def test_thumb_carries_the_sum_of_the_opposing_fingers() -> None:
     a=st.tuples(*[st.floats(-50, 50)] * 3), b=st.floats(1e-3, 1e4),
     cap=st.tuples(*[st.floats(0, 30)] * 3),
 )  # fmt: skip
-def test_step_equation_is_solved_exactly_whatever_the_numbers(
+def test_step_equation_is_solved_exactly_for_any_values(
     mass_per_step: float, push: float, a: tuple[float, ...], b: float, cap: tuple[float, ...]
 ) -> None:
-    v = laws.solve_along(mass_per_step, push, np.array(a), b, np.array(cap))
+    v = laws.solve_vertical(mass_per_step, push, np.array(a), b, np.array(cap))
     forces = np.clip(np.array(a) - b * v, -np.array(cap), np.array(cap))
     scale = abs(mass_per_step * v) + abs(push) + sum(cap) + max(map(abs, a))
     scale += 1e-9
@@ -102,7 +102,7 @@ def test_object_held_within_its_friction_cone_does_not_creep() -> None:
     assert state[laws.ONSET_S] == laws.NOT_YET
 
 
-def test_slip_distance_converges_with_the_step_and_the_default_step_is_close() -> None:
+def test_slip_distance_converges_with_smaller_steps_and_the_default_step_is_close() -> None:
     p = parameters(ContactSettings(), body())
     slips = [lift(p, h, travel(55, 55, 55))[laws.SLIP] for h in (2e-3, 1e-3, 5e-4, 1e-4, 2e-5)]
     errors = [abs(s - slips[-1]) for s in slips[:-1]]

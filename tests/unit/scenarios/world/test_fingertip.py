@@ -1,4 +1,4 @@
-"""The simulated fingertip: kernels, the spring bed, and what a slip does to the codes."""
+"""The simulated fingertip: kernels, the spring bed, and the codes during slip."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ QUIET = {
     "warming_k": 0.0, "tilt_rad": 0.0, "shift_mm": 0.0, "rock_rad": 0.0, "lateral_npmm": 0.0,
 }  # fmt: skip
 SMOOTH = Surface(texture_rms_mm=0.0)
-FELT = Surface(texture_rms_mm=0.3)
+ROUGH = Surface(texture_rms_mm=0.3)
 
 
-def make(surface: Surface = FELT, seed: int = 1, **settings: float) -> Fingertips:
+def make(surface: Surface = ROUGH, seed: int = 1, **settings: float) -> Fingertips:
     merged = FingertipSettings(**settings)  # type: ignore[arg-type]
     return Fingertips(merged, [surface], np.random.default_rng(seed))
 
@@ -63,12 +63,12 @@ def test_spring_loads_sum_to_the_normal_force() -> None:
         assert loads(tips).sum() == pytest.approx(force, rel=1e-9)
 
 
-def test_sliding_over_texture_is_louder_than_resting_and_grows_with_speed() -> None:
-    def loudness(speed_mm_per_sample: float) -> float:
+def test_signal_over_texture_is_stronger_in_motion_and_grows_with_speed() -> None:
+    def mean_change(speed_mm_per_sample: float) -> float:
         quiet = {"wander_mm": 0.0}
         return float(np.abs(np.diff(slide(make(**quiet), speed_mm_per_sample, 80), axis=0)).mean())
 
-    assert loudness(0.0) < 1.5 < loudness(0.3) < loudness(0.6)
+    assert mean_change(0.0) < 1.5 < mean_change(0.3) < mean_change(0.6)
 
 
 def test_patch_slides_from_its_rim_inwards() -> None:

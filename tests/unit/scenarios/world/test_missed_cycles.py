@@ -1,5 +1,5 @@
-"""An emulated cell that had no time: its world is at the present before the arm's controller has
-made up for the cycles that it missed. What everybody has seen of the arm stays as it was."""
+"""An emulated cell that had no processor time: its world advances to the present before the arm's
+controller makes up for missed cycles. Arm positions that were observed do not change."""
 
 import itertools
 import math
@@ -30,31 +30,31 @@ class World:
         settings = EmulatorSettings(host="127.0.0.2", start_m=(x, y, z))
         self.motion = RobotMotion(CYCLE_NS * 1e-9, cell.arm, nullcontext(), 0)
         self.controller = Controller(settings, self.motion, 0)
-        self.seen: list[tuple[int, tuple[float, float, float]]] = []  # by whoever looks
-        self.told: list[tuple[int, tuple[float, float, float]]] = []  # by the controller
+        self.observed: list[tuple[int, tuple[float, float, float]]] = []  # of the world
+        self.commanded: list[tuple[int, tuple[float, float, float]]] = []  # by the controller
 
-    def look(self, until_ns: int) -> None:
-        """Somebody asks for the world of the present, every millisecond."""
+    def observe(self, until_ns: int) -> None:
+        """Advance the world and record the arm's position every millisecond."""
         for t_ns in range(self.cell.truth().t_ns + MS, until_ns + 1, MS):
             self.cell.advance(t_ns)
-            self.seen.append((t_ns, self.cell.arm.position(t_ns)))
+            self.observed.append((t_ns, self.cell.arm.position(t_ns)))
 
     def cycle(self) -> None:
         self.now_ns += CYCLE_NS
         self.cell.advance(self.now_ns)
         self.controller.step(self.now_ns, {})
-        self.told.append((self.now_ns, self.motion.position))
+        self.commanded.append((self.now_ns, self.motion.position))
 
     def run(self, cycles: int) -> None:
-        """On time."""
+        """Run cycles on time."""
         for _ in range(cycles):
-            self.look(self.now_ns + CYCLE_NS)
+            self.observe(self.now_ns + CYCLE_NS)
             self.cycle()
 
     def miss(self, cycles: int, then: str = "") -> None:
-        """The world is asked for all the while; then the cycles are made up for, with a program
-        that has come meanwhile."""
-        self.look(self.now_ns + cycles * CYCLE_NS)
+        """Advance the world without cycles, then run the missed cycles with the program ``then``
+        that has arrived."""
+        self.observe(self.now_ns + cycles * CYCLE_NS)
         if then:
             self.controller.load(f"def next():\n{then}\nend\n")
         for _ in range(cycles):
@@ -62,12 +62,12 @@ class World:
 
     @property
     def fastest_mps(self) -> float:
-        """From one look to the next, or from one cycle to the next."""
-        return max(_fastest(self.seen), _fastest(self.told))
+        """Largest speed between two observations or two cycles."""
+        return max(_fastest(self.observed), _fastest(self.commanded))
 
 
-def _fastest(places: list[tuple[int, tuple[float, float, float]]]) -> float:
-    return max(1e9 * math.dist(a, b) / (t - s) for (s, a), (t, b) in itertools.pairwise(places))
+def _fastest(positions: list[tuple[int, tuple[float, float, float]]]) -> float:
+    return max(1e9 * math.dist(a, b) / (t - s) for (s, a), (t, b) in itertools.pairwise(positions))
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def world() -> World:
      "movel(p[0.5, 0.2, 0.3, 3.141592653589793, 0, 0], a=0.5, v=0.1)"],
 )  # fmt: skip
 @pytest.mark.parametrize("missed", [1, 5, 12])
-def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
+def test_command_in_a_missed_cycle_takes_effect_at_the_present_time_of_the_world(
     world: World, missed: int, then: str
 ) -> None:
     world.controller.load("def main():\n speedl([0, 0, 0.1, 0, 0, 0], a=0.5, t=9)\nend\n")
@@ -89,13 +89,13 @@ def test_what_is_commanded_in_a_missed_cycle_acts_at_the_present_of_the_world(
     world.miss(missed, then)
     world.run(60)
     assert world.fastest_mps <= FASTEST_MPS + 1e-6
-    heights = [height for _, (_, _, height) in world.seen]
+    heights = [height for _, (_, _, height) in world.observed]
     if then.startswith("stopl"):
         assert heights == sorted(heights)
         assert world.motion.arrived
 
 
-def test_a_plan_that_missed_cycles_comes_to_its_end_none_the_less(world: World) -> None:
+def test_motion_with_missed_cycles_reaches_its_target(world: World) -> None:
     world.controller.load(f"def main():\n movel({AHEAD}, a=0.5, v=0.1)\nend\n")
     for _ in range(40):
         world.run(8)

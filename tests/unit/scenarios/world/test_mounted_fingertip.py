@@ -1,4 +1,4 @@
-"""A fingertip on its mount: friction that loads and unloads it, sway, rubber that relaxes."""
+"""A fingertip on its mount: load change by friction, and relaxation of the rubber."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ DEPTH_MM = 1.0
 
 
 class Mounted:
-    """One pad on a mount of so many N/mm, its base 1 mm beyond the surface's mean plane."""
+    """Pad on a mount of stiffness mount_npmm, its base 1 mm beyond the surface's mean plane."""
 
     def __init__(self, surface: Surface = SMOOTH, mount_npmm: float = 4.0, **settings: float):
         merged = FingertipSettings(**{**STILL, **settings})  # type: ignore[arg-type]
@@ -28,7 +28,7 @@ class Mounted:
         self.at = np.zeros(2)
 
     def go(self, dx_mm: float = 0.0, dy_mm: float = 0.0, dt_s: float = 0.01) -> float:
-        """The load after the surface has gone so far."""
+        """Load, N, after the surface has moved by (dx_mm, dy_mm)."""
         self.t_s += dt_s
         self.at += (dx_mm, dy_mm)
         self.tips.advance(
@@ -48,19 +48,19 @@ class Mounted:
 
 
 @pytest.mark.parametrize("lever", [0.8])
-def test_load_follows_the_stroke_as_that_of_a_drum_brakes_shoes(lever: float) -> None:
-    """A mount that is soft beside the pad: N = N0 / (1 +- lever mu)."""
+def test_load_depends_on_the_stroke_direction_as_in_a_drum_brake(lever: float) -> None:
+    """With a mount much softer than the pad, N = N0 / (1 +- lever mu)."""
     pad = Mounted(mount_npmm=0.8, foundation_n_per_mm3=1.0, lever_x=lever)
     pad.go()
     down, up = pad.slide(0.3), pad.slide(-0.3)
     assert up / down == pytest.approx((1 + lever * MU) / (1 - lever * MU), rel=0.15)
-    standing = pad.go()
-    assert standing == pytest.approx(up, rel=0.1)  # friction keeps it while it stands
+    at_rest = pad.go()
+    assert at_rest == pytest.approx(up, rel=0.1)  # friction keeps the load at rest
 
 
 @pytest.mark.parametrize(("share", "lost"), [(0.05, 0.076), (0.10, 0.153)])
 def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float) -> None:
-    """Real barometers in elastomer lose 7.8 % (plain) to 16.6 % (degassed) from 0.2 to 7 s."""
+    """Barometers in elastomer lose 7.8 % (plain) to 16.6 % (degassed) from 0.2 to 7 s."""
     pad = Mounted(
         mount_npmm=1e4, relaxation_share=share, relaxation_slow_share=share, relaxation_s=0.1
     )
@@ -68,9 +68,3 @@ def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float)
     assert 1.0 - loads[699] / loads[19] == pytest.approx(lost, rel=0.15)
     decades = [loads[9] - loads[69], loads[69] - loads[499]]
     assert 0.5 < decades[1] / decades[0] < 2.0
-
-
-SIDES, GRIP_N = np.array([1.0, -1.0, -1.0]), np.array([4.0, 2.0, 2.0])
-
-
-HELD_HZ, DAMPING, PERIOD_S = 20.0, 0.2, 0.01

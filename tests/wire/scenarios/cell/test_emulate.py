@@ -17,8 +17,8 @@ def endpoints() -> Iterator[dict[str, Any]]:
         yield found
 
 
-def test_gripper_answers_on_tcp_and_on_a_serial_line(endpoints: dict[str, Any]) -> None:
-    """One hand: what one client activates, the other sees activated."""
+def test_gripper_is_served_on_tcp_and_on_a_serial_line(endpoints: dict[str, Any]) -> None:
+    """It is the same hand: one client activates it, the other reads the active state."""
     at, line = endpoints["gripper"], endpoints["gripper_serial"]
     with ModbusTcpClient(at["host"], port=at["port"]) as client:
         client.write_registers(0, [0x0100], device_id=at["unit"])
@@ -35,9 +35,9 @@ def test_gripper_answers_on_tcp_and_on_a_serial_line(endpoints: dict[str, Any]) 
 
 def test_arm_is_an_e_series_at_500_hz(endpoints: dict[str, Any]) -> None:
     with Rtde(endpoints["arm"]["host"]) as rtde:
-        assert struct.unpack(">4I", rtde.ask("v")[1])[0] == 5
+        assert struct.unpack(">4I", rtde.request("v")[1])[0] == 5
         recipe = struct.pack(">d", 500.0) + b"timestamp,ft_raw_wrench"
-        assert rtde.ask("O", recipe) == ("O", b"\x01DOUBLE,VECTOR6D")
-        rtde.ask("S")
+        assert rtde.request("O", recipe) == ("O", b"\x01DOUBLE,VECTOR6D")
+        rtde.request("S")
         stamps = [struct.unpack_from(">Bd", rtde.read()[1])[1] for _ in range(5)]
         assert 0.0079 < stamps[-1] - stamps[0] < 1.0

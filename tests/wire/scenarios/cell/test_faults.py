@@ -1,10 +1,10 @@
-"""Faults on real wires in a lift: each ends in the safe state, nothing hangs. All of them at every
-phase are in tests/nightly, and in virtual time in tests/unit/scenarios/lift/test_faults.py."""
+"""Faults on real protocols in a lift: each ends in the safe state. Tests of all faults in all
+phases are in tests/nightly, and in virtual time in tests/unit/scenarios/lift/test_faults.py."""
 
 import pytest
 
 from grasp.states import State
-from tests.wire.scenarios.cell.staged import run
+from tests.wire.scenarios.cell.lift_with_fault import run
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The pytest plugin: light to load, of use to a stranger, and nothing is left behind."""
+"""The pytest plugin: fast to load, usable in another project, faults by name."""
 
 import re
 import subprocess
@@ -30,7 +30,7 @@ def test_loading_it_imports_nothing_heavy(tmp_path: Path) -> None:
     assert done.stdout == "[]\n", done.stderr
 
 
-def test_example_of_the_documentation_runs_in_a_strangers_project(tmp_path: Path) -> None:
+def test_documented_example_runs_in_another_project(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
     example = re.search(r"```python\n(.*?)```", text, re.DOTALL)
     assert example
@@ -43,7 +43,7 @@ def test_example_of_the_documentation_runs_in_a_strangers_project(tmp_path: Path
     assert re.search(r"[34] passed", done.stdout), done.stdout
 
 
-def test_cell_breaks_by_name_at_once_and_later(emulated_cell) -> None:
+def test_faults_of_a_cell_are_injected_at_once_and_later(emulated_cell) -> None:
     import usb.core
 
     from drivers.takktile.emulator.bus import backend

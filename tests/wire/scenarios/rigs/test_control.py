@@ -1,4 +1,4 @@
-"""The control channel of a cell: whoever speaks to it, it lives, stays small, and serves others."""
+"""The control channel of a cell: invalid requests are refused and do no harm."""
 
 import json
 import socket
@@ -39,21 +39,21 @@ def ask(server, line, more=""):
         return json.loads(f.readline())
 
 
-NO_REQUESTS = (
+INVALID_REQUESTS = (
     "", "null", "[]", "{", '{"verb": NaN}', "[" * 60_000, '{"verb": "a", "x": 1e999}', "\x00",
 )  # fmt: skip
 
 
-def test_what_is_no_request_is_answered_with_an_error(serve, requests) -> None:
+def test_reply_to_an_invalid_request_is_an_error(serve, requests) -> None:
     server = serve()
-    for line in NO_REQUESTS:
+    for line in INVALID_REQUESTS:
         with case(line):
             assert "error" in ask(server, line)
     assert not requests
     assert ask(server, '{"verb": "truth"}') == {}
 
 
-def test_without_its_token_a_cell_obeys_nobody(serve, requests) -> None:
+def test_requests_without_the_token_are_refused(serve, requests) -> None:
     server = serve("secret")
     for wrong in ("{}", '{"token": "secre"}', '{"token": null}', '{"token": ["secret"]}'):
         assert "token" in ask(server, wrong)["error"]

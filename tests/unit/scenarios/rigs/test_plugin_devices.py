@@ -1,5 +1,5 @@
-"""Devices that other packages offer: opened on the rig hardware alone, with a permit, and every
-mistake of theirs is one line."""
+"""Devices of other packages: only the rig hardware opens them, with a permit; an error of theirs
+is reported as one line."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ from scenarios.rigs import opening
 from scenarios.rigs.permission import MotionPermit, check_devices
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
-OFFER = """
+PACKAGE = """
 from contextlib import contextmanager
 from drivers.errors import LinkLost
 opened = []
@@ -35,7 +35,7 @@ def leaves(settings, now):
     raise SystemExit(0)
 
 def lost(settings, now):
-    raise LinkLost("nobody answers", "switch it on")
+    raise LinkLost("no reply", "switch it on")
 """
 ALL = ("devices.gripper=acme", "devices.arm=acme", "devices.fingertips=acme",
        "gripper.calibration=manual")  # fmt: skip
@@ -43,31 +43,31 @@ ALL = ("devices.gripper=acme", "devices.arm=acme", "devices.fingertips=acme",
 
 @pytest.fixture(autouse=True)
 def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
-    """A package that is installed for the test, and what it was asked to open."""
+    """Install a package for the test; returns the list of devices that it opens."""
     name = f"acme_{tmp_path.name}"
-    (tmp_path / f"{name}.py").write_text(OFFER)
-    told = tmp_path / "acme-1.0.dist-info"
-    told.mkdir()
-    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
-    (told / "entry_points.txt").write_text(
+    (tmp_path / f"{name}.py").write_text(PACKAGE)
+    metadata = tmp_path / "acme-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
         f"[grasp.grippers]\nacme = {name}:hand\nbad = {name}:bad\nlost = {name}:lost\n"
         f"leaves = {name}:leaves\n"
         f"[grasp.arms]\nacme = {name}:hand\n[grasp.fingertips]\nacme = {name}:hand\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    rig_config.offered_devices.cache_clear()
+    rig_config.plugin_devices.cache_clear()
     found: list[Any] = __import__(name).opened
     yield found
-    rig_config.offered_devices.cache_clear()
+    rig_config.plugin_devices.cache_clear()
 
 
 def lab(*words: str) -> RunConfig:
     return load_config("can", "hardware", "energy", None, words)
 
 
-def test_they_are_opened_in_place_of_ours_and_closed_again(opened: list[Any]) -> None:
+def test_plugin_devices_replace_the_built_in_ones_and_are_closed_again(opened: list[Any]) -> None:
     config = lab(*ALL, 'devices.gripper_settings={port="x"}')
-    check_devices(config)  # no address of ours is asked for
+    check_devices(config)  # needs no addresses
     with wired_devices(config, WallClock()) as devices:
         assert devices == ("a hand", "a hand", "a hand")
         assert ({"port": "x"}, True) in opened
@@ -78,7 +78,7 @@ def test_they_are_opened_in_place_of_ours_and_closed_again(opened: list[Any]) ->
 @pytest.mark.parametrize(
     ("device", "rig"), [("gripper", "simulated"), ("arm", "emulated"), ("fingertips", "simulated")]
 )
-def test_it_counts_as_real_whatever_it_is(
+def test_plugin_device_is_refused_on_other_rigs_than_hardware(
     device: str, rig: str, tmp_path: Path, opened: list[Any]
 ) -> None:
     word = f"devices.{device}=acme"
@@ -97,7 +97,7 @@ def test_it_counts_as_real_whatever_it_is(
     assert opened == []
 
 
-def test_without_a_permit_none_is_opened(
+def test_no_plugin_device_is_opened_without_a_permit(
     tmp_path: Path, opened: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(UsageError, match="may not open the rig hardware"):
@@ -111,20 +111,20 @@ def test_without_a_permit_none_is_opened(
 
 
 @pytest.mark.parametrize(
-    ("name", "error", "told"),
+    ("name", "error", "message"),
     [
         ("zzz", ConfigError, "unknown: 'zzz'"),
         ("bad", UsageError, "cannot be opened: ValueError: no such port"),
         ("leaves", UsageError, "cannot be opened: SystemExit: 0"),
-        ("lost", LinkLost, "nobody answers"),
+        ("lost", LinkLost, "no reply"),
     ],
 )
-def test_what_goes_wrong_as_it_is_opened_is_one_line(
-    name: str, error: type[Exception], told: str
+def test_error_at_opening_is_reported_as_one_line(
+    name: str, error: type[Exception], message: str
 ) -> None:
     config = lab(*ALL[1:], f"devices.gripper={name}")
     with (
-        pytest.raises(error, match=told),
+        pytest.raises(error, match=message),
         opening.open_rig(config, 0, False, MotionPermit("x")),
     ):
         pass

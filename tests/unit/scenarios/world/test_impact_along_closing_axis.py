@@ -1,4 +1,4 @@
-"""What an impact along the closing axis has struck: a mass between three springs that only push."""
+"""Impact along the closing axis: the object is a mass between three springs that only push."""
 
 import math
 
@@ -12,12 +12,12 @@ from scenarios.world.contact import (
     Contact,
     Floats,
     finger_stiffness,
+    free_along_closing_axis,
     initial_state,
-    let_along,
     parameters,
 )
 from scenarios.world.settings import ContactSettings, Impact, Level
-from tests.unit.scenarios.world.test_contact import body, squeeze
+from tests.unit.scenarios.world.test_contact import body, grip_travel
 
 MASS_KG = 0.4
 CAN = body(mass_kg=MASS_KG)
@@ -25,22 +25,24 @@ GRIP_N = 10.0  # of the thumb
 STEP_S = 1e-5
 
 
-class Struck:
-    """An object in a firm grip, advanced by the law along the closing axis alone."""
+class MassBetweenFingers:
+    """Object in a firm grip, advanced by the law along the closing axis alone."""
 
     def __init__(self, loss_s: float = 0.0, impulse_n_s: float = 0.0, **fields: float) -> None:
         pads = ContactSettings(normal_loss_s=loss_s, relaxation_fraction=0.0, **fields)
         self.p, self.s, self.n = parameters(pads, CAN), initial_state(), np.zeros(3)
         self.s[laws.HEIGHT] = 1.0
         self.k = finger_stiffness(CAN)
-        self.travel = np.array(squeeze(CAN, 0.5 * GRIP_N, 0.5 * GRIP_N))
+        self.travel = np.array(grip_travel(CAN, 0.5 * GRIP_N, 0.5 * GRIP_N))
         laws.normal_forces(self.p, CAN.half_width_m, self.travel, self.s, self.n)
         self.from_m = float(self.s[laws.LATERAL])
-        let_along(self.p, self.s, self.n)
+        free_along_closing_axis(self.p, self.s, self.n)
         self.s[laws.LATERAL_SPEED] = impulse_n_s / MASS_KG
 
     def step(self, h: float = STEP_S, push_n: float = 0.0) -> Floats:
-        laws.inert_forces(self.p, self.s, h, CAN.half_width_m, self.travel, push_n, self.n)
+        laws.inertial_normal_forces(
+            self.p, self.s, h, CAN.half_width_m, self.travel, push_n, self.n
+        )
         return self.n
 
     def go(self, seconds: float, h: float = STEP_S) -> Floats:
@@ -52,8 +54,8 @@ class Struck:
         return float(self.s[laws.LATERAL]) - self.from_m
 
     def energy_j(self) -> float:
-        squeezed = self.s[laws.SQUEEZE : laws.SQUEEZE + 3]
-        springs = 0.5 * self.k * float(squeezed @ squeezed)
+        compression = self.s[laws.COMPRESSION : laws.COMPRESSION + 3]
+        springs = 0.5 * self.k * float(compression @ compression)
         return springs + 0.5 * MASS_KG * float(self.s[laws.LATERAL_SPEED]) ** 2
 
 
@@ -61,10 +63,10 @@ class Struck:
     impulse=st.floats(-1.0, 1.0), loss_s=st.floats(0.0, 5e-3),
     h=st.sampled_from([1e-5, 1e-4, 1e-3, 0.05]),
 )  # fmt: skip
-def test_at_any_step_fingers_only_push_and_no_energy_comes_from_nowhere(
+def test_fingers_only_push_and_energy_never_increases_at_any_step_length(
     impulse: float, loss_s: float, h: float
 ) -> None:
-    scene = Struck(loss_s, impulse)
+    scene = MassBetweenFingers(loss_s, impulse)
     for _ in range(50):
         before_j, before_mps = scene.energy_j(), float(scene.s[laws.LATERAL_SPEED])
         n = scene.step(h)
@@ -82,12 +84,12 @@ def held(level: Level) -> tuple[Contact, Floats]:
     contact = Contact(PADS, CAN, level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
-    grip = np.array(squeeze(CAN, 5.0, 5.0))
+    grip = np.array(grip_travel(CAN, 5.0, 5.0))
     contact.advance(0.0, 0.3, 0.0, 0.0, 0.0, grip, grip)
     return contact, grip
 
 
-def test_every_level_carries_the_inertia_along_the_closing_axis() -> None:
+def test_every_level_models_the_inertia_along_the_closing_axis() -> None:
     peak = []
     for level in Level:
         contact, grip = held(level)

@@ -1,4 +1,4 @@
-"""One process drives a device at a time; whoever died drives nothing."""
+"""Locks of devices: one process drives a device at a time; locks of dead processes are void."""
 
 import json
 import os
@@ -24,7 +24,7 @@ HOLD = (
     "    print('driving', flush=True)\n"
     "    time.sleep(60)\n"
 )
-# each takes the device a hundred times; inside it makes a file that must not be there yet
+# each locks the device a hundred times; with the lock it creates a file that must not exist yet
 CONTEND = (
     "import os, sys, time\n"
     "from drivers.errors import Refused\n"
@@ -43,7 +43,7 @@ CONTEND = (
 
 @pytest.fixture
 def device(tmp_path: Path) -> str:
-    """One that no other test drives."""
+    """Name of a device that no other test drives."""
     return f"gripper at {tmp_path.name}-{os.getpid()}:502"
 
 
@@ -60,16 +60,16 @@ def another(*devices: str) -> Iterator["subprocess.Popen[str]"]:
             process.kill()
 
 
-def test_live_holder_is_named_with_how_to_end_it(device: str) -> None:
-    with another(device) as process, pytest.raises(Refused) as told, driving(device):
+def test_refusal_names_the_process_that_drives_and_how_to_end_it(device: str) -> None:
+    with another(device) as process, pytest.raises(Refused) as refused, driving(device):
         pass
-    assert device in told.value.message
-    assert f"process {process.pid} since " in told.value.message
-    assert device in told.value.message.partition(": ")[2]  # its command line
-    assert f"`kill {process.pid}`" in told.value.remedy
+    assert device in refused.value.message
+    assert f"process {process.pid} since " in refused.value.message
+    assert device in refused.value.message.partition(": ")[2]  # its command line
+    assert f"`kill {process.pid}`" in refused.value.remedy
 
 
-def test_holder_that_was_killed_drives_nothing(device: str) -> None:
+def test_lock_of_a_killed_process_is_void(device: str) -> None:
     with another(device) as process:
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -78,13 +78,13 @@ def test_holder_that_was_killed_drives_nothing(device: str) -> None:
             assert json.loads(lock_path(device).read_text())["pid"] == os.getpid()
 
 
-def test_processes_that_contend_never_drive_at_once(device: str, tmp_path: Path) -> None:
+def test_competing_processes_never_drive_at_the_same_time(device: str, tmp_path: Path) -> None:
     words = [sys.executable, "-c", CONTEND, device, str(tmp_path / "inside")]
     many = [subprocess.Popen(words, env=ENVIRONMENT) for _ in range(4)]
     assert [process.wait(60) for process in many] == [0, 0, 0, 0]
 
 
-def test_one_device_has_one_lock_by_whichever_name_it_is_called() -> None:
+def test_lock_of_a_device_does_not_depend_on_the_form_of_its_address() -> None:
     def config(*words: str) -> list[str]:
         return devices_of(load_config("can", "hardware", "energy", None, words))
 

@@ -1,4 +1,4 @@
-"""One lift on the emulated rig with one fault at one phase, and what came of it."""
+"""One lift on the emulated rig with one fault in one phase, and its verdict."""
 
 import json
 import math
@@ -43,31 +43,31 @@ PHASES = (
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):
-    """A row of the table: what is asked of the cell, and what the run has to say about it."""
+    """A fault: request to the cell, and expected device and kinds of the run's error."""
 
     title: str
     request: dict[str, Any]
     device: str  # named in the message
     kinds: tuple[str, ...]
     settings: tuple[str, ...] = ()
-    gripper_obeys: bool = True  # False: it may be out of reach, or refuse while it has a fault
+    gripper_usable: bool = True  # False: it may be unreachable, or refuse commands
 
 
 FAULTS = {
     "gripper-disconnected": Fault(
         title="gripper: connection cut, for good",
         request={"name": "gripper_disconnect", "times": FOR_GOOD},
-        device="gripper", kinds=("link_lost",), gripper_obeys=False,
+        device="gripper", kinds=("link_lost",), gripper_usable=False,
     ),
     "gripper-silent": Fault(
         title="gripper: no reply any more",
         request={"name": "gripper_freeze", "seconds": 60.0},
-        device="gripper", kinds=("link_lost", "safety_stop"), gripper_obeys=False,
+        device="gripper", kinds=("link_lost", "safety_stop"), gripper_usable=False,
     ),
     "gripper-fault": Fault(
         title="gripper: fault 0x0E",
         request={"name": "gripper_fault", "code": 0x0E},
-        device="gripper", kinds=("device_fault", "safety_stop"), gripper_obeys=False,
+        device="gripper", kinds=("device_fault", "safety_stop"), gripper_usable=False,
     ),
     "protective-stop": Fault(
         title="arm: protective stop",
@@ -109,7 +109,7 @@ FAULTS = {
 
 
 class Row(msgspec.Struct, kw_only=True):
-    """What came of it: a cell of the table."""
+    """Verdict of a run with one fault in one phase."""
 
     fault: str
     phase: str
@@ -126,13 +126,14 @@ class Row(msgspec.Struct, kw_only=True):
 
 
 def run(fault: str, phase: State, monkeypatch: Any) -> Row:
-    """Judge one run."""
+    """Run and check one lift."""
     with monkeypatch.context() as patch:
-        return Staged(fault, phase).run(patch)
+        return LiftWithFault(fault, phase).run(patch)
 
 
-class Staged:
-    """One run: strikes at the first tick of a phase, watches what is sent, looks afterwards."""
+class LiftWithFault:
+    """One run: injects the fault at the first tick of a phase, records the commands, and reads the
+    cell's state afterwards."""
 
     def __init__(self, fault: str, phase: State) -> None:
         self.fault = FAULTS[fault]
@@ -142,11 +143,11 @@ class Staged:
             "can", "emulated", None, None, (*QUICK, *self.fault.settings)
         ).for_lift()
         self._rig: Rig | None = None
-        self.struck = False
-        self._last = self._before = State.START  # the safe state
+        self.injected = False
+        self._last = self._before = State.START  # state now, and before the fault
         self._failed_ns: int | None = None
-        self._sent: list[tuple[Any, str]] = []  # commands of the safe state, and why refused
-        self._looks: list[tuple[Truth, dict[str, Any]]] = []
+        self._sent: list[tuple[Any, str]] = []  # commands of the safe state, reason if refused
+        self._end_states: list[tuple[Truth, dict[str, Any]]] = []
 
     def run(self, monkeypatch: Any) -> Row:
         monkeypatch.setattr(series, "open_rig", self._open)
@@ -158,7 +159,7 @@ class Staged:
             self.row.message = finished.failure.message
             self.row.code = code_of(finished.failure.kind)
         self._describe()
-        self._judge()
+        self._check()
         return self.row
 
     @contextmanager
@@ -166,22 +167,22 @@ class Staged:
         self, config: LiftConfig, seed: int, paced: bool, permit: MotionPermit | None
     ) -> Iterator[Rig]:
         with open_rig(config, seed, paced, permit) as rig:
-            first = self._rig is None  # a twin run is none of ours
+            first = self._rig is None  # not the open-loop run that follows
             if first:
                 self._rig = rig
             try:
                 yield rig
-            finally:  # a series of one ends by being closed
+            finally:  # a series of one trial ends by being closed
                 if first:
-                    for _ in range(3):  # the first answer of a frozen arm tells of before
-                        self._looks.append(self._look())
+                    for _ in range(3):  # the first reply of a frozen arm is an old state
+                        self._end_states.append(self._read_states())
                         time.sleep(LOOK_AGAIN_S)
 
     @property
     def _cell(self) -> Any:
-        return self._rig.world.__self__  # type: ignore[union-attr]
+        return self._rig.read_truth.__self__  # type: ignore[union-attr]
 
-    def _look(self) -> tuple[Truth, dict[str, Any]]:
+    def _read_states(self) -> tuple[Truth, dict[str, Any]]:
         arm = self._cell.endpoints["arm"]
         with (
             socket.create_connection((arm["host"], arm["faults"]), timeout=20.0) as sock,
@@ -196,8 +197,8 @@ class Staged:
         self._last = tick.decision.state
         if self._last is not State.FAULT:
             self._before = self._last
-        if self._last is self.phase and not self.struck:
-            self.struck = True
+        if self._last is self.phase and not self.injected:
+            self.injected = True
             self._cell.control.ask("fault", **self.fault.request)
         if self._last is State.FAULT and self._failed_ns is None:
             self._failed_ns = tick.t_ns
@@ -209,12 +210,12 @@ class Staged:
             ]
 
     def _describe(self) -> None:
-        (_, arm_at_end), (_, arm_then), (truth, arm) = self._looks
-        still = not arm["moving"] and _distance_m(arm_then, arm) < STILL_M
-        self.row.arm = "stopped" if still else "MOVES"
-        went_on_m = _distance_m(arm_at_end, arm_then)
-        if still and went_on_m > STILL_M:
-            self.row.arm += f" {went_on_m * 1e3:.0f} mm late"
+        (_, arm_at_end), (_, arm_later), (truth, arm) = self._end_states
+        at_rest = not arm["moving"] and _distance_m(arm_later, arm) < STILL_M
+        self.row.arm = "stopped" if at_rest else "MOVES"
+        overrun_m = _distance_m(arm_at_end, arm_later)
+        if at_rest and overrun_m > STILL_M:
+            self.row.arm += f" {overrun_m * 1e3:.0f} mm late"
         self.row.hand = self._hand()
         self.row.object = _object(truth)
         self.row.peak_n = max(truth.peak_n)
@@ -224,12 +225,12 @@ class Staged:
             if isinstance(command, CloseFast | HoldFingers):
                 verb = "closes" if isinstance(command, CloseFast) else "stays"
                 return "refuses" if refused else verb
-        return "not told"
+        return "not commanded"
 
-    def _judge(self) -> None:
+    def _check(self) -> None:
         row, fault = self.row, self.fault
         checks = {
-            "the phase was never reached": self.struck,
+            "the phase was never reached": self.injected,
             f"ended in {row.ended_in}, not in the safe state": row.ended_in == "fault",
             f"outcome {row.outcome}": row.outcome == "fault",
             f"kind {row.kind!r}, not one of {fault.kinds}": row.kind in fault.kinds,
@@ -246,22 +247,23 @@ class Staged:
             f"peak of {row.peak_n:.1f} N": row.peak_n < 11.5,
             f"the object is {row.object}": self._object_safe(),
         }
-        row.problems = [problem for problem, well in checks.items() if not well]
+        row.problems = [problem for problem, passed in checks.items() if not passed]
 
     def _safe_hands(self) -> tuple[str, ...]:
-        told = "closes" if self._before in AIRBORNE_STATES else "stays"
-        if self.fault.gripper_obeys:
-            return (told,)
-        return (told, "not told", "refuses")
+        expected = "closes" if self._before in AIRBORNE_STATES else "stays"
+        if self.fault.gripper_usable:
+            return (expected,)
+        return (expected, "not commanded", "refuses")
 
     def _object_safe(self) -> bool:
-        """A hand that is closed to the limit before it was struck holds whether it obeys or not."""
+        """Whether the object is as expected. A hand closed to the limit before the fault holds it
+        even without commands."""
         if self.phase is State.HOLD:
             return self.row.object.startswith("held")
         if self.phase is State.OPEN:
             return self.row.object.startswith("on the table")
         if self.phase is State.DESCEND or (
-            self.phase in AIRBORNE_STATES and self.fault.gripper_obeys
+            self.phase in AIRBORNE_STATES and self.fault.gripper_usable
         ):
             return self.row.object.startswith(("held", "on the table, gripped"))
         return True

@@ -1,4 +1,4 @@
-"""L1 to L4 under a hand that moves: one interface, rotation where a level has it."""
+"""Contact levels L1 to L4 with a moving hand: one interface, rotation from L2 on."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from scenarios.world.contact import (
     Floats,
 )
 from scenarios.world.settings import ContactSettings, Impact, Level
-from tests.unit.scenarios.world.test_contact import body, squeeze, travel
+from tests.unit.scenarios.world.test_contact import body, grip_travel, travel
 
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)
 TURNING = COMPLIANT[1:]
@@ -20,7 +20,7 @@ PADS = ContactSettings()
 
 
 def lifted(contact: Contact, grip: Floats, seconds: float = 0.6) -> Contact:
-    """From the table at 0.5 m/s2 up to 0.1 m/s, by steps of a control period."""
+    """Lift from the table at 0.5 m/s2 up to 0.1 m/s, in steps of a control period."""
     contact.place()
     v = 0.0
     for k in range(round(seconds / 0.01)):
@@ -30,22 +30,22 @@ def lifted(contact: Contact, grip: Floats, seconds: float = 0.6) -> Contact:
     return contact
 
 
-def held(
+def in_grip(
     level: Level, impact_level: Level | None = None, **fields: object
 ) -> tuple[Contact, Floats]:
-    what = body(mass_kg=0.35, **fields)
-    contact = Contact(PADS, what, level, impact_level)
+    grasped = body(mass_kg=0.35, **fields)
+    contact = Contact(PADS, grasped, level, impact_level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
-    grip = np.array(squeeze(what, 5.0, 5.0))
+    grip = np.array(grip_travel(grasped, 5.0, 5.0))
     contact.advance(0.0, 0.3, 0.0, 0.0, 0.0, grip, grip)
     return contact, grip
 
 
-def struck(
+def state_after_impact(
     impact: Impact, level: Level, impact_level: Level | None = None, **fields: object
 ) -> Floats:
-    contact, grip = held(level, impact_level, **fields)
+    contact, grip = in_grip(level, impact_level, **fields)
     contact.strike(impact, 0.3)
     contact.advance(0.3, 0.4, 0.0, 0.0, 0.0, grip, grip)
     return contact.state
@@ -66,9 +66,9 @@ def impact(direction: str = "side", offset_m: float = 0.04, impulse_n_s: float =
 def test_centred_lift_is_the_same_at_every_compliant_level(
     mass_kg: float, friction: float, kept: float, count: float
 ) -> None:
-    what = body(mass_kg=mass_kg, friction_static=friction, friction_kinetic=kept * friction)
+    grasped = body(mass_kg=mass_kg, friction_static=friction, friction_kinetic=kept * friction)
     grip = travel(count, count, count)
-    states = [lifted(Contact(PADS, what, level), grip).state for level in COMPLIANT]
+    states = [lifted(Contact(PADS, grasped, level), grip).state for level in COMPLIANT]
     same = (laws.HEIGHT, laws.SLIP, laws.SPEED, laws.NORMAL, laws.SHEAR, laws.SLIP_SPEED)
     for other in states[1:]:
         assert other[list(same)] == pytest.approx(states[0][list(same)], rel=1e-6, abs=1e-8)
@@ -77,30 +77,30 @@ def test_centred_lift_is_the_same_at_every_compliant_level(
 
 
 @pytest.mark.parametrize("level", TURNING)
-def test_impact_above_the_grip_turns_the_object_over_and_one_below_turns_it_back(
+def test_impacts_above_and_below_the_grip_turn_the_object_in_opposite_directions(
     level: Level,
 ) -> None:
-    over, under = (struck(impact(offset_m=at), level) for at in (0.04, -0.04))
-    assert over[laws.TURN] < -0.02  # from upwards to across
-    assert under[laws.TURN] > 0.02
-    assert over[laws.ACROSS] > 0.0 and over[laws.SLIP] > 0.0
+    above, below = (state_after_impact(impact(offset_m=at), level) for at in (0.04, -0.04))
+    assert above[laws.TURN] < -0.02  # from upwards to across
+    assert below[laws.TURN] > 0.02
+    assert above[laws.ACROSS] > 0.0 and above[laws.SLIP] > 0.0
 
 
-def after(contact: Contact, grip: Floats, start_s: float, seconds: float) -> Floats:
-    """On by steps of a control period, the hand at rest."""
+def advance(contact: Contact, grip: Floats, start_s: float, seconds: float) -> Floats:
+    """Advance in steps of a control period, the hand at rest."""
     for k in range(round(seconds / 0.01)):
         contact.advance(start_s + 0.01 * k, 0.01, 0.0, 0.0, 0.0, grip, grip)
     return contact.state
 
 
-def test_object_that_stands_after_an_impact_goes_on_at_the_level_before_it() -> None:
-    (falls_back, grip), (stays, _) = held(Level.SLIDER, Level.BRUSH), held(Level.BRUSH)
-    for contact in (falls_back, stays):
+def test_contact_level_is_that_before_the_impact_again_once_the_object_is_at_rest() -> None:
+    (switching, grip), (constant, _) = in_grip(Level.SLIDER, Level.BRUSH), in_grip(Level.BRUSH)
+    for contact in (switching, constant):
         contact.strike(impact(), 0.3)
-        after(contact, grip, 0.3, 0.5)
+        advance(contact, grip, 0.3, 0.5)
         assert contact.level is Level.BRUSH
-        after(contact, grip, 0.8, 3.0)
-    assert (falls_back.level, stays.level) == (Level.SLIDER, Level.BRUSH)
+        advance(contact, grip, 0.8, 3.0)
+    assert (switching.level, constant.level) == (Level.SLIDER, Level.BRUSH)
     alike = [laws.SLIP, laws.ACROSS, laws.TURN, *range(laws.NORMAL, laws.NORMAL + FINGERS)]
-    assert falls_back.state[alike] == pytest.approx(stays.state[alike], abs=2e-4)
-    assert stays.state[laws.TURN] < -0.02
+    assert switching.state[alike] == pytest.approx(constant.state[alike], abs=2e-4)
+    assert constant.state[laws.TURN] < -0.02

@@ -18,38 +18,34 @@ STILL: dict[str, float] = {
 
 
 class Pressing:
-    """A pad, and what it is told to feel."""
+    """A pad whose inputs to the fingertip model are recorded."""
 
     def __init__(self, press: PressSettings = MOUNTED, **surface: float) -> None:
         made = FixedSurface(name="test", **surface)
         self.pad = PressedPad(made, press, QUIET, np.random.default_rng(0), START, 0.0)
-        self.felt: list[tuple[np.ndarray, ...]] = []
-        self.pad.tips.advance = self._feel  # type: ignore[method-assign]
+        self.inputs: list[tuple[np.ndarray, ...]] = []
+        self.pad.tips.advance = self._record  # type: ignore[method-assign]
         self.t_s = 0.0
 
-    def _feel(self, t_s, beyond_n, motion_mm, turn_rad, centre_mm, moves, mount):  # type: ignore[no-untyped-def]
-        self.felt.append((beyond_n, motion_mm, turn_rad, centre_mm, mount))
+    def _record(self, t_s, beyond_n, motion_mm, turn_rad, centre_mm, moves, mount):  # type: ignore[no-untyped-def]
+        self.inputs.append((beyond_n, motion_mm, turn_rad, centre_mm, mount))
 
     def go(self, x: float = 0.0, y: float = 0.0, down: float = 0.006, angle: float = 0.0) -> float:
-        """The load, N, that the mount would have if the pad's face did not meet anything."""
+        """Load of the mount, N, with the pad's face at the surface's mean plane."""
         self.t_s += 0.01
         at = (START[0] + x, START[1] + y, START[2] - down)
         self.pad.advance(self.t_s, at, angle, moving=True)
-        return float(self.felt[-1][0][0])
+        return float(self.inputs[-1][0][0])
 
     @property
     def motion_mm(self) -> np.ndarray:
-        return self.felt[-1][1][0]
-
-    @property
-    def centre_mm(self) -> np.ndarray:
-        return self.felt[-1][3][0]
+        return self.inputs[-1][1][0]
 
 
 def press_down(
     surface: FixedSurface, down_m: float, x_m: float = 0.0, **settings: float
 ) -> PressedPad:
-    """A pad that has come down so far beyond the apex, x_m beside it, and rests there."""
+    """Pad pressed down_m beyond the apex, x_m beside it, at rest."""
     merged = FingertipSettings(**{**STILL, **settings})  # type: ignore[arg-type]
     pad = PressedPad(surface, MOUNTED, merged, np.random.default_rng(0), START, 0.0)
     for k in range(1, 101):
@@ -61,22 +57,22 @@ def press_down(
 SMOOTH = FixedSurface(name="plane", texture_rms_m=0.0)
 
 
-def test_load_is_what_mount_and_pad_in_series_give() -> None:
+def test_load_is_that_of_mount_and_pad_in_series() -> None:
     pad = press_down(SMOOTH, 0.001)
-    taken_mm = pad.tips.approach_mm[0]
-    assert 0.2 < taken_mm < 0.9
-    assert pad.normal_n == pytest.approx(1e-3 * STIFFNESS * (1.0 - taken_mm), rel=1e-6)
+    approach_mm = pad.tips.approach_mm[0]
+    assert 0.2 < approach_mm < 0.9
+    assert pad.normal_n == pytest.approx(1e-3 * STIFFNESS * (1.0 - approach_mm), rel=1e-6)
 
 
-def test_a_knock_carries_its_impulse_and_moves_nothing() -> None:
+def test_knock_delivers_its_impulse_and_no_motion() -> None:
     pressing = Pressing()
-    still = pressing.go()
+    load_before = pressing.go()
     pressing.pad.knock(0.02, 0.012)
     loads = []
     for _ in range(5):
-        begun = len(pressing.felt)
+        start = len(pressing.inputs)
         pressing.go()
-        loads += [normal[0] - still for normal, *_ in pressing.felt[begun:]]
+        loads += [normal[0] - load_before for normal, *_ in pressing.inputs[start:]]
     assert sum(loads) * 0.001 == pytest.approx(0.02, rel=0.05)
     assert loads[-1] == 0.0
     assert pressing.motion_mm == pytest.approx([0.0, 0.0])
