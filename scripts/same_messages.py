@@ -28,6 +28,7 @@ ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds
 # Patterns in older messages (JSON text) and their present form
 RENAMED = {
     # fields
+    r'"asked":(?=\{"velocity_mps")': '"command":',
     r'"struck_s":': '"impact_s":',
     r'"asked":(?=\{"type")': '"requested":',
     r'"more":(true|false)': r'"first_stage":\1',
