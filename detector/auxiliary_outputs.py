@@ -109,10 +109,8 @@ def input_width(loaded: LoadedNetwork) -> int:
     if not {HIDDEN_STATE, CHANGES_STATE} <= loaded.states.keys():
         raise UsageError(f"{loaded.card.name} has no state", "give a streaming network")
     if math.prod(loaded.states.get(FEATURES_STATE, (FEATURE_SAMPLES,))) % FEATURE_SAMPLES:
-        raise UsageError(
-            f"{loaded.card.name} keeps its features for another number of samples",
-            f"give a network with {FEATURE_SAMPLES} samples in {FEATURES_STATE}",
-        )
+        remedy = f"give a network with {FEATURE_SAMPLES} samples in {FEATURES_STATE}"
+        raise UsageError(f"{loaded.card.name} has another size of {FEATURES_STATE}", remedy)
     one = {name: np.zeros((1, *shape), np.float32) for name, shape in loaded.states.items()}
     return len(inputs_of(one, np.zeros((1, loaded.taxels), np.float32))[0])
 

@@ -120,6 +120,5 @@ def load_detector(
 
 
 def motion_reader(detector: SlipDetector) -> Callable[[], Motion | None]:
-    """A function that reads the estimated fingertip motion; it returns None for a detector without
-    auxiliary outputs."""
+    """Reader of the estimated fingertip motion; it returns None without auxiliary outputs."""
     return detector.motion if isinstance(detector, StreamingNetwork) else lambda: None

@@ -149,11 +149,9 @@ def run_network(
 def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from a weights file and the auxiliary outputs beside it.
-
-    Raises BadFile for a bad file. Raises UsageError for another layout, for two weights files, and
-    for the name of a packaged network with weights of another one: its rule would not fit.
-    """
+    """Detector from a weights file and the auxiliary outputs beside it. Raises BadFile. Raises
+    UsageError for another layout, for two files, and for weights of another network than the
+    packaged one with that name: its rule would not fit."""
     if settings.weights and is_weights(name):
         both = f"{name} and network.weights={settings.weights}"
         raise UsageError(f"{both} are two files of weights", "name one")

@@ -233,8 +233,7 @@ def _card(path: Path, session: Any, counts: Shape) -> NetworkCard:
     except msgspec.DecodeError as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
     if card.format not in READABLE_FORMATS:
-        known = f"{READABLE_FORMATS[0]} to {FORMAT}"
-        raise _bad(path, f"format {card.format}, this version reads {known}")
+        raise _bad(path, f"format {card.format}, this version reads {READABLE_FORMATS}")
     return card
 
 

@@ -61,8 +61,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     part: str = ""  # of a data set with several parts
     parameters: dict[str, float] = {}  # random settings of this recording, units in the names
     object: dict[str, float | str | bool | list[int]] = {}  # held object
-    # in the order of time; `acts` in files
-    disturbances: tuple[AppliedDisturbance, ...] = msgspec.field(default=(), name="acts")
+    disturbances: tuple[AppliedDisturbance, ...] = msgspec.field(default=(), name="acts")  # by time
     commit: str = ""
 
 
@@ -88,8 +87,7 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     moved_m: NDArray[np.float32] | None = None  # (n,)
 
     def label(self, name: LabelName) -> NDArray[np.bool_]:
-        """Label (n,) of that name; ``moved``: ``moved_m`` above MOVED_M. Raises BadFile if the
-        recording does not have it."""
+        """Label (n,); ``moved``: ``moved_m`` above MOVED_M. Raises BadFile for a missing one."""
         moved = None if self.moved_m is None else self.moved_m > MOVED_M
         label = {"slip": self.slip, "slip_true": self.slip_true, "moved": moved}[name]
         if label is None:
@@ -123,10 +121,8 @@ def read(path: Path | str, labelled: bool = True) -> Recording:
 
 
 def write(path: Path | str, recording: Recording) -> None:
-    """Write ``.npz`` atomically; equal recordings give equal files.
-
-    Raises BadFile for a recording that could not be read back, OSError of the file system.
-    """
+    """Write ``.npz`` atomically; equal recordings give equal files. Raises BadFile for a recording
+    that could not be read back, OSError of the file system."""
     path = Path(path)
     if path.suffix != SUFFIX:
         raise BadFile(path, "wrong suffix", f"name the file *{SUFFIX}")
@@ -154,9 +150,7 @@ def write_whole(path: Path, content: bytes, mode: int = 0o666) -> None:
 
 def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
     """All ``.npz`` recordings under a folder, sorted by path; with ``split`` only those of it.
-
-    Raises BadFile for the first damaged file, and for a folder without recordings.
-    """
+    Raises BadFile for the first damaged file, and for a folder without recordings."""
     folder = Path(folder)
     recordings = []
     for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")):
@@ -195,10 +189,8 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
 def _read_npz(path: Path) -> Recording:
     source = str(path)
     remedy = "copy or build the file again"
-    with (
-        _as_bad_file(path, remedy),
-        np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file,
-    ):
+    with _as_bad_file(path, remedy):
+        file = np.load(BytesIO(path.read_bytes()), allow_pickle=False)
         stored = {name: file[name] for name in file.files}
     header = _header(stored.pop("header", None), source)
     unknown = sorted(stored.keys() - _ARRAYS.keys())
@@ -341,8 +333,7 @@ def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
 
 
 def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:
-    """Raise BadFile for times that do not increase, and for too many missed samples in a row.
-    ``lines``: line of each sample in the file, if it has lines."""
+    """Raise BadFile for bad times. ``lines``: line of each sample in a text file."""
     missed = missed_samples(t_s)
     for wrong, problem, remedy in (
         (np.diff(t_s) <= 0.0, "time does not increase",

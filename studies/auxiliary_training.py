@@ -34,8 +34,7 @@ def train_outputs(
     data_digest: str,
     commit: str,
 ) -> OutputsFile:
-    """Train outputs for the network with that digest; all sets have equal weight. The returned file
-    has no scores yet."""
+    """Outputs of the network with that digest, without scores; all sets have equal weight."""
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)

@@ -157,12 +157,9 @@ def scoring_reference(streamed: Streamed, exclude_impacts: bool = False) -> Scor
     return ScoringReference(slips, counted, np.array(moved_m, np.float64), np.array(weak, np.bool_))
 
 
-def score_stream(
-    streamed: Streamed, rule: RuleSettings, exclude_impacts: bool = False
-) -> RecordingScore:
+def score_stream(s: Streamed, rule: RuleSettings, exclude_impacts: bool = False) -> RecordingScore:
     """Score of a rule on one recording; ``exclude_impacts`` as in `scoring_reference`."""
-    registered = registered_events(streamed.probabilities, rule)
-    return scoring_reference(streamed, exclude_impacts).score(registered)
+    return scoring_reference(s, exclude_impacts).score(registered_events(s.probabilities, rule))
 
 
 # attributes of Confusion that are fields of Evaluation
@@ -184,9 +181,8 @@ def evaluate_streams(
             raise BadFile(recording.source, f"has {len(recording.t_s)} samples", remedy)
     scores = [score_stream(s, rule) for s in streams]
     outcomes = [each.events for each in scores]
-    parts = [
-        (hand_probability(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams
-    ]
+    after = slice(WARM_UP_SAMPLES, None)
+    parts = [(hand_probability(s, rule)[after], s.labels[after]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     cells = confusion(p > detector.threshold, labels)
     if len(streams) == 1:

@@ -83,13 +83,10 @@ def slips_of(
     speed_mps: Floats | None = None,
     excluded: Labels | None = None,
 ) -> Slips:
-    """True slips from labels (n,) at times (n,).
-
-    Slips and false events count if they start at ``first_sample`` or later and outside the
-    ``excluded`` samples (n,), which do not count as static time either. With the sliding speed
-    ``speed_mps`` (n,), an event may start as soon as the contact moves, and delays are given in mm
-    too.
-    """
+    """True slips from labels (n,) at times (n,). Slips and false events count if they start at
+    ``first_sample`` or later and outside the ``excluded`` samples (n,), which are not static time
+    either. With the sliding speed ``speed_mps`` (n,), an event may start as soon as the contact
+    moves, and delays are also in mm."""
     counted = np.arange(len(t_s)) >= first_sample
     if excluded is not None:
         counted &= ~excluded

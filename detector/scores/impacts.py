@@ -1,7 +1,4 @@
-"""Scores of a decision rule on impacts: those that moved the held object, and those that did not.
-
-A recording's metadata lists the impacts.
-"""
+"""Scores of a decision rule on the impacts that a recording's metadata lists."""
 
 from collections.abc import Sequence
 
@@ -25,8 +22,7 @@ MOTION_S = 0.1  # the motion that an impact causes starts within this time
 
 
 class Impact(msgspec.Struct, frozen=True):
-    """Samples of an impact: the first one, the first one of motion (or the same), and the first one
-    after its time."""
+    """First sample of an impact, of the motion that it causes, and after its time."""
 
     start: int
     onset: int
@@ -70,8 +66,7 @@ class ImpactScore(msgspec.Struct, frozen=True):
 
 
 def impact_delays(registered: Events, impacts: Sequence[Impact], t_s: Floats) -> Floats:
-    """Time (k,), ms, from the first motion of each impact to the first event in its time; infinite
-    without one."""
+    """Delay (k,), ms, from the onset of each impact to the first event; infinite if missed."""
     starts = registered[:, 0]
     at = np.searchsorted(starts, [impact.start for impact in impacts])
     first = np.append(starts, len(t_s))[at]

@@ -88,10 +88,8 @@ def calibrate_rule(
     Raises UsageError for holds that are too short, and if no threshold keeps to the budget.
     """
     if budget_per_min <= 0.0:
-        raise UsageError(
-            "a budget of 0 false events has no threshold",
-            "allow some false events with --budget, e.g. 0.1 a minute",
-        )
+        remedy = "allow some false events with --budget, e.g. 0.1 a minute"
+        raise UsageError("a budget of 0 false events has no threshold", remedy)
     values = [decision_values(p, rule) for p in holds]
     seconds = [v[: len(v) // BLOCK * BLOCK].reshape(-1, BLOCK).max(axis=1) for v in values]
     maxima = np.concatenate(seconds)

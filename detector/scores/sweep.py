@@ -13,13 +13,8 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings, events_of, fused
-from detector.scores.evaluation import (
-    RecordingScore,
-    Streamed,
-    hand_rate,
-    score_impacts,
-    scoring_reference,
-)
+from detector.scores import evaluation
+from detector.scores.evaluation import RecordingScore, Streamed, hand_rate, score_impacts
 from detector.scores.impacts import MOVED_M, ImpactScore
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
@@ -84,9 +79,8 @@ def sweep_point(
         return None
     p50, p90, p99 = (quantile(delays, share) for share in (0.5, 0.9, 0.99))
     recall = float(np.isfinite(delays).mean())
-    return SweepPoint(
-        rule, rate, p50, p90, p99, recall, _mean_delay_ms(scores), score_impacts(scores)
-    )
+    mean_ms, impacts = _mean_delay_ms(scores), score_impacts(scores)
+    return SweepPoint(rule, rate, p50, p90, p99, recall, mean_ms, impacts)
 
 
 def _mean_delay_ms(scores: Sequence[RecordingScore]) -> float:
@@ -100,7 +94,7 @@ def _mean_delay_ms(scores: Sequence[RecordingScore]) -> float:
 
 def sweep(streams: Sequence[Streamed], candidates: Iterable[RuleSettings]) -> list[SweepPoint]:
     """A point for every rule, in order. Faster if rules of one fusion follow one another."""
-    references = [scoring_reference(s, exclude_impacts=True) for s in streams]
+    references = [evaluation.scoring_reference(s, exclude_impacts=True) for s in streams]
     points = []
     fusion = ""
     for rule in candidates:
@@ -123,8 +117,7 @@ def within_budget(p: SweepPoint, budget_per_min: float) -> bool:
 
 
 def thresholds_at_budget(points: Iterable[SweepPoint], budget_per_min: float) -> list[RuleSettings]:
-    """Rules of kind `consecutive` with thresholds between the lowest one within the budget and the
-    next lower one."""
+    """Rules `consecutive` with thresholds just below the lowest one within the budget."""
 
     def family(p: SweepPoint) -> tuple[str, int, int]:
         return (p.rule.fusion, p.rule.release, p.rule.consecutive)

@@ -136,12 +136,9 @@ class _GruStep(nn.Module):
 
 
 class _GatedStep(nn.Module):
-    """Step of a `GatedTcn`.
-
-    ``state0`` has the past inputs of every block, ``state2`` the latest sums of their outputs, the
-    newest last. One product computes the contribution of past inputs to all blocks; only the newest
-    tap is computed block by block.
-    """
+    """Step of a `GatedTcn`. ``state0`` has the past inputs of every block, ``state2`` the latest
+    sums of their outputs, the newest last. One product computes the contribution of past inputs to
+    all blocks; only the newest tap is computed block by block."""
 
     def __init__(self, network: GatedTcn) -> None:
         super().__init__()

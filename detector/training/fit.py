@@ -65,8 +65,7 @@ class Training:
         self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
         self._batches = _Batches(settings, self._fingers)
         self._slip_weight = 1.0 / self._fingers.slip_share - 1.0
-        # classes have equal weights in training: the shift restores the true share of slip
-        self.shift = -math.log(self._slip_weight)
+        self.shift = -math.log(self._slip_weight)  # to the true share, since classes are balanced
         self.step, self._spent_s, self._waited = 0, 0.0, 0
         self.best: Score | None = None
         self._best_weights: dict[str, torch.Tensor] = {}
@@ -209,9 +208,8 @@ class _Batches:
         s = self._settings
         if self._windows is None:
             rng = np.random.default_rng([s.seed, step, 1])
-            return random_crops(
-                self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_impacts
-            )
+            sizes = s.batch, s.crop, s.warm
+            return random_crops(self._fingers, rng, *sizes, s.fresh, s.near_impacts)
         slip = int(self._windows.labels.sum())
         rest = len(self._windows.labels) - slip
         n = 2 * min(slip, rest) if s.balance == "undersample" else slip + rest

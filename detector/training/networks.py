@@ -27,11 +27,8 @@ WINDOWS_AT_ONCE = 512
 
 
 class Features(nn.Module):
-    """Standardised counts, changes from sample to sample, and shifts from a lagged mean.
-
-    Changes and shifts pass through ``asinh``: linear for the noise of a taxel at rest, logarithmic
-    for slip.
-    """
+    """Standardised counts, changes from sample to sample, and shifts from a lagged mean; both are
+    scaled by ``asinh``: linear for the noise of a taxel at rest, logarithmic for slip."""
 
     mean: Tensor  # (taxels,) counts
     std: Tensor  # (taxels,) counts
@@ -172,10 +169,7 @@ class GatedBlock(nn.Module):
 
 class GatedTcn(nn.Module):
     """Gated temporal convolutions without layer norm, which would remove the signal's amplitude.
-
-    The linear head takes the sum of all block outputs, at the latest sample and as the maximum over
-    the last ``held`` samples.
-    """
+    A linear head takes the sum of all blocks: its latest value and its maximum over ``held``."""
 
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
@@ -196,8 +190,7 @@ class GatedTcn(nn.Module):
 
 
 def greatest(x: Tensor, samples: int) -> Tensor:
-    """Running maximum of each channel of (batch, time, channels) over so many samples, padded with
-    zeros at the start."""
+    """Running maximum over samples of (batch, time, channels), padded with zeros at the start."""
     padded = nn.functional.pad(x, (0, 0, samples - 1, 0)).transpose(1, 2)
     return nn.functional.max_pool1d(padded, samples, stride=1).transpose(1, 2)
 

@@ -100,12 +100,9 @@ def sampling_shares(recordings: Sequence[Recording], evenness: float) -> NDArray
 
 
 def targets(recording: Recording, label: LabelName) -> tuple[NDArray[np.bool_], Floats]:
-    """Label (n,) and weight (n,) of each sample.
-
-    For the label `slip`, an impact with a lasting displacement of MOVED_M is slip for
-    IMPACT_SAMPLES from its first motion. One below UNSURE_M is not slip and has a higher weight;
-    one between has weight 0.
-    """
+    """Label (n,) and weight (n,) of each sample. For the label `slip`, an impact with a lasting
+    displacement of MOVED_M is slip for IMPACT_SAMPLES from its first motion. One below UNSURE_M is
+    not slip and has a higher weight; one between has weight 0."""
     target = recording.label(label)
     weights = np.ones(len(target), np.float32)
     if label != "slip":

@@ -69,8 +69,7 @@ ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so zero padding matters
     "tcn-paper": Architecture(family="tcn"),
     # Memory of 99 samples at most, so window and stream are equal. The running maximum is as long
-    # as the label of an impact (`sequences.IMPACT_SAMPLES`), so that fingers that are reached by it
-    # one after another agree.
+    # as the label of an impact (IMPACT_SAMPLES), which reaches the fingers one after another.
     "tcn": Architecture(
         family="tcn", gated=True, inputs=EVERY, kernel=3, dilations=(1, 2, 4, 8, 8), channels=17,
         held=15, dropout=0.0, outputs=1, streaming=True,

@@ -223,7 +223,6 @@ def _run_to_end(session: Session, samples: int) -> Ending:
 
 
 def _stopped(session: Session) -> End:
-    """Stop the arm; returns the final state."""
     try:
         arm = session.stop_arm()
     except Exception:  # perhaps the error that ended the session
@@ -235,8 +234,7 @@ def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
     ending: Ending, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
-    """Label and write the samples, and write the result. If writing one of the two recordings
-    fails, the other is kept."""
+    """Label the samples and write all files; if one recording fails, the other is kept."""
     parts = split_at_gaps(session.ticks)
     known = Metadata(
         set="slide", split="train", surface=config.surface.name, motion=motion.kind,

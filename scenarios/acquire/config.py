@@ -20,8 +20,7 @@ C = TypeVar("C", bound=msgspec.Struct)
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Sampling of a simulated board; hardware loses samples by itself."""
 
-    # of the samples, repeated; real recording: 1/400
-    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025
+    lost_share: Annotated[float, within(0.0, 0.5)] = 0.0025  # repeated samples; real: 1/400
 
 
 # The arm presses where a lift has its table, and must follow the acceleration of strokes.

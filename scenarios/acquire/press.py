@@ -100,8 +100,7 @@ class PressPhase(StrEnum):
 
 
 class Stroke(msgspec.Struct, frozen=True):
-    """Trapezoid of speed over ``length`` (metres or radians) from ``start_s`` on, with the
-    deceleration ``braking``."""
+    """Trapezoid of speed over ``length``, metres or radians; ``braking`` is the deceleration."""
 
     start_s: float
     length: float

@@ -89,8 +89,7 @@ def pressed_gain(config: AcquireConfig, seed: int) -> float:
 def open_acquire_rig(
     config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
 ) -> Iterator[PressRig]:
-    """Open the rig by ``open_press_rig``. For rest counts under load, the driver must accept low
-    and unsteady counts."""
+    """``open_press_rig`` with a driver that accepts the unsteady rest counts under load."""
     if config.control.residual_n > 0.0:
         tactile = msgspec.structs.replace(
             config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_REST_MAX_STD_COUNTS
@@ -131,11 +130,8 @@ class Session:
         return self._deadlines.missed
 
     def run(self, samples: int, from_start: bool = False) -> None:
-        """Take rest counts, approach, and record ``samples``. The arm stops also after an error.
-
-        Samples are kept after half of the settling time, or with ``from_start`` from the approach
-        on.
-        """
+        """Take rest counts, approach, and record ``samples`` after half of the settling time, or
+        with ``from_start`` from the approach on. The arm stops also after an error."""
         rig, arm = self._rig, self._rig.arm
         arm.poll(rig.clock.now_ns)
         self._take_rest()
@@ -233,8 +229,7 @@ class Session:
         self._wait_for_rest()
 
     def stop_arm(self) -> str:
-        """Command a stop until the arm is at rest, for STOP_TIMEOUT_S at most; returns its final
-        state as a text."""
+        """Command a stop until the arm is at rest, or time is up; returns its state as a text."""
         arm, clock = self._rig.arm, self._rig.clock
         moving, failure = True, ""
         end_ns = clock.now_ns + round(STOP_TIMEOUT_S * 1e9)
@@ -244,11 +239,11 @@ class Session:
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * PERIOD_NS)
                 arm.poll(clock.now_ns)
                 failure, moving = "", self._moving
+            except GraspError as error:
+                failure = f" in its last known state: {error.message}"
+                clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
             except Exception as error:  # the stop is repeated after any error
-                message = (
-                    error.message if isinstance(error, GraspError) else describe_exception(error)
-                )
-                failure = f" in its last known state: {message}"
+                failure = f" in its last known state: {describe_exception(error)}"
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         if failure:
             return f"the arm {'was still moving' if self._moving else 'stood'}{failure}"

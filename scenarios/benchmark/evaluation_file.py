@@ -1,5 +1,4 @@
-"""Evaluation files: `grasp detector evaluate --out FILE` writes them, `grasp report FILE` reads
-them."""
+"""Files of evaluations, from `grasp detector evaluate --out FILE` to `grasp report FILE`."""
 
 import math
 from pathlib import Path

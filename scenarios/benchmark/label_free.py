@@ -1,5 +1,4 @@
-"""Label-free calibration of a rule on recorded holds without slip (`grasp detector tune
---unlabelled`).
+"""Label-free calibration of a rule on holds without slip (`grasp detector tune --unlabelled`).
 
 A recording is a lift with a long hold, or a file of counts that ends with the hand opening.
 """

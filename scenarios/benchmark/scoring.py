@@ -116,8 +116,7 @@ def contender(
 def tune_rule(
     contender: Contender, budget_per_min: float, progress: Progress = lambda done, total: None
 ) -> SweepPoint | None:
-    """Rule with the least mean delay within a budget of false events a minute of a hand; None if
-    no rule keeps to it."""
+    """Fastest rule within a budget of false events a minute of a hand; None without one."""
     points = contender.points(progress)
     points += sweep(contender.streams, thresholds_at_budget(points, budget_per_min))
     return best(points, budget_per_min)

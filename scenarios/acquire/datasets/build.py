@@ -172,17 +172,13 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     """
     paths = [path for source in sources for path in _files(source)]
     if len(paths) < MIN_RECORDINGS:
-        raise UsageError(
-            f"{len(paths)} recordings are too few for a data set", f"give at least {MIN_RECORDINGS}"
-        )
+        raise UsageError(f"{len(paths)} recordings are too few", f"give at least {MIN_RECORDINGS}")
     _require_empty(out, "--out")
     recordings = [read(path) for path in paths]
     _require_each_once(paths, recordings)
     if len(layouts := sorted({each.taxels for each in recordings})) > 1:
         mixed = " and ".join(map(str, layouts))
-        raise UsageError(
-            f"a data set cannot have fingertips of {mixed} taxels", "collect one layout"
-        )
+        raise UsageError(f"recordings of {mixed} taxels in one set", "collect one layout")
     kinds = [_kind(each) for each in recordings]
     splits = assign_splits(kinds)
     make_private_folder(out)
@@ -218,10 +214,8 @@ def assign_splits(kinds: Sequence[str]) -> list[Split]:
 
 def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[str]]:
     present = set(zip(kinds, splits, strict=True))
-    missing = {
-        s: [kind for kind in sorted(set(kinds)) if (kind, s) not in present]
-        for s in SPLIT_CYCLE[:MIN_RECORDINGS]
-    }
+    every, three = sorted(set(kinds)), SPLIT_CYCLE[:MIN_RECORDINGS]
+    missing = {split: [kind for kind in every if (kind, split) not in present] for split in three}
     return {split: kinds for split, kinds in missing.items() if kinds}
 
 

@@ -24,9 +24,9 @@ from grasp.settings import Layer, load
 from grasp.states import OPEN_STATES
 from scenarios.acquire.config import AcquireConfig, layout_file, with_values
 from scenarios.acquire.datasets.disturbances import (
-    DisturbancePerformer,
     DisturbanceSettings,
     GripTrials,
+    Performer,
     TimedDisturbance,
 )
 from scenarios.acquire.datasets.random_objects import relaxed_forces_n
@@ -107,9 +107,8 @@ def grasped_recording(
     with open_rig(config, metadata.seed, paced=False) as rig:
         performer = None
         if settings is not None and isinstance(rig.cell, SimulatedCell):
-            performer = DisturbancePerformer(
-                settings, _trials(config, settings, turns, rng), rig.cell, rng
-            )
+            trials = _trials(config, settings, turns, rng)
+            performer = Performer(settings, trials, rig.cell, rng)
 
         def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
             if tick.frame is not None and truth is not None:
@@ -190,22 +189,17 @@ def _lift_recording(
 
 def _thumb_motion(steps_mps: Floats, frames: PadFrames) -> tuple[Floats, Floats]:
     """Velocity (n, 2) of the thumb's fingertip over the object along its x and y, and spin (n,),
-    from the object's motion ``steps_mps`` (n, 3): down, across and rotation.
-
-    The motion of the other two fingertips is mirrored at the upward direction.
-    """
+    from the object's motion ``steps_mps`` (n, 3): down, across and rotation. The motion of the
+    other two fingertips is mirrored at the upward direction."""
     down, across, turn = steps_mps.T
     velocity = np.outer(down, frames.up[0]) - np.outer(across, frames.across[0])
     return velocity, -frames.turns[0] * turn / TURN_LEVER_M
 
 
 def detectable_slip(slides: NDArray[np.bool_], positions_m: Floats) -> NDArray[np.bool_]:
-    """Label `slip` (n,) of an object with these positions in the hand (n, d).
-
-    Sliding with a lasting displacement below LEAST_SLIP_M is elastic motion of the pads, not slip.
-    A short slip, such as that of an impact, is extended to DETECTION_SAMPLES, because its samples
-    reach the detector after it has ended.
-    """
+    """Label `slip` (n,) of an object with these positions in the hand (n, d). A lasting
+    displacement below LEAST_SLIP_M is elastic motion of the pads, not slip. A short slip is
+    extended to DETECTION_SAMPLES, because its samples reach the detector after it has ended."""
     label = np.zeros_like(slides)
     for first, end in _spans(slides):
         before, after = positions_m[max(first - 1, 0)], positions_m[min(end, len(positions_m) - 1)]

@@ -67,8 +67,7 @@ class DisturbanceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
         default_factory=lambda: {"top": 0.5, "side": 0.5}
     )
     firm: bool = False  # True: full grip; False: first grip
-    # share of the recordings in which impacts may turn the object
-    turning: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    turning: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # share of recordings with rotation
 
 
 class TimedDisturbance(msgspec.Struct, frozen=True):
@@ -81,7 +80,7 @@ class TimedDisturbance(msgspec.Struct, frozen=True):
     impulse_n_s: float = 0.0
 
 
-class DisturbancePerformer:
+class Performer:
     """Applies disturbances to the object while it is held at the top: call ``take`` each tick."""
 
     def __init__(
@@ -121,10 +120,8 @@ class DisturbancePerformer:
         return str(self._rng.choice(list(shares), p=weights / weights.sum()))
 
     def _begin(self, t_s: float, truth: Truth) -> None:
-        kind, direction = (
-            self._one_of(self._settings.kinds),
-            self._one_of(self._settings.directions),
-        )
+        settings = self._settings
+        kind, direction = self._one_of(settings.kinds), self._one_of(settings.directions)
         profiles = {"shake": self._shaking, "pull": self._pulling, "drag": self._dragging}
         if kind in profiles:
             self._cell.shaken = kind == "shake"
@@ -141,9 +138,8 @@ class DisturbancePerformer:
 
     def _continue(self, current: TimedDisturbance, t_s: float, truth: Truth) -> None:
         if self._force_n is not None:
-            target_n = (
-                self._profile(t_s - current.from_s, truth) if self._profile is not None else None
-            )
+            profile, since_s = self._profile, t_s - current.from_s
+            target_n = profile(since_s, truth) if profile is not None else None
             if target_n is None:
                 self._profile, self._force_n = None, FADE_FACTOR * self._force_n
             else:
@@ -170,9 +166,7 @@ class DisturbancePerformer:
         impulse_n_s = {
             "near": lambda: impulses.threshold * self._between(NEAR),
             "weak": lambda: impulses.threshold * self._between_logarithms(WEAK),
-            "mallet": lambda: (
-                impulses.mallet * max(1.0 + SPREAD * float(rng.standard_normal()), 0.0)
-            ),
+            "mallet": lambda: impulses.mallet * max(1.0 + SPREAD * rng.standard_normal(), 0.0),
             "elastic": lambda: trials.elastic(direction, self._between(ELASTIC_M)),
         }[kind]()
         offset_m = float(np.clip(rng.standard_normal(), -2.5, 2.5)) * OFFSET_DEVIATION_M
@@ -320,8 +314,7 @@ def _place(held: Held) -> np.ndarray:
 
 
 def bisect_least(enough: Callable[[float], bool], low: float, high: float) -> float:
-    """Least value between the bounds that is enough, by bisection of the logarithm; the upper bound
-    if none is."""
+    """Least value that is enough, by bisection of the logarithm; ``high`` if none is."""
     for _ in range(HALVINGS):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if enough(middle) else (middle, high)

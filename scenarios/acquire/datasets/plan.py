@@ -140,7 +140,6 @@ class Job(msgspec.Struct, frozen=True):
     static: int  # samples; of a cause, all samples
     slip: int
     metadata: Metadata
-    # `acts` in the digest of dataset.json
     disturbances: DisturbanceSettings | None = msgspec.field(default=None, name="acts")
 
     @property
@@ -168,9 +167,7 @@ def name_of(kind: str, word: str) -> str:
 def resolve_paths(value: Any, folder: Path) -> Any:
     """A data set's settings, or a part of them, with paths relative to that folder resolved."""
     if isinstance(value, dict):
-        return {
-            resolve_paths(key, folder): resolve_paths(each, folder) for key, each in value.items()
-        }
+        return {resolve_paths(k, folder): resolve_paths(v, folder) for k, v in value.items()}
     if isinstance(value, list):
         return [resolve_paths(each, folder) for each in value]
     return str(folder / value) if isinstance(value, str) and is_path(value) else value
@@ -284,7 +281,7 @@ def _metadata(
         direction=course.direction if course else "",
         seed=seed, commit=_commit(), layout=config.layout, part=part.name if config.parts else "",
         parameters=random_parameters(ranges, seed) if grasped
-        else random_surface_parameters(press_config(word, config.layout), ranges, seed),
+        else random_surface(press_config(word, config.layout), ranges, seed),
         object=_object(row, word, seed) if row is not None and grasped else {},
         files=fingerprints(word, config.layout),
     )  # fmt: skip
@@ -325,8 +322,7 @@ def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
 
 
 def _splits(count: int, held_out: float, rng: np.random.Generator) -> list[Split]:
-    """Splits in random order: a share ``held_out``, at least one recording, for validation and the
-    same for test; the rest for training."""
+    """Splits in random order, with a share ``held_out`` (at least one) of validation and test."""
     part = max(1, round(held_out * count))
     sizes: dict[Split, int] = {"train": count - 2 * part, "validation": part, "test": part}
     ordered = [split for split, size in sizes.items() for _ in range(size)]
@@ -339,17 +335,15 @@ def random_parameters(ranges: Mapping[str, Range], seed: int) -> dict[str, float
     return _uniform(chosen, np.random.default_rng([seed, 2]))
 
 
-def random_surface_parameters(
+def random_surface(
     config: AcquireConfig, ranges: Mapping[str, Range], seed: int
 ) -> dict[str, float]:
-    """Random settings of a pressed fingertip, with a surface distinct from the objects of the
-    experiments. Raises ConfigError if none is found."""
+    """Random settings of a pressed fingertip, with a distinct surface. Raises ConfigError."""
     rng = np.random.default_rng([seed, 2])
     for _ in range(MAX_TRIES):
         values = _uniform(ranges, rng)
-        if random_objects.is_distinct(
-            random_objects.surface_properties(with_values(config, values).surface)
-        ):
+        surface = with_values(config, values).surface
+        if random_objects.is_distinct(random_objects.surface_properties(surface)):
             return values
     raise ConfigError(
         "randomise", "surface", "no surface found that differs from the objects of the experiments",

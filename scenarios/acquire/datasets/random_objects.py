@@ -134,18 +134,16 @@ def _points(values: dict[str, float]) -> dict[str, Range]:
 
 def is_distinct(properties: dict[str, Range]) -> bool:
     """Whether the distance to every object of the experiments is at least MARGIN."""
-    return all(
-        distance(properties, object_properties(body)) >= MARGIN for body in excluded_objects()
-    )
+    others = map(object_properties, excluded_objects())
+    return all(distance(properties, other) >= MARGIN for other in others)
 
 
 def random_object(
     ranges: ShapeRanges, load_share: Range | None, hand: ContactSettings, m_per_count: float,
     full_grip_n: float, rng: np.random.Generator,
 ) -> GraspObject:  # fmt: skip
-    """Random object distinct from those of the experiments. With ``load_share``, its weight is that
-    share of the friction of its first grip. Otherwise a full grip carries it. Raises ConfigError.
-    """
+    """Random object distinct from those of the experiments. Its weight is a ``load_share`` of the
+    friction of its first grip; if None, a full grip carries it. Raises ConfigError."""
     for _ in range(MAX_TRIES):
         body = _sampled(ranges, rng)
         grip = first_grip(body, hand, m_per_count, _random(ranges.thumb_n, rng, True))
