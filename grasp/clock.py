@@ -9,8 +9,8 @@ VIRTUAL_EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01T00:00:00Z: when virtual
 
 
 class Clock(Protocol):
-    """Monotonic time in integer nanoseconds. ``virtual``: it stands still while we compute.
-    ``unix_ns``: nanoseconds since 1970 at which it was 0."""
+    """Monotonic time in integer nanoseconds. ``virtual``: time does not pass during computation.
+    ``unix_ns``: Unix time in nanoseconds at which this clock was 0."""
 
     @property
     def virtual(self) -> bool: ...
@@ -64,7 +64,7 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """Virtual time held back to wall time, so that a person can watch; the results are the same."""
+    """Virtual time slowed down to wall time, so that a person can watch; equal results."""
 
     def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
         super().__init__(advance_world, start_ns)
@@ -82,8 +82,8 @@ class PacedClock(VirtualClock):
 
 class Deadlines:
     """Deadlines one period apart, from ``start_ns`` on. Missed ones are counted in ``missed`` and
-    never caught up in a burst. ``leave_out`` after waiting: go on at once, as a controller must;
-    before waiting: stay in phase, as samples must."""
+    never made up in a burst. A controller calls ``skip_missed`` after waiting, to continue at
+    once; a sampler calls it before waiting, to stay in phase."""
 
     def __init__(self, start_ns: int, period_ns: int) -> None:
         self.missed = 0
@@ -94,7 +94,7 @@ class Deadlines:
         self.last_ns += self._period_ns
         return self.last_ns
 
-    def leave_out(self, now_ns: int) -> None:
+    def skip_missed(self, now_ns: int) -> None:
         """Skip the deadlines between the last one and now."""
         passed = max((now_ns - self.last_ns) // self._period_ns, 0)
         self.missed += passed

@@ -6,7 +6,7 @@ from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 
 
 class MoveFingers(msgspec.Struct, frozen=True, tag=True):
-    """Each finger to its own position; a finger that meets ``force_n`` on the way stops there."""
+    """Each finger moves to its own position and stops earlier where it meets ``force_n``."""
 
     targets_counts: Counts3
     speed_mps: float
@@ -15,13 +15,13 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 class CloseFast(msgspec.Struct, frozen=True, tag=True):
     """The marked fingers close until ``force_cap_n`` or their count limit; the others hold.
-    ``more``: a first stage, short of the cap; another closing follows when the hand rests."""
+    ``first_stage``: it ends short of the cap; a second closing follows when the hand rests."""
 
     force_cap_n: float
     closing: tuple[bool, bool, bool]
     limits_counts: Counts3
     speed_mps: float
-    more: bool = False
+    first_stage: bool = False
 
 
 class OpenFingers(msgspec.Struct, frozen=True, tag=True):
@@ -57,14 +57,14 @@ Command = GripperCommand | BeginRest | MoveArm | StopArm
 
 
 def describe(command: Command) -> str:
-    """A command in words."""
+    """Describe a command in one line."""
     match command:
         case MoveFingers(targets, speed, force):
             return f"fingers to {targets} counts at {speed * 1e3:.0f} mm/s, at most {force:g} N"
-        case CloseFast(cap, closing, limits, speed, more):
-            names = "".join(n for n, c in zip(FINGER_NAMES, closing, strict=True) if c)
-            to = f" to {limits} counts" if more else ""
-            return f"close {names}{to} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"
+        case CloseFast(cap, closing, limits, speed, first_stage):
+            fingers = "".join(n for n, c in zip(FINGER_NAMES, closing, strict=True) if c)
+            to = f" to {limits} counts" if first_stage else ""
+            return f"close {fingers}{to} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"
         case OpenFingers():
             return "open all fingers"
         case HoldFingers():

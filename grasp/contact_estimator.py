@@ -1,4 +1,4 @@
-"""ContactEstimator: contact and grip force from the fingertips; stiffness of a contact."""
+"""ContactEstimator: contact and grip force from the fingertips. Stiffness of a contact."""
 
 import math
 
@@ -6,22 +6,22 @@ import msgspec
 
 from grasp.observation import Observation
 
-LOST_NS = 50_000_000  # contact that is absent for so long is lost; assumed
-GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' own oscillation
+LOST_NS = 50_000_000  # contact that is absent for so long counts as lost; assumed
+GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' oscillation
 
 
 class Stiffness(msgspec.Struct, frozen=True):
-    """Rise of the thumb's force a count that it closes further, N."""
+    """Rise of the thumb's force per count of closing, N."""
 
     newtons_per_count: float
 
     def counts_within(self, rise_n: float) -> int:
-        """Most whole counts of closing that raise the force by no more than this; none below 0."""
+        """Most whole counts of closing that raise the force by at most ``rise_n``; 0 or more."""
         return max(0, math.floor(rise_n / self.newtons_per_count))
 
 
 class ContactEstimator:
-    """Estimate after all samples so far. The thumb counts most: it opposes both other fingers.
+    """Estimate from all samples so far, mostly from the thumb, which opposes both other fingers.
 
     ``grip_n``: force of the thumb, low-pass filtered. ``longest_gap_ns``: longest time without
     contact of the thumb while the object may have been in the air.
@@ -31,21 +31,21 @@ class ContactEstimator:
         self._contact_n = contact_n
         self.grip_n = 0.0
         self.longest_gap_ns = 0
-        self._t_ns = 0  # of the last sample, and of the last one of these kinds:
-        self._thumb_contact_ns = 0
-        self._contact_ns = 0  # of any finger
-        self._within_limit_ns = 0  # measured force within the limit and its margin
+        self._t_ns = 0  # of the last sample
+        self._thumb_contact_ns = 0  # of the last sample with contact of the thumb
+        self._contact_ns = 0  # with contact of any finger
+        self._within_limit_ns = 0  # with measured force within the limit and its margin
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
         weight = min(1.0, (obs.t_ns - self._t_ns) / GRIP_NS)
         self.grip_n += weight * (thumb_n(obs) - self.grip_n)
         self._t_ns = obs.t_ns
-        if obs.measured_n[0] >= self._contact_n and sum(obs.felt_n) >= self._contact_n:
+        if obs.measured_n[0] >= self._contact_n and sum(obs.responsive_n) >= self._contact_n:
             self._thumb_contact_ns = obs.t_ns
         elif airborne:
             self.longest_gap_ns = max(self.longest_gap_ns, obs.t_ns - self._thumb_contact_ns)
-        if max(obs.felt_n) >= self._contact_n:
+        if max(obs.responsive_n) >= self._contact_n:
             self._contact_ns = obs.t_ns
         if not obs.overloaded:
             self._within_limit_ns = obs.t_ns
@@ -57,17 +57,17 @@ class ContactEstimator:
 
     @property
     def lost(self) -> bool:
-        """Whether no finger has had contact for too long. On the way down the thumb alone may show
-        none once the object stands, though it is pressed as before."""
+        """Whether no finger has had contact for too long. While lowering, the thumb alone may show
+        no contact once the object touches the table, although the grip is unchanged."""
         return self._t_ns - self._contact_ns >= LOST_NS
 
     @property
     def overload_ns(self) -> int:
-        """How long measured force has been above the limit and its margin."""
+        """Time since measured force was last within the limit and its margin."""
         return self._t_ns - self._within_limit_ns
 
 
 def thumb_n(obs: Observation) -> float:
-    """Force of the thumb in one sample, as half the sum of all fingers: a finger whose taxels are
-    at a rail shows no rise."""
+    """Force of the thumb in one sample, as half the sum of all fingers, because a finger whose
+    taxels are saturated shows no rise."""
     return sum(obs.measured_n) / 2

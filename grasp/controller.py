@@ -11,13 +11,14 @@ from grasp.commands import BeginRest, Command, HoldFingers, MoveFingers, StopArm
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import LOST, TRIAL, Fault, lines
-from grasp.lift_progress import AT_HEIGHT_M, LiftLine, StateClock
+from grasp.lift_line import AT_HEIGHT_M, LiftLine
 from grasp.monitors.run import RunMonitor
 from grasp.observation import Observation
-from grasp.safe_state import Missing, Pursuit, SafeState
+from grasp.safe_state import SafeState, SafeStateSupervisor, Unconfirmed
 from grasp.set_down import SetDown, Transition
 from grasp.slip_monitor import SlipMonitor, SlipStatus
 from grasp.slip_response import RESPONSES
+from grasp.state_timer import StateTimer
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
 ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by futile alarms; assumed
@@ -30,35 +31,35 @@ class Decision(msgspec.Struct, frozen=True):
     slip: SlipStatus
     commands: tuple[Command, ...]
     reset_detector: bool = False
-    anchor: bool = False  # the first grasp is complete: the guard counts travel from here
-    finished: bool = False  # nothing more will follow
+    first_grasp: bool = False  # the first grasp is complete: the guard measures travel from it
+    finished: bool = False
 
 
 class GraspController:
-    """Grasps, lifts, responds to slip, holds, sets down; ``step`` once a tactile sample.
+    """Grasps, lifts, responds to slip, holds, sets down. Call ``step`` once a tactile sample.
 
-    What a state has to remember beyond its begin is kept by the slip response, the set-down and,
-    once a run has ended early, the safe state.
+    State beyond the state machine and its timer is kept by the slip response, by the set-down, and
+    by the safe-state supervisor once a run has ended early.
     """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
         self._settings = settings
         self._plan = plan
-        self.monitor = monitor
+        self.slip_monitor = monitor
         self.machine = StateMachine()
         self.cap_reached = False
         self.alarm_stayed = False  # slip was still registered when the hold ended
         self.faults: tuple[Fault, ...] = ()  # why the run ended early
-        self._pursuit: Pursuit | None = None  # of the safe state, once one was entered
-        self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # by `_start` without one
+        self._supervisor: SafeStateSupervisor | None = None  # once a safe state was entered
+        self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # else set by `_start`
         self._contact = ContactEstimator(settings.contact_n)
-        self._clock = StateClock()
-        self._run_monitor = RunMonitor(settings, self._clock, self._contact)
-        self._set_down = SetDown(settings, self._line, self._contact, self._clock)
+        self._timer = StateTimer()
+        self._run_monitor = RunMonitor(settings, self._timer, self._contact)
+        self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
         self._firm = False  # the grip is being closed to the force cap
         self._commands: list[Command] = []  # of this step, as are the next two
-        self._reset_detector = self._anchor = False
+        self._reset_detector = self._first_grasp = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
             State.START: self._start, State.HOME: self._home, State.SHAPE: self._shape,
             State.TARE: self._tare, State.BRACE: self._brace, State.CLOSE: self._close,
@@ -79,11 +80,11 @@ class GraspController:
 
     @property
     def finished(self) -> bool:
-        return self.state in END_STATES or (self._pursuit is not None and self._pursuit.over)
+        return self.state in END_STATES or (self._supervisor is not None and self._supervisor.over)
 
     @property
     def in_safe_state(self) -> bool:
-        return self._pursuit is not None
+        return self._supervisor is not None
 
     @property
     def fault_cause(self) -> str:
@@ -91,32 +92,32 @@ class GraspController:
         return lines(self.faults)
 
     @property
-    def further(self) -> tuple[Fault, ...]:
-        """Checks that failed since the safe state was entered."""
-        return self._pursuit.further if self._pursuit else ()
+    def later_faults(self) -> tuple[Fault, ...]:
+        """Faults found since the safe state was entered."""
+        return self._supervisor.later_faults if self._supervisor else ()
 
     @property
-    def unreached(self) -> tuple[str, ...]:
-        """Parts of the safe state that were not observed when the run ended."""
-        return self._pursuit.unreached if self._pursuit else ()
+    def unconfirmed(self) -> tuple[str, ...]:
+        """Parts of the safe state that were not confirmed when the run ended."""
+        return self._supervisor.unconfirmed if self._supervisor else ()
 
     @property
-    def excused_ns(self) -> float:
-        """By how much an arm that was slowed down has prolonged the run."""
-        return self._clock.excused_ns
+    def arm_delay_ns(self) -> float:
+        """Additional duration of the run because of a slow arm."""
+        return self._timer.arm_delay_ns
 
     def step(self, obs: Observation) -> Decision:
-        """Take one observation; returns the commands that follow from it."""
+        """Take one observation; returns the decision, with the commands to send."""
         self._commands = []
-        self._reset_detector = self._anchor = False
-        self._clock.update(obs, self.state)
-        self.monitor.update(obs.t_ns, obs.probabilities)
+        self._reset_detector = self._first_grasp = False
+        self._timer.update(obs, self.state)
+        self.slip_monitor.update(obs.t_ns, obs.probabilities)
         self._contact.update(obs, self.state in AIRBORNE_STATES)
         responding = self.state is State.COMPENSATE and not self.response.adds_margin
-        if responding or self.monitor.status.registered:
-            self._set_down.slipping(obs)
-        if self._pursuit:
-            self._commands += self._pursuit.step(obs)
+        if responding or self.slip_monitor.status.registered:
+            self._set_down.record_slip(obs)
+        if self._supervisor:
+            self._commands += self._supervisor.step(obs)
         elif faults := self._run_monitor.check(obs, self.state):
             self._enter_safe_state(Trigger.FAIL, obs, faults)
         elif obs.inputs.stop:
@@ -124,60 +125,59 @@ class GraspController:
         elif self.state not in END_STATES:
             self._handlers[self.state](obs)
         return Decision(
-            self.state, self.monitor.status, tuple(self._commands),
-            self._reset_detector, self._anchor, self.finished,
+            self.state, self.slip_monitor.status, tuple(self._commands),
+            self._reset_detector, self._first_grasp, self.finished,
         )  # fmt: skip
 
-    def aborted(self) -> tuple[Command, ...]:
-        """Commands for when no step can be taken any more: of the safe state that was entered, else
-        of a fault's."""
-        hand: tuple[Command, ...] = (HoldFingers(),)  # where a bug prevents these
+    def abort_commands(self) -> tuple[Command, ...]:
+        """Commands if no further step is possible: of the safe state entered, or of a fault's."""
+        hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
-            hand = self._aborted.of_hand(self.response.slow_closing())
+            hand = self._abort_state.hand_commands(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
-    def missing(self, obs: Observation) -> Missing:
-        """Parts of that safe state that were not observed; a stale hand counts as not observed."""
+    def unconfirmed_parts(self, obs: Observation) -> Unconfirmed:
+        """Parts of that safe state that are not confirmed; a stale hand status confirms nothing."""
         stale_ns = self._settings.stale_after_s * 1e9
         if obs.gripper.age_ns(obs.t_ns) > stale_ns:
             inputs = msgspec.structs.replace(obs.inputs, gripper_lost=True)
             obs = msgspec.structs.replace(obs, inputs=inputs)
-        safe = self._aborted
-        return Missing(safe.missing_of_arm(obs, stale_ns), safe.missing_of_hand(obs))
+        safe = self._abort_state
+        return Unconfirmed(safe.unconfirmed_arm(obs, stale_ns), safe.unconfirmed_hand(obs))
 
     @property
-    def _aborted(self) -> SafeState:
-        if self._pursuit:
-            return self._pursuit.safe
-        return SafeState(State.FAULT, self.state, self._clock.entered_ns)
+    def _abort_state(self) -> SafeState:
+        if self._supervisor:
+            return self._supervisor.safe
+        return SafeState(State.FAULT, self.state, self._timer.entered_ns)
 
     # Approach
 
     def _start(self, obs: Observation) -> None:
-        """A hand that is not open ends the run before anything moves."""
+        """Fail before anything moves if the hand is not open."""
         if self._plan.home is None:
             self._line.home = obs.arm.position_m
         if any(f.detection is Detection.CONTACT_CLOSING for f in obs.gripper.fingers):
-            self._fail(obs, "the hand is closed, and may hold something")
+            self._fail(obs, "the hand is closed and may hold an object")
         elif max(obs.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
-            self._fail(obs, "the hand is not open: what it may hold would fall, or be hit")
+            self._fail(obs, "the hand is not open: it could drop or hit an object")
         elif math.dist(obs.arm.position_m, self.home) < AT_HEIGHT_M:
-            self._go(Trigger.AT_HOME, obs, "run started", self._preshape())
+            self._transition(Trigger.AT_HOME, obs, "run started", self._preshape())
         else:
-            move = self._line.down(0.0, self._settings.lower_speed_mps)
-            self._go(Trigger.AWAY, obs, "run started", move)
+            move = self._line.move_down(0.0, self._settings.lower_speed_mps)
+            self._transition(Trigger.AWAY, obs, "run started", move)
 
     def _home(self, obs: Observation) -> None:
-        if obs.hand_rests and self._line.stands_at(obs, 0.0):
-            self._go(Trigger.AT_HOME, obs, "arm home", self._preshape())
+        if obs.hand_rests and self._line.stopped_at(obs, 0.0):
+            self._transition(Trigger.AT_HOME, obs, "arm home", self._preshape())
 
     def _shape(self, obs: Observation) -> None:
-        if not obs.hand_rests or not self._line.stands_at(obs, 0.0):
+        if not obs.hand_rests or not self._line.stopped_at(obs, 0.0):
             return
-        if obs.gripper.requested != self._plan.preshape_counts:  # the command was lost
+        if obs.gripper.requested != self._plan.preshape_counts:  # the command did not arrive
             self._commands.append(self._preshape())
         else:
-            self._go(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
+            self._transition(Trigger.SHAPED, obs, "fingers short of the object", BeginRest())
 
     # Grasp
 
@@ -185,196 +185,201 @@ class GraspController:
         if obs.hand_rests and obs.inputs.rest_taken:
             thumb, _, _ = self._plan.preshape_counts
             _, b, c = self._plan.grip_counts
-            self._go(Trigger.TARED, obs, "rest counts taken", self._grip((thumb, b, c)))
+            self._transition(Trigger.TARED, obs, "rest counts taken", self._grip((thumb, b, c)))
 
     def _brace(self, obs: Observation) -> None:
-        """B and C close first; only the thumb, closing last, presses, against both of them."""
-        if self._grip_rests(obs):
+        """B and C close first, so that only the thumb, which closes last, presses on the object."""
+        if self._grip_complete(obs):
             cause = "fingers B and C rest at their positions"
-            self._go(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
+            self._transition(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
 
     def _close(self, obs: Observation) -> None:
-        """The thumb to its position, and for a firm grip further until it stops at the cap."""
-        if not self._grip_rests(obs):
+        """The thumb closes to its position; for a firm grip it then closes to the force cap."""
+        if not self._grip_complete(obs):
             return
         cause = "fingers rest at their positions"
         if self._settings.firm and not self._firm:
             self._firm = True
-            self._go(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
+            self._transition(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
         else:
             cause = "the thumb stopped at the force cap" if self._firm else cause
-            self._go(Trigger.GRIPPED, obs, cause)
+            self._transition(Trigger.GRIPPED, obs, cause)
             self._reset_detector = True
 
     def _settle(self, obs: Observation) -> None:
-        if self._grip_rests(obs) and self._lasted(obs, self._settings.settle_s):
-            self._go(Trigger.SETTLED, obs, "pads relaxed")
+        if self._grip_complete(obs) and self._lasted(obs, self._settings.settle_s):
+            self._transition(Trigger.SETTLED, obs, "pads relaxed")
             self._reset_detector = True
-            self.monitor.arm()
+            self.slip_monitor.arm()
 
     def _baseline(self, obs: Observation) -> None:
-        if not self._grip_rests(obs):
+        if not self._grip_complete(obs):
             return
         if self._contact.thumb_lost:
-            self._fail(obs, "the thumb feels nothing at its position: no object, or a narrower one")
+            self._fail(obs, "no contact at the thumb's position: no object, or a narrower one")
         elif self._lasted(obs, self._settings.baseline_s):
             move = self._line.move(self._settings.lift_height_m, self._settings.lift_speed_mps)
-            self._go(Trigger.READY, obs, "the detector has listened", move)
-            self._anchor = True
+            self._transition(Trigger.READY, obs, "the detector has its baseline", move)
+            self._first_grasp = True
 
     # In the air
 
     def _lift(self, obs: Observation) -> None:
-        if not self._responds(obs) and self._line.stands_at(obs, self._settings.lift_height_m):
-            self._go(Trigger.AT_TOP, obs, "arm at the top")
+        if not self._respond_to_slip(obs) and self._line.stopped_at(
+            obs, self._settings.lift_height_m
+        ):
+            self._transition(Trigger.AT_TOP, obs, "arm at the top")
 
-    def _responds(self, obs: Observation) -> bool:
-        """Whether slip, lost contact or a margin that is due made the state change."""
-        slip, lost = self.monitor.status, self._contact.thumb_lost
-        rising = self.state is State.LIFT  # in `hold` the arm stands
+    def _respond_to_slip(self, obs: Observation) -> bool:
+        """Start the response to slip, to lost contact or with a due margin; whether it started."""
+        slip, lost = self.slip_monitor.status, self._contact.thumb_lost
+        rising = self.state is State.LIFT  # in `hold` the arm is at rest
         ignored = self._settings.hold_by_clock and obs.at_cap
         if lost and obs.at_cap:
             self._lose(obs, "contact lost, and the thumb can close no further")
         elif self._settings.reactions and (lost or (slip.registered and not ignored)):
-            slips = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
+            registered = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
             first = self.response.begin(obs, rising, lost)
-            self._go(Trigger.SLIP, obs, "contact lost" if lost else slips, *first)
-        elif more := self.response.follow_up(obs, rising):
-            self._go(Trigger.SLIP, obs, "the force that was found has carried the object", *more)
+            self._transition(Trigger.SLIP, obs, "contact lost" if lost else registered, *first)
+        elif margin := self.response.follow_up(obs, rising):
+            cause = "the force that ended slip has carried the object: margin added"
+            self._transition(Trigger.SLIP, obs, cause, *margin)
         else:
             return False
         return True
 
     def _compensate(self, obs: Observation) -> None:
-        slip, response = self.monitor.status, self.response
+        slip, response = self.slip_monitor.status, self.response
         alarm = slip.registered or slip.masked or not obs.hand_rests
-        response.update(obs, alarm, self._clock.passed_ns)
-        self._stop_again(obs, response.arm_stop)
+        response.update(obs, alarm, self._timer.elapsed_ns)
+        self._repeat_stop(obs, response.arm_stop)
         if not obs.hand_rests:
-            self.monitor.closing(obs.t_ns)
-        elif obs.unfinished:  # the same response goes on
-            self.monitor.closing(obs.t_ns)
+            self.slip_monitor.closing(obs.t_ns)
+        elif obs.second_stage_due:  # the same response goes on
+            self.slip_monitor.closing(obs.t_ns)
             self._commands.append(response.closing(obs, self._contact.thumb_lost))
         elif self._contact.thumb_lost:
-            self._lose(obs, "the hand closed and met nothing")
+            self._lose(obs, "the hand closed and met no object")
         elif slip.masked:
-            pass  # the pads still shake from our own closing
+            pass  # the pads still vibrate from the closing
         elif response.exhausted and not self._settings.hold_by_clock:
-            self._give_up(obs, "slip comes back and the force can rise no more")
+            self._give_up(obs, "slip recurs and the force cannot rise further")
         elif slip.registered:
-            self._slip_goes_on(obs)
+            self._handle_continuing_slip(obs)
         elif response.over(obs):
-            self._go_on(obs, "slip has stopped")
+            self._resume(obs, "slip has stopped")
 
-    def _slip_goes_on(self, obs: Observation) -> None:
-        """Slip is registered although the hand rests and nothing is masked any more."""
+    def _handle_continuing_slip(self, obs: Observation) -> None:
+        """Handle slip that is still registered after the closing and its mask have ended."""
         s = self._settings
-        waited_ns = obs.t_ns - max(self._clock.entered_ns, self.monitor.masked_until_ns)
+        waited_ns = obs.t_ns - max(self._timer.entered_ns, self.slip_monitor.masked_until_ns)
         more = self.response.escalate(obs, waited_ns)
         if more is not None:
             self._commands += more
         elif s.hold_by_clock:
-            self._go_on(obs, "slip goes on, and the hold ends by its clock")
+            self._resume(obs, "slip continues; the hold ends after hold_s")
         elif waited_ns >= s.cap_patience_s * 1e9:
-            self._give_up(obs, "slip goes on and the force can rise no more")
+            self._give_up(obs, "slip continues and the force cannot rise further")
 
     def _give_up(self, obs: Observation, cause: str) -> None:
-        """No more force is possible: set the object down."""
+        """Set the object down, because no more force is possible."""
         self.cap_reached = True
         self._lower(obs, cause)
 
-    def _go_on(self, obs: Observation, cause: str) -> None:
+    def _resume(self, obs: Observation, cause: str) -> None:
         resume = self.response.end()
-        if self._line.stands_at(obs, self._settings.lift_height_m):
-            self._go(Trigger.AT_TOP, obs, cause)
+        if self._line.stopped_at(obs, self._settings.lift_height_m):
+            self._transition(Trigger.AT_TOP, obs, cause)
         else:
-            self._go(Trigger.STEADY, obs, cause, *resume)
+            self._transition(Trigger.STEADY, obs, cause, *resume)
 
     def _hold(self, obs: Observation) -> None:
-        """Ends ``hold_s`` after the last response to slip. Alarms that no closing can end prolong
-        it from the arm's first arrival at the top by no more than ``ALARM_HOLD_NS``."""
+        """Hold for ``hold_s`` after the last response to slip. Alarms that no closing can end
+        extend it by at most ``ALARM_HOLD_NS``, counted from the first arrival at the top."""
         s, set_down = self._settings, obs.inputs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
-        futile = obs.closed_out and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
-        if not (over or futile) and self._responds(obs):
+        futile = obs.closing_exhausted and held_ns >= s.hold_s * 1e9 + ALARM_HOLD_NS
+        if not (over or futile) and self._respond_to_slip(obs):
             return
         if over or futile or set_down or self._lasted(obs, s.hold_s):
-            self.alarm_stayed = self.monitor.status.registered
+            self.alarm_stayed = self.slip_monitor.status.registered
             if s.keep:
-                self._go(Trigger.KEEP, obs, "held long enough")
+                self._transition(Trigger.KEEP, obs, "held long enough")
             else:
-                self._lower(obs, "asked to set down" if set_down else "held long enough")
+                self._lower(obs, "set-down requested" if set_down else "held long enough")
 
     # Set down
 
     def _lower(self, obs: Observation, cause: str) -> None:
-        self.monitor.disarm()
-        self._follow(obs, self._set_down.begin(cause))
+        self.slip_monitor.disarm()
+        self._apply(obs, self._set_down.begin(cause))
 
     def _descend(self, obs: Observation) -> None:
-        self._follow(obs, self._set_down.descend(obs))
+        self._apply(obs, self._set_down.descend(obs))
 
     def _feel(self, obs: Observation) -> None:
         if transition := self._set_down.feel(obs):
-            self._follow(obs, transition)
+            self._apply(obs, transition)
         else:
-            self._stop_again(obs, self._set_down.arm_stop)
+            self._repeat_stop(obs, self._set_down.arm_stop)
 
-    def _follow(self, obs: Observation, transition: Transition | None) -> None:
+    def _apply(self, obs: Observation, transition: Transition | None) -> None:
         if transition and transition.trigger is Trigger.LOSE:
             self._lose(obs, transition.cause)
         elif transition:
-            self._go(transition.trigger, obs, transition.cause, *transition.commands)
+            self._transition(transition.trigger, obs, transition.cause, *transition.commands)
 
     def _open(self, obs: Observation) -> None:
         if obs.hand_rests and not obs.gripper.is_open:
             self._fail(obs, f"the fingers stopped at {obs.gripper.positions} counts: not open")
         elif obs.hand_rests:
             move = self._line.move(self._set_down.clear_m, self._settings.lower_speed_mps)
-            self._go(Trigger.OPENED, obs, "fingers open", move)
+            self._transition(Trigger.OPENED, obs, "fingers open", move)
 
     def _retreat(self, obs: Observation) -> None:
-        if obs.hand_rests and self._line.stands_at(obs, self._set_down.clear_m):
-            self._go(Trigger.CLEAR, obs, "arm clear")
+        if obs.hand_rests and self._line.stopped_at(obs, self._set_down.clear_m):
+            self._transition(Trigger.CLEAR, obs, "arm clear")
 
     # From any state
 
     def _lose(self, obs: Observation, cause: str) -> None:
-        """The object is lost: the arm stops, and nothing is lowered."""
+        """The object is lost: stop the arm and lower nothing."""
         faults = (Fault(LOST, TRIAL, cause, kind=LOST),)
         self._enter_safe_state(Trigger.LOSE, obs, faults, cause)
 
     def _fail(self, obs: Observation, cause: str) -> None:
-        """The grasp failed, though no device did."""
+        """End the run because the grasp failed, although no device did."""
         self._enter_safe_state(Trigger.FAIL, obs, (Fault("grasp_failed", TRIAL, cause),))
 
     def _enter_safe_state(
         self, trigger: Trigger, obs: Observation, faults: tuple[Fault, ...] = (), cause: str = ""
     ) -> None:
         self.faults = faults
-        self._go(trigger, obs, cause or lines(faults))
+        self._transition(trigger, obs, cause or lines(faults))
         before = self.machine.before
         half_closed = before is State.COMPENSATE and obs.first_stage
         safe = SafeState(self.state, before, obs.t_ns, self.faults, half_closed)
-        self._pursuit = Pursuit(safe, self._settings, self.response)
-        self._commands += self._pursuit.ask(obs)
+        self._supervisor = SafeStateSupervisor(safe, self._settings, self.response)
+        self._commands += self._supervisor.request(obs)
 
     # What handlers share
 
-    def _go(self, trigger: Trigger, obs: Observation, cause: str, *commands: Command) -> None:
-        """Leave the present state, with the commands whose effect the next one waits for."""
+    def _transition(
+        self, trigger: Trigger, obs: Observation, cause: str, *commands: Command
+    ) -> None:
+        """Leave the present state, with the commands whose effect the next state waits for."""
         self.machine.fire(trigger, obs.t_ns, cause)
-        self._clock.restart(obs.t_ns)
+        self._timer.restart(obs.t_ns)
         self._commands += commands
 
     def _lasted(self, obs: Observation, duration_s: float) -> bool:
         """Whether the present state has lasted this long."""
-        return obs.t_ns - self._clock.entered_ns >= duration_s * 1e9
+        return obs.t_ns - self._timer.entered_ns >= duration_s * 1e9
 
-    def _stop_again(self, obs: Observation, stop: StopArm | None) -> None:
-        """Repeat the stop that this state began with while the arm moves: it may have been lost."""
-        if stop and obs.arm.moving and not obs.pending and self._clock.ask_again(obs.t_ns):
+    def _repeat_stop(self, obs: Observation, stop: StopArm | None) -> None:
+        """Repeat the stop that this state began with while the arm moves, in case it was lost."""
+        if stop and obs.arm.moving and not obs.pending and self._timer.repeat_due(obs.t_ns):
             self._commands.append(stop)
 
     def _preshape(self) -> MoveFingers:
@@ -384,16 +389,16 @@ class GraspController:
     def _grip(self, targets: Counts3) -> MoveFingers:
         return MoveFingers(targets, self._settings.grip_speed_mps, self._settings.grip_force_n)
 
-    def _grip_rests(self, obs: Observation) -> bool:
-        """Whether the fingers rest in the grip that is wanted. Fails where a finger stopped on
-        contact short of its position, or the thumb of a firm grip closed on nothing."""
+    def _grip_complete(self, obs: Observation) -> bool:
+        """Whether the fingers are at rest in the planned grip. Ends the run where a finger stopped
+        on contact short of its position, or the thumb of a firm grip met no object."""
         if not obs.hand_rests:
             return False
         if self._firm and not obs.gripper.thumb_latched:
-            self._fail(obs, "the thumb closed as far as it goes and met nothing")
+            self._fail(obs, "the thumb closed fully and met no object")
             return False
         if not self._firm and (name := obs.gripper.not_at_target):
-            short = f"finger {name} stopped on contact short of its position: it is latched and "
-            self._fail(obs, f"{short}could not be closed further at this force")
+            cause = f"finger {name} stopped on contact short of its position"
+            self._fail(obs, f"{cause}; at this force the gripper closes it no further")
             return False
         return True

@@ -1,4 +1,4 @@
-"""Fault: what went wrong, as one value from where it is found to a run's result and exit code."""
+"""Fault: one value that describes an error, from its detection to a run's result and exit code."""
 
 from collections.abc import Iterable
 from typing import Self
@@ -8,16 +8,16 @@ import msgspec
 from drivers.errors import GraspError, Stale
 
 ARM, GRIPPER, FINGERTIPS, DETECTOR, LOOP = "arm", "gripper", "fingertips", "detector", "loop"
-WORLD = "world"  # beside the devices: the process that emulates them
-TRIAL = "trial"  # no device: what became of the object, or a person's wish
+WORLD = "world"  # the process that emulates the devices
+TRIAL = "trial"  # no device: the object's state, or a request of the operator
 
-# Kinds beside those of ``drivers.errors``. A kind has an exit code (grasp/cli/exits.py).
-IMPLAUSIBLE = "implausible"  # a plausibility check failed: the device cannot be believed
+# Kinds in addition to those of ``drivers.errors``. Each has an exit code (grasp/cli/exits.py).
+IMPLAUSIBLE = "implausible"  # a plausibility check failed: the device's data are wrong
 SAFETY_STOP = "safety_stop"
 INTERRUPTED = "interrupted"
 INTERNAL = "internal"
 LOST = "lost"  # the object; the verdict says what that means
-NAMED = frozenset({IMPLAUSIBLE, Stale.kind, INTERNAL, LOST})  # kinds whose codes a user is shown
+SHOWN_CODE_KINDS = frozenset({IMPLAUSIBLE, Stale.kind, INTERNAL, LOST})  # shown with their code
 
 
 class Fault(msgspec.Struct, frozen=True):
@@ -35,21 +35,21 @@ class Fault(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, device: str, error: GraspError) -> Self:
-        """What a device's driver raised."""
+        """Make a fault from an error that a device's driver raised."""
         return cls(error.kind, device, error.message, error.remedy, kind=error.kind)
 
     @property
     def line(self) -> str:
-        """For people: with the code where the documentation lists it."""
-        return f"{self.code}: {self.message}" if self.kind in NAMED else self.message
+        """The message, preceded by the code where the documentation lists it."""
+        return f"{self.code}: {self.message}" if self.kind in SHOWN_CODE_KINDS else self.message
 
 
 def stale(device: str, message: str) -> Fault:
-    """A device that has not reported for too long."""
+    """Make the fault of a device that has not reported for too long."""
     remedy = f"check cable, power and load of the {device}, then run `grasp doctor`"
     return Fault(Stale.kind, device, message, remedy, kind=Stale.kind)
 
 
 def lines(faults: Iterable[Fault]) -> str:
-    """All of them in one line."""
+    """All faults in one line."""
     return "; ".join(fault.line for fault in faults)

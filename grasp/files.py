@@ -1,4 +1,4 @@
-"""Files written whole or not at all, readable by their user alone, or held by one process."""
+"""Atomic writing of files, private files and folders, and lock files."""
 
 import errno
 import fcntl
@@ -16,83 +16,84 @@ from typing import Any, NamedTuple
 
 from drivers.errors import GraspError
 
-PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # whatever the umask allows
-# errors of a path that can be no file, whatever disk and rights there are
-LEADS_NOWHERE = frozenset({
+PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600  # modes, independent of the umask
+# errors of a path that cannot be a file, independent of disk and permissions
+PATH_ERRORS = frozenset({
     errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST,
 })  # fmt: skip
 MOST_HOLDER_BYTES = 65_536
 
 
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:
-    """Replace a file by its new content, or leave it as it was. Raises OSError."""
+    """Replace a file's content completely or not at all. Raises OSError."""
     if path.exists() and not path.is_file():  # /dev/stdout
         path.write_bytes(content)
         return
-    partial = path.with_name(partial_of(path.name, str(os.getpid())))
+    partial = path.with_name(partial_name(path.name, str(os.getpid())))
     try:
         if private:
             os.close(private_opener(str(partial), os.O_WRONLY | os.O_CREAT))
         partial.write_bytes(content)
         partial.replace(path)
-    except OSError as error:  # of the name that was given
+    except OSError as error:  # report the name that was given
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
 
 
 def save_figure(figure: Any, out: Path, dpi: float) -> None:
-    """Write a Matplotlib figure in the format of its name, without a date. Raises OSError."""
-    drawn, undated = BytesIO(), {"Date": None} if out.suffix == ".svg" else None
-    figure.savefig(drawn, format=out.suffix[1:] or None, metadata=undated, dpi=dpi)
-    write_whole(out, drawn.getvalue())
+    """Write a Matplotlib figure in the format of its file name, without a date. Raises OSError."""
+    content, undated = BytesIO(), {"Date": None} if out.suffix == ".svg" else None
+    figure.savefig(content, format=out.suffix[1:] or None, metadata=undated, dpi=dpi)
+    write_whole(out, content.getvalue())
 
 
-def partial_of(name: str, process: str) -> str:
-    """A file's name while it is written; or, with `*` for either, a pattern of all."""
+def partial_name(name: str, process: str) -> str:
+    """Name of a file while it is being written; with `*` for either argument, a pattern."""
     return f".{name}.{process}"
 
 
 def make_private_folder(path: Path, exist_ok: bool = True) -> None:
-    """With missing parents; existing ones stay as they are. Raises OSError."""
+    """Make a private folder and its missing parents; existing parents keep their modes. Raises
+    OSError."""
     if not path.parent.exists():
         make_private_folder(path.parent)
     path.mkdir(mode=PRIVATE_FOLDER, exist_ok=exist_ok)
 
 
-def nearest(folder: Path) -> Path:
-    """The folder, or its nearest parent that exists."""
+def nearest_folder(folder: Path) -> Path:
+    """The folder, or its nearest existing parent."""
     with suppress(OSError):
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
     return folder
 
 
-def against_writing(folder: Path) -> str:
-    """Why no file can be made in a folder; empty where one can."""
+def why_not_writable(folder: Path) -> str:
+    """Why no file can be created in a folder; empty if one can."""
     try:
         if not folder.exists():
             return f"there is no folder {folder}"
         if not folder.is_dir():
             return f"{folder} is no folder"
-        with TemporaryFile(dir=folder):  # modes alone do not show it: mounts, users
+        with TemporaryFile(dir=folder):  # modes are not enough: mounts and users matter too
             return ""
     except OSError as error:
-        return cannot(error, folder)
+        return write_error(error, folder)
 
 
-def cannot(error: OSError, folder: Path) -> str:
-    """The system's error for a file there, in words."""
+def write_error(error: OSError, folder: Path) -> str:
+    """Message for the system's error at a file in that folder."""
     return f"cannot be written in {folder.absolute()}: {error.strerror}"
 
 
 def private_opener(path: str, flags: int) -> int:
-    """For ``open``."""
+    """Opener for ``open`` that creates private files."""
     return os.open(path, flags, PRIVATE_FILE)
 
 
 class Holder(NamedTuple):
-    """Which process holds a file."""
+    """The process that holds a lock file."""
 
     pid: int
     command: str
@@ -101,28 +102,28 @@ class Holder(NamedTuple):
 
 @contextmanager
 def locked(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]) -> Iterator[None]:
-    """Hold the file at ``path``, made with that mode; it is removed afterwards.
+    """Hold the lock file ``path``, created with ``mode`` and removed afterwards.
 
-    The system releases the lock (flock) when its holder dies, so a file that is left means nothing.
-    Raises what ``refusal`` says of the live holder (None: it has not written yet who it is), and
-    OSError.
+    The system releases the lock (flock) when its holder ends, so a remaining file means nothing.
+    If another process holds it, raises the error that ``refusal`` makes of the holder (None: not
+    written yet). Raises OSError too.
     """
     file = _lock(path, mode, refusal)
     try:
-        with suppress(OSError):  # a full disk: without a name the lock holds as well
+        with suppress(OSError):  # e.g. a full disk: the lock holds without the name too
             command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
             now = f"{datetime.now():%Y-%m-%d %H:%M:%S}"  # noqa: DTZ005
             os.ftruncate(file, 0)
             os.pwrite(file, json.dumps(Holder(os.getpid(), command, now)._asdict()).encode(), 0)
         yield
     finally:
-        with suppress(OSError):  # of another user's, in a folder where each removes their own
+        with suppress(OSError):  # the file of another user, in a sticky folder
             path.unlink()
         os.close(file)
 
 
 def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError]) -> int:
-    """The locked file: the one at the path, not one that its last holder has just removed."""
+    """Lock the file at the path, not one that its last holder has just removed."""
     while True:
         file = _open_or_make(path, mode)
         try:
@@ -141,12 +142,12 @@ def _lock(path: Path, mode: int, refusal: Callable[[Holder | None], GraspError])
 
 
 def _open_or_make(path: Path, mode: int) -> int:
-    """Apart from each other: in /tmp Linux refuses O_CREAT on another user's file."""
+    """Open or create in separate calls: in /tmp, Linux refuses O_CREAT on another user's file."""
     flags = os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC
     while True:
         with suppress(FileNotFoundError):
             return os.open(path, flags)
         with suppress(FileExistsError):
             file = os.open(path, flags | os.O_CREAT | os.O_EXCL, mode)
-            os.fchmod(file, mode)  # whatever the umask would take away
+            os.fchmod(file, mode)  # independent of the umask
             return file

@@ -1,12 +1,12 @@
-"""ForceGuard: every gripper command passes it, and leaves it within the force limit.
+"""ForceGuard: limits the force of every gripper command.
 
-*Commanded* force, the calibrated static force of what goes to the gripper, is never above the
+*Commanded* force, the calibrated static force of each command to the gripper, is never above the
 limit, whatever the controller requests. *Measured* force, estimated from the fingertips 20-80 ms
-late, can only stop further closing: it cannot limit a rigid contact.
+late, can only stop further closing: it cannot limit the force on a rigid object.
 
 Finger A, the thumb, opposes B and C, so it carries their sum. With `every_finger` the thumb
-therefore closes alone while B and C hold; with `each_motor` all three close and each motor keeps
-the limit for itself, which can put twice the limit on the thumb.
+therefore closes alone while B and C hold. With `each_motor` all three close and the limit applies
+to each motor, so the thumb can bear twice the limit.
 """
 
 import math
@@ -22,7 +22,7 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
-# Full speed ends where limit plus overshoot would still be kept on a contact this many times
+# Full speed is allowed as long as limit plus overshoot hold even on a contact this many times
 # stiffer than stated, after a first grasp this much stronger than measured; assumed
 STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
@@ -31,22 +31,22 @@ CapMode = Literal["every_finger", "each_motor"]
 
 
 def limit_in_words(limit_n: float, cap_mode: CapMode) -> str:
-    """Which force limit applies: on every finger, or on each motor."""
+    """State the force limit and its meaning: for every finger, or for each motor."""
     if cap_mode == "every_finger":
-        return f"limit {limit_n:g} N, {cap_mode}: no finger shall bear more"
-    both = f"the thumb bears what B and C press, about {2 * limit_n:g} N"
+        return f"limit {limit_n:g} N, {cap_mode}: it applies to each finger"
+    both = f"the thumb bears the sum of B and C, about {2 * limit_n:g} N"
     return f"limit {limit_n:g} N, {cap_mode}: {both}"
 
 
 class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The force limit and what is known of the hand that must keep it. Figures without a source are
-    assumed."""
+    """The force limit, and properties of hand and object on which it depends. Values without a
+    source are assumed."""
 
     force_limit_n: Annotated[float, Meta(gt=0.0, le=60.0, description="paper, section V-B")] = 10.0
     cap_mode: CapMode = "every_finger"
-    # by which true force may pass the limit on a rigid object
+    # by which true force may exceed the limit on a rigid object
     overshoot_n: Annotated[float, Meta(ge=0.1, le=20.0, description="past the limit")] = 1.0
-    # of objects that state none; they have 600-10000 N/m
+    # of objects that state none; typical: 600-10000 N/m
     contact_stiffness_npm: Annotated[float, Meta(ge=100.0, le=1e5, description="default")] = 2500.0
     # of finger and motor, at the tip
     tip_mass_kg: Annotated[float, Meta(ge=0.001, le=5.0, description="moving inertia")] = 0.1
@@ -54,7 +54,7 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     travel_bound: Annotated[bool, Meta(description="also limit closing by position")] = False
     # of the sum of a fingertip's taxels
     counts_per_newton: Annotated[float, Meta(ge=1.0, le=5e3, description="calibrate it")] = 160.0
-    # by which measured force may pass the limit before closing stops: the estimate's own error
+    # by which measured force may exceed the limit before closing stops: the estimate's error
     measured_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
 
     @property
@@ -65,7 +65,7 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class ForceGuard:
-    """Admits gripper commands, each changed as far as the limits need. Never raises in a run."""
+    """Admits gripper commands, changed where a limit requires it. Never raises during a run."""
 
     def __init__(
         self,
@@ -75,11 +75,11 @@ class ForceGuard:
         least_speed_mps: float = 0.0,
         free_counts: Counts3 = (0, 0, 0),
     ) -> None:
-        """``stiffness``: of the object's contact, or the worst case. ``free_counts``: up to there
-        the fingers touch nothing.
+        """``stiffness``: of the object's contact, or the worst case. ``free_counts``: positions up
+        to which the fingers have no contact.
 
-        Raises ConfigError when the gripper's least force is above the limit, or when even its
-        least speed carries the tip further past the limit than the overshoot allows."""
+        Raises ConfigError if the gripper's least force is above the limit, or if its least speed
+        already causes more overshoot than allowed."""
         self._settings = s = settings
         limit_n = s.force_limit_n
         if least_force_n > limit_n:
@@ -94,54 +94,54 @@ class ForceGuard:
             least_n = least_speed_mps * math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
             raise ConfigError(
                 "guard", "overshoot_n",
-                f"{s.overshoot_n:g} N cannot be kept: the gripper's least speed, "
-                f"{least_speed_mps:g} m/s, carries a tip of {s.tip_mass_kg:g} kg further",
+                f"{s.overshoot_n:g} N cannot be kept: at the gripper's least speed, "
+                f"{least_speed_mps:g} m/s, a tip of {s.tip_mass_kg:g} kg overshoots more",
                 f"guard.overshoot_n >= {least_n:.2f}",
             )  # fmt: skip
         self._stiffness = stiffness
         self._free_counts = free_counts
-        self._anchor: tuple[Counts3, Vector3] | None = None
+        self._first_grasp: tuple[Counts3, Vector3] | None = None
 
     @property
     def closing_speed_mps(self) -> float:
-        """Fastest closing whose kinetic energy cannot carry the tip past limit plus overshoot.
+        """Fastest closing whose kinetic energy keeps the force within limit plus overshoot, m/s.
 
         A tip of mass m that reaches the force limit at speed v against stiffness k overshoots by
-        v sqrt(k m): work equals energy, with the motor still pushing at the limit.
+        v sqrt(k m): work equals kinetic energy while the motor pushes at the limit.
         """
         s = self._settings
         return s.overshoot_n / math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
 
-    def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
-        """Remember the first grasp: travel is counted from here."""
-        self._anchor = (positions, measured_n)
+    def set_first_grasp(self, positions: Counts3, measured_n: Vector3) -> None:
+        """Take the first grasp as the reference of safe travel."""
+        self._first_grasp = (positions, measured_n)
 
-    def reach(self, state: GripperState, measured_n: Vector3) -> Counts3 | None:
-        """Counts up to which each finger may close at any speed, because position alone limits the
-        force there: to the limit with the stated stiffness, and to limit plus overshoot with the
+    def safe_travel(self, state: GripperState, measured_n: Vector3) -> Counts3 | None:
+        """Counts up to which each finger may close at any speed, because there the position limits
+        the force: to the limit at the stated stiffness, and to limit plus overshoot with the
         margins. None before the first grasp, and where several motors press at once.
 
-        A grip that has grown by more than its closing explains counts as the first grasp.
+        Measured force that the closing does not explain counts as part of the first grasp.
         """
-        if self._anchor is None or self._settings.cap_mode == "each_motor":
+        if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None
-        fingers = zip(*self._anchor, state.requested, measured_n, strict=True)
-        a, b, c = (self._reach(*finger) for finger in fingers)
+        fingers = zip(*self._first_grasp, state.requested, measured_n, strict=True)
+        a, b, c = (self._safe_travel(*finger) for finger in fingers)
         return a, b, c
 
-    def _reach(self, position: int, first_n: float, requested: int, measured_n: float) -> int:
+    def _safe_travel(self, position: int, first_n: float, requested: int, measured_n: float) -> int:
         s, per_count_n = self._settings, self._stiffness.newtons_per_count
-        grown_n = measured_n - per_count_n * max(0, requested - position)
-        worst_n = max(first_n + FIRST_FORCE_MARGIN_N, grown_n)
+        unexplained_n = measured_n - per_count_n * max(0, requested - position)
+        worst_n = max(first_n + FIRST_FORCE_MARGIN_N, unexplained_n)
         worst = Stiffness(STIFFNESS_MARGIN * per_count_n)
         counts = worst.counts_within(s.force_limit_n + s.overshoot_n - worst_n)
-        expected_n = max(first_n, grown_n)
+        expected_n = max(first_n, unexplained_n)
         return position + min(counts, self._stiffness.counts_within(s.force_limit_n - expected_n))
 
     def admit(
         self, command: GripperCommand, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
-        """The command that may go to the gripper in place of ``command``."""
+        """The command that may be sent to the gripper in place of ``command``."""
         if isinstance(command, MoveFingers):
             return self._admit_move(command, state, measured_n)
         if isinstance(command, CloseFast):
@@ -149,9 +149,9 @@ class ForceGuard:
         return command
 
     def overloaded(self, measured_n: Vector3) -> bool:
-        """Whether measured force is above the limit by more than the estimate's own error."""
+        """Whether measured force is above the limit by more than the estimate's error."""
         s = self._settings
-        # with `each_motor` the thumb carries what two motors push
+        # with `each_motor` the thumb carries the sum of two motors
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
         thumb_n, *others_n = measured_n
         margin_n = s.measured_margin_n
@@ -163,10 +163,10 @@ class ForceGuard:
         closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
         if closes and self.overloaded(measured_n):
             return HoldFingers()
-        targets = self._bounded(command.targets_counts)
+        targets = self._within_travel(command.targets_counts)
         return MoveFingers(
             targets_counts=targets,
-            speed_mps=self._slowed(command.speed_mps, targets, state, measured_n),
+            speed_mps=self._limited_speed(command.speed_mps, targets, state, measured_n),
             force_n=min(command.force_n, self._settings.force_limit_n),
         )
 
@@ -174,55 +174,55 @@ class ForceGuard:
         self, command: CloseFast, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
         s = self._settings
-        if self.overloaded(measured_n) or (s.travel_bound and self._anchor is None):
+        if self.overloaded(measured_n) or (s.travel_bound and self._first_grasp is None):
             return HoldFingers()
-        limits = self._bounded(command.limits_counts)
+        limits = self._within_travel(command.limits_counts)
         closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseFast(
             force_cap_n=min(command.force_cap_n, s.force_limit_n),
             closing=closing,
             limits_counts=limits,
-            speed_mps=self._slowed(command.speed_mps, moved, state, measured_n),
-            more=command.more,
+            speed_mps=self._limited_speed(command.speed_mps, moved, state, measured_n),
+            first_stage=command.first_stage,
         )
 
-    def _slowed(
-        self, asked_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
+    def _limited_speed(
+        self, requested_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
     ) -> float:
-        """The speed asked for where position alone keeps the limit; beyond, at most the speed that
-        the overshoot allows."""
-        free = self.reach(state, measured_n) or self._free_counts
+        """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``."""
+        free = self.safe_travel(state, measured_n) or self._free_counts
         within = all(target <= most for target, most in zip(targets, free, strict=True))
-        return asked_mps if within else min(asked_mps, self.closing_speed_mps)
+        return requested_mps if within else min(requested_mps, self.closing_speed_mps)
 
     @property
-    def thumb_end(self) -> int | None:
-        """The last count that the thumb may have; None where force alone ends a closing, or where B
-        and C close too."""
+    def thumb_limit_counts(self) -> int | None:
+        """The thumb's largest position; None where only force ends a closing, or B and C close."""
         alone = self._settings.cap_mode == "every_finger"
-        return self._ends[0] if alone and self._ends is not None else None
+        return self._travel_limits[0] if alone and self._travel_limits is not None else None
 
-    def _bounded(self, targets: Counts3) -> Counts3:
-        if self._ends is None:
+    def _within_travel(self, targets: Counts3) -> Counts3:
+        if self._travel_limits is None:
             return targets
-        a, b, c = (min(target, end) for target, end in zip(targets, self._ends, strict=True))
+        a, b, c = (
+            min(target, end) for target, end in zip(targets, self._travel_limits, strict=True)
+        )
         return a, b, c
 
     @property
-    def _ends(self) -> Counts3 | None:
-        """Where each finger's force would reach the limit by position, whole counts down."""
+    def _travel_limits(self) -> Counts3 | None:
+        """Positions at which the fingers' force reaches the limit, rounded down to counts."""
         s = self._settings
-        if not s.travel_bound or self._anchor is None:
+        if not s.travel_bound or self._first_grasp is None:
             return None
         a, b, c = (
             position + self._stiffness.counts_within(s.force_limit_n - force_n)
-            for position, force_n in zip(*self._anchor, strict=True)
+            for position, force_n in zip(*self._first_grasp, strict=True)
         )
         return a, b, c
 
     def measured_n(self, counts_sum: Vector3) -> Vector3:
-        """Force estimate of each finger, N, from the sum of its counts (pressing is negative)."""
+        """Estimate each finger's force, N, from the sum of its counts (pressing is negative)."""
         a, b, c = counts_sum
         per_newton = self._settings.counts_per_newton
         return max(0.0, -a / per_newton), max(0.0, -b / per_newton), max(0.0, -c / per_newton)

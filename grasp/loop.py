@@ -1,7 +1,7 @@
-"""ControlLoop: sample, step, command, hand on; once a tactile sample.
+"""ControlLoop: poll the devices, step, send the commands, notify observers; once a tactile sample.
 
-The loop owns the deadlines and the timing statistics; it knows devices by their interfaces alone,
-and of what a step concludes only which commands go where.
+The loop owns deadlines and timing statistics. It knows the devices only by their interfaces, and of
+a step's result only the commands and their devices.
 """
 
 from collections import deque
@@ -43,13 +43,12 @@ from grasp.states import State
 from grasp.step import GraspStep, StepResult
 
 TIMED_OUT = "the run did not end in time"
-LONGER = "where it was only slow, give it longer (loop.deadline_s)"
+LONGER = "if it was only slow, raise loop.deadline_s"
 
-# No settings, since no result depends on them: a command due this soon is sent before anyone
-# watches (half of the shortest period), and how often an acknowledgement is looked for meanwhile.
-SOON_NS = 1_000_000
-POLL_NS = 100_000
-ABORT_REPEAT_NS = 50_000_000  # between two requests where no step can be taken
+# Constants, because no result depends on them.
+SOON_NS = 1_000_000  # a command due within this is sent before observers run: half a least period
+POLL_NS = 100_000  # between two looks for its acknowledgement
+ABORT_REPEAT_NS = 50_000_000  # between two requests where no step is possible
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -61,18 +60,18 @@ class Devices(msgspec.Struct, frozen=True):
 
 
 class Issued(msgspec.Struct, frozen=True):
-    """A command on its way: decided, admitted by the guard, and what the device could apply."""
+    """A command that was sent: as requested, as admitted by the guard, as applied by the device."""
 
     decided_ns: int
     sent_ns: int
-    asked: Command
+    requested: Command
     admitted: Command
     applied: Applied | None  # None for arm and fingertips
     refused: str = ""
 
 
 class Tick(msgspec.Struct, frozen=True):
-    """Everything of one period, for recording, display and scoring."""
+    """All data of one period, for recording, display and scoring."""
 
     observation: Observation
     decision: Decision
@@ -100,17 +99,17 @@ class Tick(msgspec.Struct, frozen=True):
 
 
 class Timing:
-    """Latency samples of a run, in nanoseconds, and what went missing."""
+    """Latency samples of a run, in nanoseconds, and counts of missed periods and frames."""
 
     def __init__(self) -> None:
         self.frame_to_decision_ns: list[int] = []
         self.gripper_commands_ns: list[tuple[int, int]] = []  # (decided, handed to the driver)
         self.frame_age_ns: list[int] = []
-        self.missed_periods = 0  # that the loop slept through
+        self.missed_periods = 0  # skipped, because the loop was late
         self.repeated_frames = 0  # periods without a new frame
 
 
-# what a gripper does by itself where it is polled no more, and that in words; None: nothing
+# sets the motion that a gripper's own thread makes when polling ends, and its description
 _SetFallback = Callable[[Callable[[Gripper], Applied] | None, str], None]
 
 
@@ -118,18 +117,18 @@ class _Waiting(msgspec.Struct, frozen=True):
     """A command that has been decided and not been sent yet."""
 
     due_ns: int
-    step_ns: int  # time of the step that decided
-    decided_ns: int  # when that step was done
-    asked: Command
+    step_ns: int  # time of the step that decided it
+    decided_ns: int  # end of that step
+    requested: Command
     admitted: Command
 
 
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
-    stop_s = 20.0  # a run that was stopped may last, should its safe state not end it; assumed
-    abort_s = 3.0  # for arm and hand to stand where no step can be taken any more; assumed
-    spared_s = 0.002  # of a period, for those who watch, though an acknowledgement is late; assumed
+    stop_s = 20.0  # longest duration of a safe state; assumed
+    abort_s = 3.0  # longest wait for arm and hand to stop where no step is possible; assumed
+    observer_reserve_s = 0.002  # of each period, kept for observers; assumed
 
     def __init__(
         self,
@@ -140,8 +139,8 @@ class ControlLoop:
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
         self.timing = Timing()
-        self.errors: dict[str, Fault] = {}  # the first of each device, in their order
-        self.set_down = False  # whoever runs the experiment asks for it, once it is held
+        self.errors: dict[str, Fault] = {}  # the first error of each device, in their order
+        self.set_down = False  # set by the experiment to request the set-down of a held object
         self._devices = devices
         self._clock = clock
         self._step = step
@@ -156,38 +155,38 @@ class ControlLoop:
         self._stop: Fault | None = None
         self._gripper_lost = False
         self._late_ns = self._took_ns = self._arm_ns = 0
-        # only a gripper with a thread of its own can act while no step comes
+        # only a gripper driver with its own thread can act while no step follows
         self._set_fallback: _SetFallback | None = getattr(devices.gripper, "set_fallback", None)
 
     def run(self, deadline_s: float) -> None:
-        """Tick until the controller has finished; at the latest until deadline_s from now, and what
-        an arm was slow by whose speed slider is turned down.
+        """Tick until the controller has finished, at most for deadline_s plus the delay by a slow
+        arm.
 
         Raises Interruption between two ticks when a signal has come.
         """
         start_ns, controller = self._clock.now_ns, self._step.controller
         end_ns = start_ns + round(deadline_s * 1e9)
-        self._deadlines = Deadlines(start_ns, self._period_ns)  # what came before it is no lateness
+        self._deadlines = Deadlines(start_ns, self._period_ns)  # time before does not count as late
         with signals.deferred():
-            while not controller.finished and self._clock.now_ns < end_ns + controller.excused_ns:
+            while not controller.finished and self._clock.now_ns < end_ns + controller.arm_delay_ns:
                 signals.check()
                 self.tick()
         if not controller.finished:
             self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
 
     def tick(self) -> Tick:
-        """One period: wait for the next sample, step, send what was decided, then hand on."""
+        """Run one period: wait for the sample, step, send the commands, then notify observers."""
         now_ns = self._await_period()
         self._poll(now_ns)
         self._late_ns += self._clock.now_ns - now_ns  # 0 in virtual time
-        told = self._gather(now_ns)
+        inputs = self._read_inputs(now_ns)
         start_ns, began_ns = stopwatch_ns(), self._clock.now_ns
-        result = self._step.decide(told)
+        result = self._step.decide(inputs)
         self.timing.frame_to_decision_ns.append(stopwatch_ns() - start_ns)
         self._took_ns = self._clock.now_ns - began_ns  # 0 in virtual time, so that runs are equal
         self._enqueue(now_ns, result)
-        self._send_before_anyone_watches()
-        self._prepare_fallback(self._step.fallback(told.gripper) if self._set_fallback else None)
+        self._send_before_observers()
+        self._prepare_fallback(self._step.fallback(inputs.gripper) if self._set_fallback else None)
         tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
         self._last = tick
@@ -195,32 +194,32 @@ class ControlLoop:
         return tick
 
     def submit(self, command: Command) -> None:
-        """Put a command of somebody else's on its way; the guard admits it as any other."""
+        """Queue a command from outside the controller; the guard limits it like any other."""
         now_ns = self._clock.now_ns
         admitted = self._step.admit(command, self._gripper_state())
         self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
     def stop(self, why: Fault) -> None:
-        """The run shall end now: forget what was queued, but a closing that answers slip, and tick
-        until the safe state is reached in which a grip is kept. No signal cuts this short, but
-        where something hangs in it: raises Stuck then.
+        """End the run: drop queued commands, except a closing that responds to slip, and tick until
+        the safe state that keeps a grip is confirmed. No signal cuts this short, unless it hangs:
+        raises Stuck then.
         """
         controller = self._step.controller
         if not controller.finished and not controller.in_safe_state:
-            answering = controller.state is State.COMPENSATE
-            kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
+            responding = controller.state is State.COMPENSATE
+            kept = (w for w in self._queue if responding and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
         self._stop = why
-        self._pursue_safe_state()
+        self._reach_safe_state()
 
     def fail(self, bug: Fault) -> None:
-        """A bug of ours ends a run as any other fault does: its safe state is pursued. Raises what
-        the bug raises where that cannot be."""
+        """End the run because of a bug in this program, in the safe state of a fault. Raises the
+        bug's exception if that fails too."""
         self._queue.clear()
         self._new_errors = (bug,)
-        self._pursue_safe_state()
+        self._reach_safe_state()
 
-    def _pursue_safe_state(self) -> None:
+    def _reach_safe_state(self) -> None:
         end_ns = self._clock.now_ns + round(self.stop_s * 1e9)
         with signals.deferred():
             while not self._step.controller.finished and self._clock.now_ns < end_ns:
@@ -229,51 +228,51 @@ class ControlLoop:
         self._prepare_fallback(None)
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: arm and hand are commanded until both
-        are seen to obey. Returns how they were left; None where there was no step at all."""
+        """End the run where no step is possible any more: command arm and hand until both confirm.
+        Returns the last tick with their present states; None if there was no step at all."""
         self._queue.clear()
         start_ns = self._clock.now_ns
-        stop, *hand = due = self._step.controller.aborted()
+        stop, *hand = due = self._step.controller.abort_commands()
         while due and self._clock.now_ns < start_ns + round(self.abort_s * 1e9):
             for command in due:
-                self._survives(partial(self._send_at_once, command))
+                self._call_suppressed(partial(self._send_at_once, command))
             later_ns = self._clock.now_ns + ABORT_REPEAT_NS
-            self._survives(partial(self._clock.sleep_until_ns, later_ns))
+            self._call_suppressed(partial(self._clock.sleep_until_ns, later_ns))
             for poll in (self._poll_gripper, self._poll_arm):
-                self._survives(partial(poll, self._clock.now_ns))
+                self._call_suppressed(partial(poll, self._clock.now_ns))
             due = (stop, *hand)
             with suppress(Exception):  # of the step, or of another package's device
-                due = self._unreached(due, start_ns)
+                due = self._commands_to_repeat(due, start_ns)
         self._prepare_fallback(None)
         with suppress(Exception):
-            return self._left()
+            return self._present()
         return self._last
 
-    def _unreached(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
-        """What is to be asked for again; nothing where arm and hand are seen to obey. A closing is
-        not begun again while it lasts."""
-        left = self._left()
-        if left is None or min(left.arm.t_ns, left.gripper.t_ns) <= start_ns:
+    def _commands_to_repeat(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
+        """Commands to repeat; none once arm and hand confirm. A closing in progress is not
+        restarted."""
+        present = self._present()
+        if present is None or min(present.arm.t_ns, present.gripper.t_ns) <= start_ns:
             return due
-        closes = not left.gripper.at_rest and HoldFingers() not in due
+        closes = not present.gripper.at_rest and HoldFingers() not in due
         again = due[:1] if closes else due
-        return again if any(self._step.controller.missing(left.observation)) else ()
+        return again if any(self._step.controller.unconfirmed_parts(present.observation)) else ()
 
     @staticmethod
-    def _survives(act: Callable[[], None]) -> None:
-        """One device that fails must not keep the next from its turn."""
+    def _call_suppressed(act: Callable[[], None]) -> None:
+        """Call and ignore any exception: a failing device must not block the next one."""
         signals.check(end=False)
         with suppress(BaseException):
             act()
 
     def _send_at_once(self, command: Command) -> None:
         now_ns, admitted = self._clock.now_ns, command
-        if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
+        if not isinstance(command, StopArm | HoldFingers):  # these need no guard
             admitted = self._step.admit(command, self._gripper_state())
         self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
-    def _left(self) -> Tick | None:
-        """The last step, with what the devices say now."""
+    def _present(self) -> Tick | None:
+        """The last tick with the present states of the devices."""
         if self._last is None:
             return None
         last, devices = self._last.observation, self._devices
@@ -285,7 +284,7 @@ class ControlLoop:
         return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _prepare_fallback(self, command: GripperCommand | None) -> None:
-        """What the hand's own thread is to do should no further step come."""
+        """Set the command that the gripper driver's thread sends if no further step follows."""
         if self._set_fallback is None:
             return
         if command is None:
@@ -294,17 +293,17 @@ class ControlLoop:
             self._set_fallback(partial(_to_gripper, command), describe(command))
 
     def _await_period(self) -> int:
-        """Sleep to the next deadline, sending on the way what comes due; gives the time then."""
+        """Sleep until the next deadline and send commands that become due; returns the time."""
         due_ns = self._deadlines.next_ns()
         self._advance_to(due_ns)
         now_ns = self._clock.now_ns
         self._late_ns = now_ns - due_ns
-        self._deadlines.leave_out(now_ns)
+        self._deadlines.skip_missed(now_ns)
         self.timing.missed_periods = self._deadlines.missed
         return now_ns
 
     def _advance_to(self, t_ns: int) -> None:
-        """Wait, and send on the way what comes due."""
+        """Wait until then, and send commands that become due."""
         while self._queue and self._queue[0].due_ns <= t_ns:
             waiting = self._queue.popleft()
             self._clock.sleep_until_ns(waiting.due_ns)
@@ -312,29 +311,29 @@ class ControlLoop:
         self._clock.sleep_until_ns(t_ns)
 
     def _poll(self, now_ns: int) -> None:
-        self._guarded(FINGERTIPS, lambda: self._devices.tactile.poll(now_ns))
+        self._call_device(FINGERTIPS, lambda: self._devices.tactile.poll(now_ns))
         self._poll_gripper(now_ns)
         self._poll_arm(now_ns)
 
     def _poll_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
-        self._guarded(ARM, lambda: self._devices.arm.poll(now_ns))
+        self._call_device(ARM, lambda: self._devices.arm.poll(now_ns))
 
-    def _poll_arm_before(self) -> None:
-        """A command acts from where and when the arm was asked last."""
+    def _poll_arm_before_command(self) -> None:
+        """Refresh the arm's state, because a command starts from it."""
         now_ns = self._clock.now_ns
         if now_ns - self._arm_ns > SOON_NS:
             self._poll_arm(now_ns)
 
     def _poll_gripper(self, now_ns: int) -> None:
-        error = self._guarded(GRIPPER, lambda: self._devices.gripper.poll(now_ns))
+        error = self._call_device(GRIPPER, lambda: self._devices.gripper.poll(now_ns))
         if error is None:
             self._gripper_lost = False
         elif isinstance(error, LinkLost):
             self._gripper_lost = True
 
-    def _guarded(self, device: str, action: Callable[[], None]) -> GraspError | None:
-        """Do it; an expected error is an input of the next step, never an exception here."""
+    def _call_device(self, device: str, action: Callable[[], None]) -> GraspError | None:
+        """Call a device; an expected error becomes an input of the next step."""
         try:
             action()
         except GraspError as error:
@@ -343,7 +342,7 @@ class ControlLoop:
         return None
 
     def note(self, device: str, error: GraspError) -> str:
-        """Tell the next step what a driver raised; returns it in a line."""
+        """Pass a driver's error to the next step; returns it in one line."""
         fault = Fault.of(device, error)
         self.errors.setdefault(device, fault)
         if not any(e.device == device and e.code == fault.code for e in self._new_errors):
@@ -355,8 +354,8 @@ class ControlLoop:
         assert state is not None  # noqa: S101  (a rig opens with it read)
         return state
 
-    def _gather(self, now_ns: int) -> StepInput:
-        """What the devices say now. Errors are told once."""
+    def _read_inputs(self, now_ns: int) -> StepInput:
+        """Present device states and new errors as a step's inputs; each error is passed once."""
         tactile, arm = self._devices.tactile, self._devices.arm.state
         frame = tactile.frame
         assert arm is not None  # noqa: S101  (a rig opens with it read)
@@ -383,17 +382,17 @@ class ControlLoop:
         decided_ns = self._clock.now_ns
         due_ns = step_ns + self._delay_ns
         self._queue.extend(
-            _Waiting(due_ns, step_ns, decided_ns, asked, admitted)
-            for asked, admitted in zip(result.decision.commands, result.admitted, strict=True)
+            _Waiting(due_ns, step_ns, decided_ns, requested, admitted)
+            for requested, admitted in zip(result.decision.commands, result.admitted, strict=True)
         )
 
-    def _send_before_anyone_watches(self) -> None:
-        """On a real clock what is decided goes out at once, and is acknowledged, before a recorder
-        or a picture takes the interpreter from the thread that writes to the gripper."""
+    def _send_before_observers(self) -> None:
+        """Send commands at once and wait for the acknowledgement, if the clock is real. Otherwise
+        recorder and display would delay the thread that writes to the gripper."""
         if self._clock.virtual or not self._queue:
             return
         self._advance_to(self._clock.now_ns + SOON_NS)
-        end_ns = self._deadlines.last_ns + self._period_ns - round(self.spared_s * 1e9)
+        end_ns = self._deadlines.last_ns + self._period_ns - round(self.observer_reserve_s * 1e9)
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
 
@@ -408,7 +407,7 @@ class ControlLoop:
         if isinstance(waiting.admitted, GripperCommand):
             self.timing.gripper_commands_ns.append((waiting.decided_ns, sent_ns))
         self._issued.append(
-            Issued(waiting.step_ns, sent_ns, waiting.asked, waiting.admitted, applied, refused)
+            Issued(waiting.step_ns, sent_ns, waiting.requested, waiting.admitted, applied, refused)
         )
         if applied is not None:
             self._poll_gripper(self._clock.now_ns)
@@ -417,14 +416,14 @@ class ControlLoop:
         if isinstance(command, GripperCommand):
             return _to_gripper(command, self._devices.gripper)
         if isinstance(command, MoveArm):
-            self._poll_arm_before()
+            self._poll_arm_before_command()
             self._devices.arm.move_to(
                 command.position_m, command.speed_mps, command.acceleration_mps2
             )
         elif isinstance(command, StopArm):
             try:
-                self._poll_arm_before()
-            finally:  # a stop goes out whatever is wrong
+                self._poll_arm_before_command()
+            finally:  # a stop is always sent
                 self._devices.arm.stop(command.deceleration_mps2)
         else:
             self._devices.tactile.begin_rest()

@@ -1,7 +1,7 @@
 """Messages of a recording, one type a topic, and their conversion back to a step's inputs.
 
-They hold all inputs of a control step, so that a replay needs nothing else, and nothing that
-depends on the wall clock, so that equal runs are equal byte for byte.
+They contain all inputs of a control step, so that a replay needs nothing else. They contain nothing
+that depends on the wall clock, so that equal runs give equal bytes.
 """
 
 import math
@@ -22,7 +22,7 @@ from grasp.states import PhaseChange
 
 
 class TactileMessage(msgspec.Struct, frozen=True):
-    """One frame; counts and raw are row-major (finger, taxel), 18 numbers each."""
+    """Tactile frame. counts, raw and temperature are row-major (finger, taxel), 18 values each."""
 
     seq: int
     sampled_ns: int
@@ -33,7 +33,7 @@ class TactileMessage(msgspec.Struct, frozen=True):
     stale: bool
 
 
-Number = float | None  # null: not a number, for which JSON has no word
+Number = float | None  # null in place of NaN, which JSON does not have
 
 
 class ArmMessage(msgspec.Struct, frozen=True):
@@ -52,7 +52,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
-    """One control step: its inputs beside the device states, and what it concluded."""
+    """Control step: its inputs except the device states, and its result."""
 
     phase: str
     probabilities: list[float]
@@ -75,15 +75,15 @@ class ControlMessage(msgspec.Struct, frozen=True):
     reported: tuple[Fault, ...] = ()  # checks that failed in report mode
 
 
-# the fields of a step's inputs that it repeats
+# fields of ``StepInput`` in ``ControlMessage``
 INPUTS = [name for name in ControlMessage.__struct_fields__ if hasattr(StepInput, name)]
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
-    """One command: requested by the controller, admitted by the guard, applied by the device."""
+    """Command as requested by the controller, admitted by the guard, applied by the device."""
 
     decided_ns: int
-    asked: Command
+    requested: Command
     admitted: Command
     applied: Applied | None
     refused: str
@@ -102,11 +102,11 @@ Write = Callable[[str, int, msgspec.Struct], None]
 
 
 def write_tick(write: Write, tick: Tick) -> None:
-    """All messages of one tick but the phase changes."""
+    """Write all messages of one tick except phase changes."""
     t_ns = tick.t_ns
     for sent in tick.issued:
         message = CommandMessage(
-            sent.decided_ns, sent.asked, sent.admitted, sent.applied, sent.refused
+            sent.decided_ns, sent.requested, sent.admitted, sent.applied, sent.refused
         )
         write(COMMANDS, sent.sent_ns, message)
     if tick.frame is not None:
@@ -128,7 +128,7 @@ def tactile_message(frame: TactileFrame) -> TactileMessage:
 
 
 def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
-    """The frame of a recorded step; rest counts follow from raw and counts."""
+    """The frame of a recorded step. Rest counts are raw minus counts."""
     counts, raw, temperature = (
         np.array(codes, np.int16).reshape(FINGERS, -1)
         for codes in (message.counts, message.raw, message.temperature)

@@ -1,4 +1,4 @@
-"""StepInput: all inputs of one control step. Observation: these, and what was derived from them."""
+"""StepInput: all inputs of one control step. Observation: the inputs and derived values."""
 
 import msgspec
 import numpy as np
@@ -13,11 +13,11 @@ from grasp.fault import ARM, GRIPPER, Fault, stale
 class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     """All inputs of one step; ``frame`` is None until the fingertips have sent one.
 
-    ``pending``: a command of an earlier step has not reached its device yet. ``errors``: what the
-    drivers raised since the last step. ``set_down``: the experiment is done, and a held object may
-    be set down. ``stop``: why the run is to end now; None while it may go on.
-    ``late_ns``: by how much this step began too late, after the devices were read; ``took_ns``: how
-    long the step before took. Both are 0 in virtual time.
+    ``pending``: a command of an earlier step has not reached its device yet. ``errors``: faults
+    that the drivers raised since the last step. ``set_down``: the experiment is complete, and a
+    held object may be set down. ``stop``: why the run must end now, else None.
+    ``late_ns``: delay of this step's start, including the reading of the devices. ``took_ns``:
+    duration of the step before. Both are 0 in virtual time.
     """
 
     t_ns: int
@@ -35,15 +35,15 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
-    """All that the controller may know: the step's inputs, and what follows from them.
+    """All that the controller knows in one step: the inputs, and values derived from them.
 
-    ``probabilities``: of slip, (3,), zeros without a fresh frame. ``faults``: ``inputs.errors`` and
-    plausibility checks that failed; ``reported``: those that end no run.
-    ``measured_n``: estimated force of each finger; ``felt_n``: from those taxels alone that would
-    show its end, since none of them is at a rail or stuck. ``overloaded``: measured force is above
-    the limit and its margin. ``last_close``: the closing that was admitted last. ``reach_counts``,
-    ``thumb_end``: see ``ForceGuard``.
-    ``motion``: the kind of slip, where the detector can tell; recorded and shown, never used.
+    ``probabilities``: of slip, (3,); zeros without a fresh frame. ``faults``: ``inputs.errors`` and
+    plausibility checks that failed; ``reported``: failed checks that do not end the run.
+    ``measured_n``: estimated force of each finger, N; ``responsive_n``: the same from responsive
+    taxels only, which are neither saturated nor stuck and so would show the loss of contact.
+    ``overloaded``: measured force is above the limit and its margin. ``last_close``: the closing
+    that was admitted last. ``safe_travel_counts``, ``thumb_limit_counts``: see ``ForceGuard``.
+    ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
     """
 
     inputs: StepInput
@@ -51,11 +51,11 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[Fault, ...] = ()
     reported: tuple[Fault, ...] = ()
     measured_n: Vector3 = (0.0, 0.0, 0.0)
-    felt_n: Vector3 = (0.0, 0.0, 0.0)
+    responsive_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
     last_close: CloseFast | None = None
-    reach_counts: Counts3 | None = None
-    thumb_end: int | None = None
+    safe_travel_counts: Counts3 | None = None
+    thumb_limit_counts: int | None = None
     motion: Motion | None = None
 
     @property
@@ -80,7 +80,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
         return self.inputs.pending
 
     def device_fault(self, old_ns: float) -> Fault | None:
-        """The first fault that gripper or arm reports, or whose state is older than ``old_ns``."""
+        """The first fault that gripper or arm reports, or of a state older than ``old_ns``."""
         if self.gripper.age_ns(self.t_ns) > old_ns:
             return stale(GRIPPER, "gripper status too old")
         if self.arm.age_ns(self.t_ns) > old_ns:
@@ -95,41 +95,41 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def hand_rests(self) -> bool:
-        """Whether the fingers stand, and no command is on its way."""
+        """Whether the fingers are at rest, and no command is on its way."""
         return not self.pending and self.gripper.at_rest
 
     @property
-    def closed_out(self) -> bool:
+    def closing_exhausted(self) -> bool:
         """Whether no closing would have an effect: the hand is at its cap, or the guard admits none
-        since measured force is above the limit."""
+        because measured force is above the limit."""
         return self.at_cap or (self.overloaded and self.hand_rests)
 
     @property
-    def unfinished(self) -> bool:
-        """Whether a first stage rests short of the force cap, and another closing is due."""
-        return self.first_stage and self.hand_rests and not self.closed_out
+    def second_stage_due(self) -> bool:
+        """Whether a first stage has ended short of the force cap, so that the second is due."""
+        return self.first_stage and self.hand_rests and not self.closing_exhausted
 
     @property
     def first_stage(self) -> bool:
         """Whether the closing that was admitted last was a first stage."""
-        return self.last_close is not None and self.last_close.more
+        return self.last_close is not None and self.last_close.first_stage
 
     @property
     def at_cap(self) -> bool:
         """Whether another closing would have no effect: each finger that closed last is latched in
-        contact, or stands at the last count that the guard admits, unless that was a first stage.
-        True also while a command, mostly one to the arm, is on its way."""
+        contact, or has reached the last count that the guard admits, unless that was a first stage.
+        Can be true while a command, mostly one to the arm, is on its way."""
         close, thumb = self.last_close, self.gripper.fingers[0]
         if not self.gripper.at_rest:
             return False
-        if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
+        if self.thumb_limit_counts is not None and thumb.position_counts >= self.thumb_limit_counts:
             return True
-        if close is None:  # only a step to the cap latches a thumb that no closing was sent to
+        if close is None:  # without a closing, only a step to the cap latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(
             f.detection is Detection.CONTACT_CLOSING
-            or (f.position_counts >= limit and not close.more)
+            or (f.position_counts >= limit and not close.first_stage)
             for f, closes, limit in fingers
             if closes
         )

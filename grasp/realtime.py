@@ -11,21 +11,21 @@ import msgspec
 from msgspec import Meta
 
 THREADS = Path("/proc/self/task")
-PRIORITY = 20  # over ordinary programs, under the kernel's own interrupt threads
+PRIORITY = 20  # above ordinary programs, below the kernel's interrupt threads
 
 
 class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Scheduling of a run in wall time."""
 
     priority: Annotated[
-        int, Meta(ge=0, le=90, description="SCHED_FIFO, 0 for none; a run goes on without it")
+        int, Meta(ge=0, le=90, description="SCHED_FIFO, 0 for none; a run continues without it")
     ] = PRIORITY
 
 
 @contextmanager
 def real_time(settings: RealTimeSettings) -> Iterator[bool]:
-    """Inside, this process's present threads run before all ordinary ones, and no garbage is
-    collected; later threads and processes are ordinary. Yields whether the priority was granted.
+    """Within, the existing threads of this process run before all ordinary ones, and no garbage is
+    collected. Later threads and processes are ordinary. Yields whether the priority was granted.
     """
     before = _raise_threads(settings.priority) if settings.priority else {}
     collecting = gc.isenabled()
@@ -43,7 +43,7 @@ def real_time(settings: RealTimeSettings) -> Iterator[bool]:
 
 
 def _raise_threads(priority: int) -> dict[int, tuple[int, os.sched_param]]:
-    """Former policies of the threads raised; empty where the system refuses or has no FIFO."""
+    """Raise the priority of all threads; returns their former policies, none where it failed."""
     if not hasattr(os, "SCHED_FIFO"):
         return {}
     policy, raised = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, {}

@@ -1,8 +1,8 @@
 """Recordings of runs: MCAP files with one JSON channel a topic, written chunk by chunk.
 
-A recorder never disturbs a run: it raises nothing into the loop, keeps its first failure and
-removes the incomplete file. Equal messages give equal bytes: times come from the caller. A writer
-that is killed leaves a file without an index, whose complete chunks can be read.
+A recorder never disturbs a run: it raises no exception into the loop, keeps its first failure and
+removes the incomplete file. Equal messages give equal bytes, because times come from the caller. A
+writer that is killed leaves a file without an index, whose complete chunks can be read.
 """
 
 import io
@@ -22,11 +22,11 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from drivers.errors import BadFile
 from grasp.files import private_opener
 
-LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
+LIBRARY = "grasp-controller"  # without version, which is in the metadata
 METADATA_NAME = "run"
-UNIX_NS = "unix_ns"  # of the metadata; a file without it counts from 0
-FILE_WANTED = "give the path of a run's .mcap file"
-CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
+UNIX_NS = "unix_ns"  # of the metadata; 0 if absent
+PATH_REMEDY = "give the path of a run's .mcap file"
+CHUNK_BYTES = 32 * 1024  # most data lost when the process is killed: about half a second of a run
 
 Channels = Mapping[str, type[msgspec.Struct]]
 _Schema = dict[str, Any]
@@ -34,10 +34,10 @@ PLAIN_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
 def _viewer_schema(schema: _Schema, defs: _Schema) -> _Schema | None:
-    """JSON Schema as MCAP viewers read it: nested objects, no references; None if they refuse it.
+    """JSON Schema that MCAP viewers accept: nested objects, no references; None if there is none.
 
-    Viewers refuse a whole channel over one property without a plain ``type``. So an optional value
-    is described by its type, and a list of lists, a union or a tuple of mixed types is recorded but
+    Viewers reject a whole channel if one property has no plain ``type``. So an optional value is
+    described by its type, and a list of lists, a union or a tuple of mixed types is recorded but
     left out of the schema.
     """
     if "$ref" in schema:
@@ -66,12 +66,12 @@ def _viewer_schema(schema: _Schema, defs: _Schema) -> _Schema | None:
 
 
 class RunRecorder:
-    """Writes one run to ``path``. No method raises; look at ``failure`` when the run is over.
+    """Writes one run to ``path``. No method raises; check ``failure`` after the run.
 
-    channels: topic to message type; a type without a JSON form is a TypeError here, before anything
-    runs. A message that is not written is a ``failure``. Times are integer nanoseconds of the run's
-    own clock; in the file they count from 1970, by the metadata's ``unix_ns``, the instant at which
-    that clock was zero.
+    channels: topic to message type; the constructor raises TypeError for a type without a JSON
+    form. A message that is not written is a ``failure``. Times are integer nanoseconds of the run's
+    clock. In the file they count from 1970, by the metadata's ``unix_ns``, the time at which that
+    clock was zero.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class RunRecorder:
             writer.start(profile="", library=LIBRARY)
             writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
             for topic, kind in channels.items():
-                name = getattr(kind, "schema_name", kind.__name__)  # viewers know some by name
+                name = getattr(kind, "schema_name", kind.__name__)  # some viewers know by name
                 schema = _viewer_schema(schemas[topic], schemas[topic]["$defs"])
                 data = msgspec.json.encode(schema)
                 schema_id = writer.register_schema(name, "jsonschema", data)
@@ -113,7 +113,7 @@ class RunRecorder:
         self.close()
 
     def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
-        """Append one message; after a failure nothing more is written."""
+        """Append one message; does nothing after a failure."""
         if self._writer is None:
             closed = ValueError(f"{self.path} was closed before the last message")
             self.failure = self.failure or closed
@@ -140,7 +140,7 @@ class RunRecorder:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """Keep the first failure, and remove the file; a device (`/dev/null`) stays."""
+        """Keep the first failure, and remove the file unless it is a device (`/dev/null`)."""
         self.failure = self.failure or error
         self._writer = None
         if self._stream is None:
@@ -153,9 +153,9 @@ class RunRecorder:
 
 
 class RunRecording:
-    """One recording in memory: ``metadata``, and messages of ``channels`` decoded as their types.
+    """Recording in memory: ``metadata``, and messages of ``channels`` decoded as their types.
 
-    ``complete`` is False when the writer was killed: the last chunk is missing then.
+    ``complete`` is False when the writer was killed and so did not write the last chunk.
     """
 
     def __init__(self, path: Path, channels: Channels) -> None:
@@ -180,7 +180,7 @@ class RunRecording:
                         unix_ns = int(text)
                     except ValueError:
                         problem = f"damaged recording: {UNIX_NS} is {text!r:.40}"
-                        raise BadFile(path, problem, FILE_WANTED) from None
+                        raise BadFile(path, problem, PATH_REMEDY) from None
                 case Footer():
                     self.complete = True
 
@@ -205,14 +205,14 @@ class RunRecording:
 
 
 def _plain(value: object) -> Any:
-    """A number or list for a value of numpy's."""
+    """Convert a NumPy value to a number or list; raises TypeError for other types."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 class _Unbuffered(io.BufferedWriter):
-    """Passes every write to the kernel at once, so that it survives a kill."""
+    """Passes every write to the kernel at once, so that it survives the kill of this process."""
 
     def write(self, data: Any, /) -> int:
         count: int = super().write(data)
@@ -222,26 +222,26 @@ class _Unbuffered(io.BufferedWriter):
 
 def _records(path: Path) -> Iterator[McapRecord]:
     """All records up to the end, or to where the writer was killed. Raises BadFile."""
-    if path.is_char_device():  # it may never end
-        raise BadFile(path, "is no file", FILE_WANTED)
+    if path.is_char_device():  # may be endless
+        raise BadFile(path, "is no file", PATH_REMEDY)
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise BadFile(path, str(error.strerror), FILE_WANTED) from error
+        raise BadFile(path, str(error.strerror), PATH_REMEDY) from error
     if not data.startswith(MCAP0_MAGIC):
         problem = "is no MCAP recording" if data else "is empty: its writer never started"
-        raise BadFile(path, problem, FILE_WANTED)
+        raise BadFile(path, problem, PATH_REMEDY)
     try:
-        yield from StreamReader(_Cut(data), validate_crcs=True).records
+        yield from StreamReader(_Truncated(data), validate_crcs=True).records
     except EndOfFile:
-        return  # there is no footer
-    except Exception as error:  # the library has no base class for what damage may raise
+        return  # without a footer
+    except Exception as error:  # the library has no base class for errors of damaged files
         remedy = "record again, or restore the file from a copy"
         raise BadFile(path, f"damaged recording: {error}", remedy) from error
 
 
-class _Cut(io.BytesIO):
-    """A file that may end in the middle of a record, which the library would take for damage."""
+class _Truncated(io.BytesIO):
+    """File that may end within a record, where the library would otherwise report damage."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         data = super().read(size)

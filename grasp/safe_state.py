@@ -1,7 +1,8 @@
-"""SafeState: what arm and hand shall do once a run has ended early, and what of it is not seen.
+"""SafeState: what arm and hand do once a run has ended early. SafeStateSupervisor: requests it
+until it is confirmed.
 
-A fault, a person who stops, an object that is lost: by the phase in which it happened. The table is
-in docs/architecture.md, "Safe states". Pursuit asks for one until it is seen.
+The commands depend on the cause (a fault, a stop by a person, a lost object) and on the phase in
+which it occurred. The table is in docs/architecture.md, "Safe states".
 """
 
 from collections.abc import Iterable
@@ -12,26 +13,26 @@ import msgspec
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, IMPLAUSIBLE, Fault
-from grasp.lift_progress import REPEAT_NS
 from grasp.monitors.checks import implausible
 from grasp.observation import Observation
 from grasp.slip_response.close import SlipResponse
+from grasp.state_timer import REPEAT_NS
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
 
-SAFE_STATE_NS = 3_000_000_000  # a safe state that is not seen is asked for so long; assumed
+SAFE_STATE_NS = 3_000_000_000  # an unconfirmed safe state is requested for so long; assumed
 
 
-class Missing(NamedTuple):
-    """What is not seen of a safe state, of each device; empty: all of it is."""
+class Unconfirmed(NamedTuple):
+    """Parts of a safe state that the device states do not confirm, in words; empty if all are."""
 
     arm: tuple[str, ...]
     hand: tuple[str, ...]
 
 
 class SafeState(msgspec.Struct, frozen=True):
-    """One that was entered: its phase (lost, stopped or fault), the phase before, when, and the
-    faults that led to it or were found since. ``half_closed``: the first stage of an answer to slip
-    was asked for, and its second was not yet."""
+    """A safe state that was entered: its phase (lost, stopped or fault), the phase before, the time
+    and the faults that led to it or were found since. ``half_closed``: of a two-stage closing for
+    slip, the first stage was commanded and the second was not."""
 
     phase: State
     before: State
@@ -41,67 +42,65 @@ class SafeState(msgspec.Struct, frozen=True):
 
     @property
     def arm_implausible(self) -> bool:
-        """Whether the arm cannot be believed, whatever else is wrong: then neither can its
-        standing."""
+        """Whether the arm's data are implausible, so that its standstill cannot be confirmed."""
         return implausible(self.faults, ARM)
 
     @property
     def closes_hand(self) -> bool:
-        """The object may be in the air, or an answer to slip is to be finished: the hand closes to
-        the limit."""
+        """Whether the hand closes: the object may be in the air, or a closing is half done."""
         if self.phase is State.STOPPED:
             return self.half_closed
         return self.phase is State.FAULT and self.before in AIRBORNE_STATES
 
     @property
     def leaves_hand(self) -> bool:
-        """The hand is told nothing: it touches nothing yet, or nothing any more, or a grip is kept,
-        or there is nothing left to grip."""
+        """Whether the hand gets no command: no contact, a grip to keep, or a lost object."""
         if self.before in UNMOVED_STATES or self.phase is State.LOST:
             return True
         kept = self.before in CONTACT_STATES - CLOSING_STATES and not self.half_closed
         return self.phase is State.STOPPED and kept
 
-    def of_hand(self, closure: CloseFast) -> tuple[Command, ...]:
-        """What is asked of the hand; ``closure``: the one that is due, to the limit."""
+    def hand_commands(self, closure: CloseFast) -> tuple[Command, ...]:
+        """Commands to the hand. ``closure``: the closing to the limit, used where one is due."""
         if self.leaves_hand:
             return ()
         return (closure,) if self.closes_hand else (HoldFingers(),)
 
-    def hand_is_safe(self, seen: Observation) -> bool:
-        """Whether the status confirms the hand's part; never in the step that entered the state."""
+    def hand_is_safe(self, obs: Observation) -> bool:
+        """Whether the hand's status confirms its part; never in the step that entered the state."""
         if self.before in UNMOVED_STATES:
             return True
-        if seen.t_ns == self.since_ns and not self.leaves_hand:
+        if obs.t_ns == self.since_ns and not self.leaves_hand:
             return False
         if self.closes_hand:
-            return seen.closed_out
-        return seen.hand_rests
+            return obs.closing_exhausted
+        return obs.hand_rests
 
-    def missing_of_arm(self, seen: Observation, stale_ns: float) -> tuple[str, ...]:
-        """What is not seen of an arm that stands; one not heard of for ``stale_ns`` is not seen."""
-        if seen.arm.age_ns(seen.t_ns) > stale_ns:
-            return ("the arm is not heard: whether it stands is unknown",)
+    def unconfirmed_arm(self, obs: Observation, stale_ns: float) -> tuple[str, ...]:
+        """Why the arm's standstill is not confirmed, as by a state older than ``stale_ns``."""
+        if obs.arm.age_ns(obs.t_ns) > stale_ns:
+            return ("the arm does not report: whether it has stopped is unknown",)
         if self.arm_implausible:
-            return ("the arm cannot be believed: whether it stands is unknown",)
-        return ("the arm still moves",) if seen.pending or seen.arm.moving else ()
+            return ("the arm's data are implausible: whether it has stopped is unknown",)
+        return ("the arm still moves",) if obs.pending or obs.arm.moving else ()
 
-    def missing_of_hand(self, seen: Observation) -> tuple[str, ...]:
-        """What is not seen of a hand that is as it shall be."""
-        if seen.inputs.gripper_lost:
-            return ("the hand is not heard: it holds as it stands",)
-        if self.hand_is_safe(seen):
+    def unconfirmed_hand(self, obs: Observation) -> tuple[str, ...]:
+        """Why the hand's part is not confirmed; empty if it is."""
+        if obs.inputs.gripper_lost:
+            return ("the hand does not report: it keeps its position",)
+        if self.hand_is_safe(obs):
             return ()
-        if seen.gripper.fault and not seen.gripper.active:
-            return ("the hand reports a fault and moves no more: it holds as it stands",)
-        return ("the hand is not as it should be",)
+        if obs.gripper.fault and not obs.gripper.active:
+            return ("the hand reports a fault and no longer moves: it keeps its position",)
+        return ("the hand has not reached its safe state",)
 
 
-class Pursuit:
-    """A safe state is reached when it is seen; until then it is asked for again and again.
+class SafeStateSupervisor:
+    """Repeats the commands of a safe state until the device states confirm it.
 
-    ``over``: all of it was seen, or waited for long enough. ``unreached``: what was not seen last.
-    ``further``: checks that failed since; they are told, and change nothing that is asked for.
+    ``over``: it was confirmed, or was waited for long enough. ``unconfirmed``: the parts that were
+    not confirmed at the last step. ``later_faults``: checks that failed since; they are reported
+    and do not change the commands.
     """
 
     def __init__(
@@ -111,40 +110,41 @@ class Pursuit:
         self._response = response
         self.safe = safe
         self.over = False
-        self.unreached: tuple[str, ...] = ()
-        self.further: tuple[Fault, ...] = ()
-        self._asked_ns = 0  # paces the requests
+        self.unconfirmed: tuple[str, ...] = ()
+        self.later_faults: tuple[Fault, ...] = ()
+        self._requested_ns = 0  # time of the last request
 
-    def step(self, seen: Observation) -> tuple[Command, ...]:
-        """What to ask for now."""
-        self._take_further(seen.faults)
+    def step(self, obs: Observation) -> tuple[Command, ...]:
+        """Commands to send now."""
+        self._take_later_faults(obs.faults)
         stale_ns = self._settings.stale_after_s * 1e9
-        arm, hand = self.safe.missing_of_arm(seen, stale_ns), self.safe.missing_of_hand(seen)
-        self.unreached = (*arm, *hand)
-        # what the hand was told before may set it going once more, though its status says it rests;
-        # and an arm may go on though it says that it stands
-        due = seen.t_ns - self._asked_ns >= REPEAT_NS
-        reached = not self.unreached and due
-        waited_ns = seen.t_ns - self.safe.since_ns
+        arm, hand = self.safe.unconfirmed_arm(obs, stale_ns), self.safe.unconfirmed_hand(obs)
+        self.unconfirmed = (*arm, *hand)
+        # an earlier command may still start the hand although its status shows rest, and an arm
+        # may move on although it reports a standstill
+        due = obs.t_ns - self._requested_ns >= REPEAT_NS
+        reached = not self.unconfirmed and due
+        waited_ns = obs.t_ns - self.safe.since_ns
         if reached or waited_ns >= SAFE_STATE_NS:
             self.over = True
-        elif self.unreached and due and not seen.pending:
-            return self.ask(seen)
+        elif self.unconfirmed and due and not obs.pending:
+            return self.request(obs)
         return ()
 
-    def ask(self, seen: Observation) -> tuple[Command, ...]:
+    def request(self, obs: Observation) -> tuple[Command, ...]:
         """Commands for each part of the safe state that is not confirmed yet."""
-        self._asked_ns = seen.t_ns
+        self._requested_ns = obs.t_ns
         safe = self.safe
-        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_implausible
+        stop = obs.arm.moving or obs.t_ns == safe.since_ns or safe.arm_implausible
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
-        tell_hand = not seen.inputs.gripper_lost and not safe.hand_is_safe(seen)
-        return (*arm, *safe.of_hand(self._response.closing(seen))) if tell_hand else arm
+        if obs.inputs.gripper_lost or safe.hand_is_safe(obs):
+            return arm
+        return (*arm, *safe.hand_commands(self._response.closing(obs)))
 
-    def _take_further(self, faults: Iterable[Fault]) -> None:
+    def _take_later_faults(self, faults: Iterable[Fault]) -> None:
         known = {fault.code for fault in self.safe.faults}
         checks = (fault for fault in faults if fault.kind == IMPLAUSIBLE)
         if new := tuple(fault for fault in checks if fault.code not in known):
-            self.further += new
+            self.later_faults += new
             faults = (*self.safe.faults, *new)
             self.safe = msgspec.structs.replace(self.safe, faults=faults)

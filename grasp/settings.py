@@ -1,7 +1,7 @@
-"""Fills the frozen, bounded classes that the packages declare, from layers of TOML.
+"""Fills the frozen settings classes of the packages from layers of TOML.
 
-Later layers win. Every violation becomes one ConfigError that names the file, the key and what is
-allowed there.
+Later layers win. Every violation raises one ConfigError with the file, the key and the allowed
+values.
 """
 
 import difflib
@@ -21,12 +21,12 @@ from drivers.errors import ConfigError
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
-MOST_CHARACTERS = 1_000_000  # of a file; ours have a few thousand
-MOST_DEEP = 16  # tables and lists in one another; ours are three
-TOGETHER = "what goes together"
-# What an option of its own chooses: with each comes a file of settings, or more
+MAX_CHARACTERS = 1_000_000  # of a file
+MAX_DEPTH = 16  # of nested tables and lists
+TOGETHER = "values that are consistent with each other"
+# keys that are chosen by a command-line option, because they select further settings
 CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
-# Of a kind, kept for testing: found by name, in no list, so what goes over a kind never meets them
+# subfolder with held-out test objects: found by name, but in no list
 UNSEEN = "unseen"
 
 
@@ -38,24 +38,23 @@ class Layer(msgspec.Struct, frozen=True):
 
 
 def config_dir() -> Path:
-    """Folder of the packaged configuration: beside this file, or `config/` of a checkout."""
+    """Folder of the packaged configuration: next to this file, or `config/` of a checkout."""
     installed = Path(__file__).parent / "_config"
     return installed if installed.is_dir() else Path(__file__).parent.parent / "config"
 
 
 def names(kind: str) -> list[str]:
-    """Names for which config/<kind>/<name>.toml exists; those kept for testing are not among them,
-    but in a kind of their own, <kind>/unseen."""
+    """Names for which config/<kind>/<name>.toml exists; held-out ones are in <kind>/unseen."""
     return sorted(p.stem for p in (config_dir() / kind).glob("*.toml"))
 
 
 def read_toml(path: Path) -> Layer:
-    """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
+    """Read a file as a layer; raises ConfigError if it is missing, malformed or no settings."""
     try:
         with path.open(encoding="utf-8") as file:
-            text = file.read(MOST_CHARACTERS + 1)
-        if len(text) > MOST_CHARACTERS:
-            raise ValueError(f"more than {MOST_CHARACTERS} characters")
+            text = file.read(MAX_CHARACTERS + 1)
+        if len(text) > MAX_CHARACTERS:
+            raise ValueError(f"more than {MAX_CHARACTERS} characters")
         table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
@@ -65,14 +64,14 @@ def read_toml(path: Path) -> Layer:
 
 
 def checked(layer: Layer) -> Layer:
-    """The layer, if settings can have such values at all; else ConfigError."""
+    """The layer, after a check of its values; raises ConfigError for impossible ones."""
     _check(layer.source, "", layer.table, 0)
     return layer
 
 
 def _check(source: str, key: str, value: Any, depth: int) -> None:
-    if depth > MOST_DEEP:
-        raise ConfigError(source, key, "is nested too deeply", f"{MOST_DEEP} levels")
+    if depth > MAX_DEPTH:
+        raise ConfigError(source, key, "is nested too deeply", f"{MAX_DEPTH} levels")
     if isinstance(value, dict):
         for name, inner in value.items():
             _check(source, f"{key}.{name}".lstrip("."), inner, depth + 1)
@@ -84,74 +83,73 @@ def _check(source: str, key: str, value: Any, depth: int) -> None:
     elif isinstance(value, int) and value.bit_length() > 63:
         raise ConfigError(source, key, "is too large for any setting", "less than 2^63")
     elif not all(c.isprintable() or c in "\n\t" for c in f"{key}{value}"):
-        raise ConfigError(source, key, "holds control characters", "text that can be printed")
+        raise ConfigError(source, key, "contains control characters", "printable text")
 
 
-def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
-    """The layer, if it says nothing that only an option of its own may choose."""
+def without_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
+    """The layer; raises ConfigError if it sets a key that only an option may choose."""
     for key in sorted(options.keys() & layer.table.keys()):
         raise ConfigError(layer.source, key, "is no setting", f"choose it with {options[key]}")
     return layer
 
 
 def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
-    """config/<kind>/<name>.toml, or of those kept for testing; raises ConfigError listing the known
-    names, and the ``others`` that the caller knows of."""
+    """Read config/<kind>/<name>.toml. Raises ConfigError with the known names and ``others``."""
     known, testing = [*names(kind), *others], names(f"{kind}/{UNSEEN}")
     if name in testing:
         kind = f"{kind}/{UNSEEN}"
     elif name not in names(kind):
-        rest = f"; kept for testing: {', '.join(testing)}" if testing else ""
-        hint = meant(name, [*known, *testing])
+        rest = f"; held out for tests: {', '.join(testing)}" if testing else ""
+        hint = suggestion(name, [*known, *testing])
         raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known) + rest)
     return read_toml(config_dir() / kind / f"{name}.toml")
 
 
-def meant(word: str, known: Sequence[str]) -> str:
-    """Behind a word that is none of those known: the one that it is nearly; empty for none."""
+def suggestion(word: str, known: Sequence[str]) -> str:
+    """Hint at the most similar known word, to append to a message; empty if there is none."""
     close = difflib.get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def by_path(word: str) -> bool:
-    """Whether a word is the path of a file of one's own rather than a name."""
+def is_path(word: str) -> bool:
+    """Whether a word is the path of a user's settings file rather than a name."""
     return word.endswith(".toml")
 
 
-def thing_layer(kind: str, section: str, word: str) -> Layer:
-    """A thing by its name in config/<kind>, or from a file of one's own by its path, which has that
-    section alone and a name that is not taken. Raises ConfigError."""
-    if not by_path(word):
+def item_layer(kind: str, section: str, word: str) -> Layer:
+    """Read an item by name in config/<kind>, or from a user's file with only that section and a
+    name that is not taken. Raises ConfigError."""
+    if not is_path(word):
         return named_layer(kind, word)
     layer = read_toml(Path(word))
     for key in sorted(layer.table.keys() - {section}):
-        raise ConfigError(word, key, f"is not of the {section}", f"[{section}] alone; --config")
+        raise ConfigError(word, key, f"does not belong to the {section}", f"only [{section}]")
     if not isinstance(layer.table.get(section), dict):
         raise ConfigError(word, section, "missing", f"a section [{section}]")
-    return own_name(layer, kind, section)
+    return with_free_name(layer, kind, section)
 
 
-def own_name(layer: Layer, kind: str, section: str, chosen: Any = None) -> Layer:
-    """The layer, if it gives its thing no name of one in config/<kind>, for which the results would
-    be taken; ``chosen`` is the one that it may keep. Raises ConfigError."""
+def with_free_name(layer: Layer, kind: str, section: str, chosen: Any = None) -> Layer:
+    """The layer, if its item has no name of one in config/<kind>, with which results could be
+    confused. It may keep the name ``chosen``. Raises ConfigError."""
     table = layer.table.get(section)
     name = table.get("name") if isinstance(table, dict) else None
     if name != chosen and name in [*names(kind), *names(f"{kind}/{UNSEEN}")]:
-        taken = f"is {name!r}, as one of config/{kind} is called"
-        remedy = f"a name of its own, or --{section} {name}"
+        taken = f"is {name!r}, a name in config/{kind}"
+        remedy = f"another name, or --{section} {name}"
         raise ConfigError(layer.source, f"{section}.name", taken, remedy)
     return layer
 
 
 def file_of(kind: str, word: str) -> Path:
-    """A file by its path, or by its name in config/<kind>; raises ConfigError for no known name."""
-    if by_path(word) or os.sep in word:
+    """Path of a file given by path or name in config/<kind>; raises ConfigError if unknown."""
+    if is_path(word) or os.sep in word:
         return Path(word)
     return Path(named_layer(kind, word).source)
 
 
 def assignment_layer(assignments: Sequence[str]) -> Layer:
-    """`section.key=value` words of the command line; a value is TOML, or else plain text."""
+    """Layer of `section.key=value` words of the command line; a value is TOML, else plain text."""
     table: Table = {}
     for text in assignments:
         key, equals, value = text.partition("=")
@@ -172,7 +170,7 @@ def _value(key: str, text: str) -> Any:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         return text
-    except (ValueError, RecursionError) as error:  # thousands of digits, or of brackets
+    except (ValueError, RecursionError) as error:  # thousands of digits or brackets
         raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None
 
 
@@ -186,7 +184,7 @@ def load(cls: type[T], layers: Sequence[Layer]) -> T:
 
 
 def sources_of(layers: Sequence[Layer]) -> dict[str, str]:
-    """Where each setting that is not a class's default is from, by its dotted name."""
+    """Source of each setting that is not a default, by its dotted name."""
     return _merged(layers)[1]
 
 
@@ -208,21 +206,25 @@ def _merged(layers: Sequence[Layer]) -> tuple[Table, dict[str, str]]:
 
 
 def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
-    """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
+    """Make a ConfigError from msgspec's message, `problem - at `$.section.key``."""
     problem, _, at = message.partition(" - at `$")
     key = at.rstrip("`").lstrip(".")
-    whole = hasattr(_type_at(cls, key), "__struct_fields__")  # not one setting of it
+    whole = hasattr(_type_at(cls, key), "__struct_fields__")  # a section, not one setting
     if field := re.search(r"(?:unknown|required) field `(.+?)`", problem):
-        known = list(getattr(_type_at(cls, key), "__struct_fields__", ()))
+        known = list(_fields(_type_at(cls, key)))
         key = f"{key}.{field[1]}".lstrip(".")
-        text = "missing" if "required" in problem else f"unknown key{meant(field[1], known)}"
+        elsewhere = [
+            f"{s}.{field[1]}" for s in _fields(cls) if field[1] in _fields(_type_at(cls, s))
+        ]
+        hint = suggestion(elsewhere[0], elsewhere) if elsewhere else suggestion(field[1], known)
+        text = "missing" if "required" in problem else f"unknown key{hint}"
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
-    if not key:  # settings that do not go together, of which the first is named
+    if not key:  # inconsistent settings, of which the message names the first
         named = re.match(r"([a-z_]+\.[a-z_0-9]+): ", problem)
         return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
     remedy = TOGETHER if whole and not problem.startswith("Expected") else allowed(cls, key)
     if word := re.match(r"Invalid enum value '(.*)'", problem):
-        problem += meant(word[1], re.findall(r"'(\w+)'", remedy))
+        problem += suggestion(word[1], re.findall(r"'(\w+)'", remedy))
     return ConfigError(_source(sources, key), key, problem, remedy)
 
 
@@ -235,12 +237,16 @@ def _source(sources: dict[str, str], key: str) -> str:
 
 
 def _parts(key: str) -> list[str]:
-    """Of a dotted key; in a list or a table: which one does not matter."""
+    """Parts of a dotted key, without indices into lists and tables."""
     return [part for part in re.sub(r"\[[^]]*\]", "", key).split(".") if part]
 
 
+def _fields(cls: type) -> tuple[str, ...]:
+    return getattr(cls, "__struct_fields__", ())
+
+
 def _type_at(cls: type, key: str) -> type:
-    """The struct class that the dotted key leads to, where it may be left out or is one of many."""
+    """The struct class at a dotted key, also of an optional value or the items of a list."""
     for part in _parts(key):
         hint = get_type_hints(cls).get(part, cls)
         cls = next((arg for arg in get_args(hint) if hasattr(arg, "__struct_fields__")), hint)
@@ -248,14 +254,14 @@ def _type_at(cls: type, key: str) -> type:
 
 
 def allowed(cls: type, key: str) -> str:
-    """What the field's declaration says is allowed: type, range and description."""
+    """Allowed values of a field from its declaration: type, range and description."""
     *owner, name = _parts(key)
     within = _type_at(cls, ".".join(owner))
     if owner and not hasattr(within, "__struct_fields__"):
-        return allowed(cls, ".".join(owner))  # a table of any names
+        return allowed(cls, ".".join(owner))  # a table with arbitrary names
     annotation = get_type_hints(within, include_extras=True).get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)
-    text = _said(get_type_hints(within).get(name, base))
+    text = _type_text(get_type_hints(within).get(name, base))
     meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
     if meta is None:
         return text
@@ -265,14 +271,14 @@ def allowed(cls: type, key: str) -> str:
     return f"{text} {bounds}".strip() + description
 
 
-def _said(kind: Any) -> str:
-    """A type in words: `3 x 2 x int` is three times two whole numbers, `n` is any number."""
+def _type_text(kind: Any) -> str:
+    """A type in words: `3 x 2 x int` is three times two integers, `n` is any number of them."""
     parts = get_args(kind)
     if get_origin(kind) is tuple and len({*parts} - {Ellipsis}) == 1:
-        many = "n" if Ellipsis in parts else str(len(parts))
-        return f"{many} x {_said(parts[0])}"
+        number = "n" if Ellipsis in parts else str(len(parts))
+        return f"{number} x {_type_text(parts[0])}"
     if NoneType in parts:
-        return " | ".join("None" if part is NoneType else _said(part) for part in parts)
+        return " | ".join("None" if part is NoneType else _type_text(part) for part in parts)
     if get_origin(kind) is Literal:
         return " or ".join(map(str, parts))
     if isinstance(kind, type) and not parts:

@@ -1,13 +1,13 @@
-"""SIGINT, SIGTERM and SIGHUP, taken by the command line so that they cut nothing in two.
+"""Handling of SIGINT, SIGTERM and SIGHUP, so that they interrupt no critical section.
 
-Outside ``deferred`` a signal raises an ``Interruption`` at once. Inside, it sets a flag that the
-next ``check`` raises, once; one that comes five seconds later is raised at once. Within
-``guarded``, as a run is, a main thread that does not check for a second after a signal is
-interrupted by ``Stuck``, and once by a further signal a second after the first: a key that is held
-down must not cut off the stop that it asked for. Native code cannot be interrupted: a thread stops
-the devices and ends the process then. Native code that keeps Python's lock stops all threads: only
-SIGKILL helps. Other threads never are interrupted. Where the signals are not taken they mean what
-they mean in Python.
+Outside ``deferred`` a signal raises an ``Interruption`` at once. Inside, it sets a flag, and the
+next ``check`` raises, once; a signal five seconds later is raised at once. Within ``watchdog``, as
+in a run, ``Stuck`` interrupts a main thread that does not check for a second after a signal. A
+further signal a second after the first raises ``Stuck`` once: a key that is held down must not
+interrupt the stop that it requested. Native code cannot be interrupted; then a thread stops the
+devices and ends the process. Native code that keeps Python's lock blocks all threads, and only
+SIGKILL helps. Other threads are never interrupted. Outside ``taken`` signals have Python's default
+meaning.
 """
 
 import os
@@ -22,14 +22,14 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-INSISTS_S = 5.0  # after the first or one raised so, a signal is raised though it should wait
-LOOK_S, STUCK_LOOKS = 0.1, 10  # without a check since the first
-RESCUE_S = 20.0  # more than stopping the devices takes
+FORCE_AFTER_S = 5.0  # after the first or a raised signal, the next one is raised although deferred
+WATCHDOG_PERIOD_S, STUCK_PERIODS = 0.1, 10  # periods without a check before `Stuck`
+RESCUE_S = 20.0  # longer than stopping the devices takes
 INTERNAL = 5  # exit code
 
-_WORDS = {
+_CAUSES = {
     signal.SIGINT: "stopped by hand",
-    signal.SIGTERM: "told to end (SIGTERM)",
+    signal.SIGTERM: "terminated (SIGTERM)",
     signal.SIGHUP: "the terminal was closed (SIGHUP)",
 }
 
@@ -39,31 +39,32 @@ class Interruption(KeyboardInterrupt):
 
 
 class Stuck(Interruption):
-    """It did, and what the main thread does hangs."""
+    """A signal asked the process to end, and the main thread hangs."""
 
     def __str__(self) -> str:
-        return f"{cause(self)} while this stood still"
+        return f"{cause(self)} while the program hung"
 
 
 class _State:
     def __init__(self) -> None:
         self.number: int | None = None  # of the first signal
         self.checks = 0
-        self.deferred = self.once = self.sealed = self.raised = False
-        self.guarded = self.insists = self.hangs = self.rescued = False
+        self.deferred = self.defer_after_raise = self.ignore_checks = self.raised = False
+        self.watched = self.raise_next = self.hangs = self.rescued = False
         self.raised_at_s = 0.0
 
     def take(self, number: int, _: object) -> None:
-        while self.rescued:  # another thread commands the devices and ends the process
+        while self.rescued:  # the watchdog thread commands the devices and ends the process
             time.sleep(RESCUE_S)
         now_s = time.monotonic()
         if self.number is None:
             self.number, self.raised_at_s = number, now_s
-        stuck = self.guarded and (self.insists or self.hangs)
-        self.insists = self.hangs = False  # once each
-        late = not self.guarded and now_s - self.raised_at_s >= INSISTS_S
+        stuck = self.watched and (self.raise_next or self.hangs)
+        self.raise_next = self.hangs = False  # once each
+        late = not self.watched and now_s - self.raised_at_s >= FORCE_AFTER_S
         if stuck or late or not self.deferred:
-            self.raised, self.deferred, self.raised_at_s = True, self.deferred or self.once, now_s
+            self.raised, self.raised_at_s = True, now_s
+            self.deferred = self.deferred or self.defer_after_raise
             raise (Stuck if stuck else Interruption)(self.number)
 
 
@@ -71,7 +72,7 @@ _taken: _State | None = None
 
 
 def _state() -> _State:
-    """Of this process; an idle one in other threads, and where the signals are not taken."""
+    """State of this process; an unused one in other threads and outside ``taken``."""
     main = threading.current_thread() is threading.main_thread()
     return _taken if main and _taken is not None else _State()
 
@@ -97,69 +98,70 @@ def taken() -> Iterator[None]:
 
 
 @contextmanager
-def deferred(on: bool = True, sealed: bool = False) -> Iterator[None]:
-    """Within, a signal waits for the next ``check``; where ``sealed``, for one after this."""
+def deferred(on: bool = True, ignore_checks: bool = False) -> Iterator[None]:
+    """Within, a signal waits for the next ``check``; with ``ignore_checks``, for one outside."""
     state = _state()
-    before = state.deferred, state.sealed
-    state.deferred, state.sealed = on, sealed or state.sealed
+    before = state.deferred, state.ignore_checks
+    state.deferred, state.ignore_checks = on, ignore_checks or state.ignore_checks
     try:
         yield
     finally:
-        state.deferred, state.sealed = before
+        state.deferred, state.ignore_checks = before
 
 
 @contextmanager
 def immediate() -> Iterator[None]:
-    """Inside ``deferred``: a long wait that a signal cuts short, and none what that unwinds."""
+    """Inside ``deferred``: a signal interrupts the body at once, but not the clean-up after it."""
     check()
     state = _state()
-    state.once = True
+    state.defer_after_raise = True
     try:
         with deferred(on=False):
             yield
     finally:
-        state.once = False
+        state.defer_after_raise = False
 
 
 @contextmanager
-def guarded(rescue: Callable[[], object]) -> Iterator[None]:
-    """Within, a main thread that hangs after a signal is interrupted by ``Stuck``; where that does
-    not help, ``rescue`` makes the devices safe and the process exits with code 5."""
+def watchdog(rescue: Callable[[], object]) -> Iterator[None]:
+    """Within, ``Stuck`` interrupts a main thread that hangs after a signal. If that does not help,
+    ``rescue`` makes the devices safe and the process exits with code 5."""
     state = _state()
     if state is not _taken:
         yield
         return
-    wakes, ours = socket.socketpair()  # a signal is written there though no handler can run
-    ours.setblocking(False)
-    before = signal.set_wakeup_fd(ours.fileno(), warn_on_full_buffer=False)
-    thread = threading.Thread(target=_end_hang, args=(state, wakes, rescue), daemon=True)
+    reads, writes = socket.socketpair()  # signals arrive there even if no handler can run
+    writes.setblocking(False)
+    before = signal.set_wakeup_fd(writes.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=_watch, args=(state, reads, rescue), daemon=True)
     thread.start()
-    state.guarded = True
+    state.watched = True
     try:
         yield
     finally:
-        state.guarded = False
+        state.watched = False
         signal.set_wakeup_fd(before)
-        ours.close()
+        writes.close()
         thread.join()
-        wakes.close()
+        reads.close()
 
 
-def _end_hang(state: _State, wakes: socket.socket, rescue: Callable[[], object]) -> None:
-    """Counts its own looks, so that no pause of the whole process looks like a main thread that
-    hangs, and no more than one in ``LOOK_S``, however often a key repeats."""
-    number, looks, still, checks, looked_s = None, 0, 0, -1, 0.0
-    while still < 3 * STUCK_LOOKS:
-        if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
-            if not (received := wakes.recv(4096)):
+def _watch(state: _State, reads: socket.socket, rescue: Callable[[], object]) -> None:
+    """Body of the watchdog thread. It counts its own periods, so that a pause of the whole process
+    does not look like a hanging main thread, and at most one per ``WATCHDOG_PERIOD_S``, however
+    often a key repeats."""
+    number, periods, stuck, checks, last_s = None, 0, 0, -1, 0.0
+    while stuck < 3 * STUCK_PERIODS:
+        if select.select([reads], [], [], None if number is None else WATCHDOG_PERIOD_S)[0]:
+            if not (received := reads.recv(4096)):
                 return
             number = number or next((n for n in received if n in SIGNALS), None)
-        if number is None or time.monotonic() - looked_s < LOOK_S:
+        if number is None or time.monotonic() - last_s < WATCHDOG_PERIOD_S:
             continue
-        looked_s = time.monotonic()
-        looks, still = looks + 1, still + 1 if state.checks == checks else 0
-        checks, state.insists = state.checks, state.insists or looks == STUCK_LOOKS
-        if still in (STUCK_LOOKS, 2 * STUCK_LOOKS):
+        last_s = time.monotonic()
+        periods, stuck = periods + 1, stuck + 1 if state.checks == checks else 0
+        checks, state.raise_next = state.checks, state.raise_next or periods == STUCK_PERIODS
+        if stuck in (STUCK_PERIODS, 2 * STUCK_PERIODS):
             state.hangs = True
             signal.pthread_kill(threading.main_thread().ident or 0, number)
     state.rescued = True
@@ -169,41 +171,41 @@ def _end_hang(state: _State, wakes: socket.socket, rescue: Callable[[], object])
         limit.start()
     with suppress(BaseException):
         rescue()
-    with suppress(BaseException):  # in a thread: nobody may read it
-        words = ("grasp: the program hangs: the arm was stopped, the hand told to hold, exit 5\n",)
-        threading.Thread(target=sys.stderr.write, args=words, daemon=True).start()
-        time.sleep(LOOK_S)
+    with suppress(BaseException):  # in a thread, because nobody may read the stream
+        text = "grasp: the program hangs: arm stop and hand hold were commanded, exit 5\n"
+        threading.Thread(target=sys.stderr.write, args=(text,), daemon=True).start()
+        time.sleep(WATCHDOG_PERIOD_S)
     os._exit(INTERNAL)
 
 
 def check(end: bool = True) -> None:
-    """Raises Interruption, once, when a signal has come; ``end`` is False where no signal may end
-    what is done, as a safe state."""
+    """Raise Interruption, once, if a signal was received. ``end``: False where no signal may end
+    the current work, such as a safe state."""
     state = _state()
     state.checks += 1
-    if end and state.number is not None and not (state.raised or state.sealed):
+    if end and state.number is not None and not (state.raised or state.ignore_checks):
         state.raised = True
         raise Interruption(state.number)
 
 
-def go_on() -> None:
-    """Raises Interruption when a signal has come, though a trial has taken it for its end: a caller
-    with more than that trial to do ends too."""
-    if asked():
+def raise_if_received() -> None:
+    """Raise Interruption if a signal was received, also one that has ended a trial: a caller with
+    further trials ends too."""
+    if received():
         raise Interruption(number())
 
 
-def asked() -> bool:
-    """Whether a signal has come."""
+def received() -> bool:
+    """Whether a signal was received."""
     return _taken is not None and _taken.number is not None
 
 
 def number() -> int:
-    """The signal that came first; SIGINT where none was taken."""
+    """Number of the first signal received; SIGINT if there was none."""
     return (_taken and _taken.number) or signal.SIGINT
 
 
 def cause(stop: KeyboardInterrupt) -> str:
-    """In a person's words."""
+    """Cause of an interruption, for messages."""
     known = isinstance(stop, Interruption) and stop.args
-    return _WORDS[signal.Signals(stop.args[0] if known else signal.SIGINT)]
+    return _CAUSES[signal.Signals(stop.args[0] if known else signal.SIGINT)]

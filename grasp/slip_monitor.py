@@ -15,7 +15,7 @@ class SlipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     # the detector's memory, and the first relaxation of the rubber
     mask_after_closing_s: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="after our own closing has ended")
+        float, Meta(ge=0.0, le=2.0, description="after the hand has closed")
     ] = 0.14
 
 
@@ -25,8 +25,8 @@ class SlipStatus(msgspec.Struct, frozen=True):
     armed: bool
     masked: bool = False
     registered: bool = False  # the status shown to people: REGISTERED or nominal
-    event: bool = False  # slip was registered by this very sample
-    finger: int = -1  # that registered last, -1 = none
+    event: bool = False  # slip was registered in this sample
+    finger: int = -1  # finger that registered last; -1: none
 
 
 DISARMED = SlipStatus(armed=False)
@@ -36,8 +36,8 @@ ARMED = SlipStatus(armed=True)
 class SlipMonitor:
     """Arms, disarms and masks the decision rule.
 
-    While masked nothing is decided and the status stays as it was: our own closing shakes the pads,
-    which is evidence neither of slip nor of its end.
+    While masked, nothing is decided and the status does not change: the hand's own closing makes
+    the pads vibrate, which is evidence neither of slip nor of its end.
     """
 
     def __init__(self, rule: DecisionRule, settings: SlipSettings) -> None:

@@ -1,7 +1,7 @@
 """The states of a grasp and every transition between them, as one table for `transitions`.
 
-No device is touched from here: the only callback logs the change. The diagram in
-docs/architecture.md is drawn from this table.
+The only callback logs the change; nothing here commands a device. The diagram in
+docs/architecture.md is made from this table.
 """
 
 from enum import StrEnum
@@ -13,49 +13,49 @@ from transitions.extensions.nesting import HierarchicalMachine, NestedState
 
 
 class State(StrEnum):
-    """State of a run; the part before the dot is the top level."""
+    """State of a run. The part before the dot is the top level."""
 
     START = "approach.start"  # nothing has been commanded yet
     HOME = "approach.home"  # the arm on its way to the home of an earlier run
     SHAPE = "approach.shape"  # fingers on their way to just short of the object
     TARE = "grasp.tare"  # unloaded: rest counts are taken
     BRACE = "grasp.brace"  # B and C on their way to their positions on the object
-    CLOSE = "grasp.close"  # the thumb, last, to its own; for a firm grip then to the force cap
+    CLOSE = "grasp.close"  # the thumb closes last; for a firm grip it then closes to the force cap
     SETTLE = "grasp.settle"  # the pads relax
     BASELINE = "grasp.baseline"  # the detector takes its baseline before the arm moves
     LIFT = "lift"  # the arm on its way up
     COMPENSATE = "compensate"  # the response to slip
     HOLD = "hold"  # at the top
-    DESCEND = "lower.descend"  # to where the object may stand if it slipped as far as possible
-    FEEL = "lower.feel"  # slowly on until the grip shows that it stands (`grasp.set_down`)
+    DESCEND = "lower.descend"  # fast, to the greatest height at which the object can stand
+    FEEL = "lower.feel"  # slowly, until the grip shows that it stands (`grasp.set_down`)
     OPEN = "release.open"  # fingers on their way open
     RETREAT = "release.retreat"  # the arm on its way clear of the object
     SET_DOWN = "done.set_down"  # the object stands, and the arm is clear of it
-    KEPT = "done.kept"  # held long enough, and it is not to be set down
-    LOST = "lost"  # the hand closed and met nothing: the arm stops, nothing is set down
+    KEPT = "done.kept"  # held long enough, and kept in the hand as requested
+    LOST = "lost"  # contact or object lost: the arm stops, nothing is set down
     STOPPED = "stopped"  # by a person: the arm stops, a grip is kept
     FAULT = "fault"
 
 
 class Trigger(StrEnum):
-    """What makes the state change; the log has its cause as text."""
+    """Event that changes the state; the log has its cause as text."""
 
     AWAY = "away"  # a run begins with the arm away from its home
     AT_HOME = "at_home"
     SHAPED = "shaped"  # fingers just short of the object
     TARED = "tared"  # rest counts taken
     BRACED = "braced"  # B and C at their positions
-    TIGHTEN = "tighten"  # all fingers at their positions, and a firm grip is wanted
+    TIGHTEN = "tighten"  # all fingers at their positions, and a firm grip is set
     GRIPPED = "gripped"  # the grip is complete
     SETTLED = "settled"  # the pads have relaxed
     READY = "ready"  # the detector has a baseline: the arm may move
     SLIP = "slip"  # or contact lost, or more force due
-    STEADY = "steady"  # slip is over, or nothing more can be done; the arm goes on up
+    STEADY = "steady"  # slip is over, or no response is left; the arm continues up
     AT_TOP = "at_top"  # the same, with the arm at the top
     LOWER = "lower"  # held long enough; slip cannot be stopped; or no object can stand here yet
     FEEL = "feel"  # near where the object may stand, or the grip tightens; each step from there
     STANDS = "stands"  # the object stands: where the lift began, or earlier if it had slipped
-    KEEP = "keep"  # held long enough, and not to be set down
+    KEEP = "keep"  # held long enough, and `keep` is set
     OPENED = "opened"
     CLEAR = "clear"  # the arm is clear of the object
     LOSE = "lose"
@@ -68,14 +68,14 @@ AIRBORNE_STATES = LOWERING_STATES | {State.LIFT, State.COMPENSATE, State.HOLD, S
 CLOSING_STATES = frozenset({State.BRACE, State.CLOSE})  # onto the object
 GRIPPED_STATES = frozenset({State.SETTLE, State.BASELINE})  # all fingers in contact, at rest
 CONTACT_STATES = AIRBORNE_STATES | CLOSING_STATES | GRIPPED_STATES
-UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # nothing has to move yet, or any more
+UNMOVED_STATES = frozenset({State.START, State.SET_DOWN})  # before and after all motion
 OPEN_STATES = UNMOVED_STATES | {State.OPEN, State.RETREAT}  # no contact is expected
 END_STATES = frozenset({State.SET_DOWN, State.KEPT})  # a run that succeeded has finished
-SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # nothing leads out of them
-# without rest counts, or a run may have ended before it took any
+SAFE_STATES = frozenset({State.LOST, State.STOPPED, State.FAULT})  # without transitions out
+# states in which the run may have taken no rest counts
 UNTARED_STATES = SAFE_STATES | {State.START, State.HOME, State.SHAPE}
 
-# names of the top level, each of which stands for all states in it
+# names of the top level, each for all states in it
 AIRBORNE = ("lift", "compensate", "hold", "lower")
 RUNNING = ("approach", "grasp", *AIRBORNE, "release", "done")
 
@@ -105,7 +105,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[str, ...], State], ...] = (
 
 
 class PhaseChange(msgspec.Struct, frozen=True):
-    """One recorded transition: state entered, when, and why."""
+    """Recorded transition: the state entered, the time, and the cause."""
 
     phase: str
     t_ns: int
@@ -127,7 +127,7 @@ class _Model:
 
 
 def definition() -> dict[str, Any]:
-    """The table as arguments of a machine of `transitions`."""
+    """The table as arguments for a machine of `transitions`."""
     top: dict[str, list[str]] = {}
     for state in State:
         parent, _, child = state.value.partition(".")
@@ -143,7 +143,7 @@ def definition() -> dict[str, Any]:
 
 
 class StateMachine:
-    """The present state and the log of how it was reached."""
+    """The current state and the log of transitions."""
 
     def __init__(self, state: State = State.START) -> None:
         self.state = state
@@ -156,11 +156,11 @@ class StateMachine:
 
     @property
     def before(self) -> State:
-        """The state before the present one."""
+        """The state before the current one."""
         return State(self.log[-2].phase) if len(self.log) > 1 else State.START
 
     def first_ns(self, state: State) -> int:
-        """When that state was entered for the first time; raises ValueError if it never was."""
+        """Time at which a state was first entered, ns; raises ValueError if it never was."""
         return min(change.t_ns for change in self.log if change.phase == state)
 
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:

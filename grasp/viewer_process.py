@@ -1,7 +1,7 @@
-"""ViewerProcess: draws a run in a process of its own, fed through a pipe that never blocks the run.
+"""ViewerProcess: displays a run in another process, fed through a pipe that never blocks the run.
 
-Drawing in another thread of this process would keep the interpreter from the thread that talks to
-the gripper. Messages that the viewer cannot take in time are lost and counted.
+A display thread in this process would delay the thread that communicates with the gripper. Messages
+that the viewer cannot take in time are dropped and counted.
 """
 
 import contextlib
@@ -16,16 +16,16 @@ from typing import Self
 
 import msgspec
 
-TELL_S = 1.0  # that a message between two runs may wait for its reader
+WAIT_S = 1.0  # longest wait of a message between two runs for its reader
 END_S = 5.0
 
 
 class ViewerProcess:
     """Runs ``module`` and writes one JSON line a message to its standard input, never waiting.
 
-    A line is shorter than a pipe writes at once (4096 bytes), so it arrives whole or not at all.
-    ``screen``: descriptor that it draws on; by default the standard output of this process.
-    ``inherited``: descriptors that it finds under the same numbers.
+    A line is shorter than 4096 bytes, which a pipe writes atomically: it arrives whole or not at
+    all. ``screen``: descriptor for the output; by default the standard output of this process.
+    ``inherited``: descriptors that the viewer inherits under the same numbers.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class ViewerProcess:
     ) -> None:
         assert module.__spec__ is not None  # noqa: S101  (it was imported)
         home = str(Path(__file__).parents[1])
-        # -P: a folder called `grasp` in the working directory must not shadow ours
+        # -P: a folder `grasp` in the working directory must not shadow this package
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", module.__spec__.name],
             stdin=subprocess.PIPE,
@@ -44,9 +44,9 @@ class ViewerProcess:
         assert self._child.stdin is not None  # noqa: S101
         self._stdin = self._child.stdin
         os.set_blocking(self._stdin.fileno(), False)
-        self._gone = False
+        self._ended = False
         self.pid = self._child.pid
-        self.lost = 0  # messages that were not taken
+        self.lost = 0  # number of dropped messages
 
     def __enter__(self) -> Self:
         return self
@@ -55,28 +55,28 @@ class ViewerProcess:
         self.close()
 
     def show(self, message: msgspec.Struct) -> bool:
-        """Send it, or count it as lost; returns whether it was taken."""
-        taken = False
-        if not self._gone:
+        """Send a message, or count it as lost; returns whether it was sent."""
+        sent = False
+        if not self._ended:
             try:
                 os.write(self._stdin.fileno(), msgspec.json.encode(message) + b"\n")
-                taken = True
+                sent = True
             except BlockingIOError:
                 pass
-            except OSError:  # the viewer has ended: a run goes on without it
-                self._gone = True
-        self.lost += not taken
-        return taken
+            except OSError:  # the viewer has ended: the run continues without it
+                self._ended = True
+        self.lost += not sent
+        return sent
 
-    def tell(self, message: msgspec.Struct) -> None:
-        """As ``show``, but between two runs: waits a moment for a reader that is behind."""
-        if not self._gone:
-            select.select([], [self._stdin], [], TELL_S)
+    def show_waiting(self, message: msgspec.Struct) -> None:
+        """Send a message between two runs: wait a moment for a reader that is behind."""
+        if not self._ended:
+            select.select([], [self._stdin], [], WAIT_S)
         self.show(message)
 
     def close(self) -> None:
-        """Let it draw what it has, and end it if that takes long; safe to call twice."""
-        self._gone = True
+        """Let the viewer show what it has received, or kill it if that takes too long."""
+        self._ended = True
         with contextlib.suppress(OSError):
             self._stdin.close()
         try:
@@ -87,6 +87,6 @@ class ViewerProcess:
 
 
 def ignore_signals() -> None:
-    """For a viewer: it ends when its input does."""
+    """Ignore signals in a viewer process, which ends when its input does."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

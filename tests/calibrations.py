@@ -1,4 +1,4 @@
-"""Calibrations for tests of what stands below configuration files."""
+"""Calibrations for tests that use no configuration files."""
 
 from drivers.robotiq.calibration import GripperCalibration
 

@@ -1,7 +1,7 @@
-"""Does a driver keep to a protocol of `drivers.interfaces`? For a stranger's own tests.
+"""Conformance tests of a driver against a protocol of `drivers.interfaces`, to be copied.
 
-A project that offers a gripper, an arm or fingertips copies this file and runs these against its
-own emulator, or, with somebody at the emergency stop, against the device:
+A project with a driver for a gripper, an arm or fingertips copies this file and runs the tests
+against its emulator or, with a person at the emergency stop, against the device:
 
     from conformance import Bench, GripperConformance
 
@@ -11,8 +11,8 @@ own emulator, or, with somebody at the emergency stop, against the device:
             with AcmeEmulator() as emulator, AcmeGripper(emulator.address) as gripper:
                 yield Bench(gripper, time.monotonic_ns, time.sleep, cut=emulator.stop)
 
-Nothing may stand between the fingers, and the arm needs room above it.
-Each test gets a bench of its own. See docs/extending.md.
+The hand must be empty, and the arm needs free space above it. Each test gets a new bench. See
+docs/extending.md.
 """
 
 import math
@@ -40,14 +40,14 @@ from drivers.interfaces import (
 
 DeviceT = TypeVar("DeviceT")
 STEP_S = 0.01
-SOON_S = 5.0  # for whatever should come at once
+SOON_S = 5.0  # time limit for immediate reactions
 ACTIVATION_S = 60.0
 NEAR_COUNTS = 3  # of a target; a count is 0.8 mm
 NEAR_M = 0.002
 
 
 class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
-    """A device that is connected, its clock, and what makes time pass."""
+    """A connected device, its clock, and a function that waits."""
 
     device: DeviceT
     now_ns: Callable[[], int]
@@ -56,18 +56,18 @@ class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
     press: Callable[[], object] | None = None  # loads fingertip A; None: cannot be tried
 
     def until(
-        self, poll: Callable[[int], None], seen: Callable[[], bool], seconds: float = SOON_S
+        self, poll: Callable[[int], None], condition: Callable[[], bool], seconds: float = SOON_S
     ) -> None:
-        """Poll every 10 ms until something is seen; fails where that takes longer."""
+        """Poll every 10 ms until the condition holds; fail after ``seconds``."""
         end_ns = self.now_ns() + round(seconds * 1e9)
         poll(self.now_ns())
-        while not seen():
-            assert self.now_ns() < end_ns, f"not seen within {seconds:g} s"
+        while not condition():
+            assert self.now_ns() < end_ns, f"not reached within {seconds:g} s"
             self.wait(STEP_S)
             poll(self.now_ns())
 
     def errors(self, poll: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
-        """The first error of a cut link, if one comes; anything but a GraspError passes through."""
+        """The first error after the link was cut, or None; other exceptions pass through."""
         end_ns = self.now_ns() + round(seconds * 1e9)
         while self.now_ns() < end_ns:
             try:
@@ -79,16 +79,16 @@ class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
 
 
 class GripperConformance:
-    """Of ``drivers.interfaces.Gripper``. Give a fixture ``bench``: a `Bench` of a gripper that is
-    on and not activated, empty."""
+    """Tests of ``drivers.interfaces.Gripper``. They need a fixture ``bench``: a `Bench` of an empty
+    gripper that is on and not activated."""
 
     speed_mps = 0.05
     force_n = 15.0  # that the hand can be set to
     far = (60, 60, 60)  # counts that every finger can reach without meeting anything
-    further = (100, 60, 60)
+    further_counts = (100, 60, 60)
 
     def ready(self, bench: Bench[Gripper]) -> Gripper:
-        """Active, and at rest."""
+        """Activate the gripper and wait until it is at rest."""
         gripper = bench.device
         bench.until(gripper.poll, lambda: gripper.state is not None)
         gripper.activate()
@@ -98,12 +98,12 @@ class GripperConformance:
 
     @staticmethod
     def state(gripper: Gripper) -> GripperState:
-        """The latest; there must be one."""
+        """The latest one, which must exist."""
         state = gripper.state
         assert state is not None
         return state
 
-    def test_it_tells_its_state_soon_and_how_old_it_is(self, bench: Bench[Gripper]) -> None:
+    def test_state_is_reported_soon_with_its_age(self, bench: Bench[Gripper]) -> None:
         gripper = bench.device
         bench.until(gripper.poll, lambda: gripper.state is not None)
         first = self.state(gripper)
@@ -120,41 +120,41 @@ class GripperConformance:
         assert not self.state(gripper).active
         assert self.state(self.ready(bench)).fault == 0
 
-    def test_fingers_go_where_they_are_told(self, bench: Bench[Gripper]) -> None:
+    def test_fingers_move_to_their_targets(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
-        told = gripper.move_to(self.far, self.speed_mps, self.force_n)
-        assert told.targets_counts == self.far
+        applied = gripper.move_to(self.far, self.speed_mps, self.force_n)
+        assert applied.targets_counts == self.far
         bench.until(gripper.poll, lambda: self.state(gripper).requested == self.far)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
-        self.stands_at(gripper, self.far)
+        self.at_rest_at(gripper, self.far)
 
-    def stands_at(self, gripper: Gripper, counts: tuple[int, int, int]) -> None:
-        """Each finger, near its count."""
+    def at_rest_at(self, gripper: Gripper, counts: tuple[int, int, int]) -> None:
+        """Assert that each finger is at rest near its count."""
         pairs = zip(self.state(gripper).positions, counts, strict=True)
         assert all(abs(at - there) <= NEAR_COUNTS for at, there in pairs)
 
-    def test_no_status_from_before_a_command_passes_for_its_answer(
-        self, bench: Bench[Gripper]
-    ) -> None:
+    def test_a_status_from_before_a_command_is_not_fresh(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         assert not self.state(gripper).at_rest
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
-        self.stands_at(gripper, self.far)
+        self.at_rest_at(gripper, self.far)
 
     def test_it_says_what_force_it_applies_and_never_more_than_it_may(
         self, bench: Bench[Gripper]
     ) -> None:
         gripper = self.ready(bench)
         least_n = gripper.least_force_n
-        for asked_n in (least_n, least_n + 0.3, self.force_n):
-            told = gripper.move_to(self.far, self.speed_mps, asked_n)
-            assert least_n <= told.force_n <= asked_n + 1e-9
+        for requested_n in (least_n, least_n + 0.3, self.force_n):
+            applied = gripper.move_to(self.far, self.speed_mps, requested_n)
+            assert least_n <= applied.force_n <= requested_n + 1e-9
             bench.until(gripper.poll, lambda: self.state(gripper).fresh)
         with pytest.raises(Refused):
             gripper.move_to(self.far, self.speed_mps, 0.9 * least_n)
         with pytest.raises(Refused):
-            gripper.close_fast(0.9 * least_n, (True, False, False), self.further, self.speed_mps)
+            gripper.close_fast(
+                0.9 * least_n, (True, False, False), self.further_counts, self.speed_mps
+            )
 
     def test_only_the_fingers_that_close_move_and_none_beyond_its_limit(
         self, bench: Bench[Gripper]
@@ -163,12 +163,12 @@ class GripperConformance:
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         before = self.state(gripper).positions
-        gripper.close_fast(self.force_n, (True, False, False), self.further, self.speed_mps)
+        gripper.close_fast(self.force_n, (True, False, False), self.further_counts, self.speed_mps)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
-        self.stands_at(gripper, (self.further[0], before[1], before[2]))
-        assert self.state(gripper).positions[0] <= self.further[0]
+        self.at_rest_at(gripper, (self.further_counts[0], before[1], before[2]))
+        assert self.state(gripper).positions[0] <= self.further_counts[0]
 
-    def test_hold_stops_fingers_on_their_way(self, bench: Bench[Gripper]) -> None:
+    def test_hold_stops_moving_fingers(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, 0.022, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
@@ -176,7 +176,7 @@ class GripperConformance:
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest)
         assert self.state(gripper).positions[0] < self.far[0] - NEAR_COUNTS
 
-    def test_an_open_hand_is_seen_to_be_open(self, bench: Bench[Gripper]) -> None:
+    def test_an_open_hand_is_reported_open(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         gripper.move_to(self.far, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
@@ -185,7 +185,7 @@ class GripperConformance:
             gripper.poll, lambda: self.state(gripper).at_rest and self.state(gripper).is_open, 20.0
         )
 
-    def test_a_lost_link_is_told_by_poll_and_by_no_verb(self, bench: Bench[Gripper]) -> None:
+    def test_a_lost_link_is_raised_by_poll_and_by_no_command(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")
@@ -197,13 +197,13 @@ class GripperConformance:
 
 
 class FingertipConformance:
-    """Of ``drivers.interfaces.TactileSensor``. Give a fixture ``bench``: a `Bench` of fingertips
-    that nothing touches."""
+    """Tests of ``drivers.interfaces.TactileSensor``. They need a fixture ``bench``: a `Bench` of
+    unloaded fingertips."""
 
     taxels = 6
 
-    def heard(self, bench: Bench[TactileSensor]) -> TactileSensor:
-        """With rest counts taken, and a frame there."""
+    def sampling(self, bench: Bench[TactileSensor]) -> TactileSensor:
+        """Take rest counts and wait for a frame."""
         sensor = bench.device
         bench.until(sensor.poll, lambda: True)
         sensor.begin_rest()
@@ -212,7 +212,7 @@ class FingertipConformance:
 
     @staticmethod
     def frame(sensor: TactileSensor) -> TactileFrame:
-        """The latest; there must be one."""
+        """The latest one, which must exist."""
         frame = sensor.frame
         assert frame is not None
         return frame
@@ -224,10 +224,10 @@ class FingertipConformance:
         bench.until(sensor.poll, lambda: True)
         assert not sensor.rest_taken
         assert sensor.frame is None
-        self.heard(bench)
+        self.sampling(bench)
 
     def test_frames_come_on_a_grid_of_10_ms(self, bench: Bench[TactileSensor]) -> None:
-        sensor = self.heard(bench)
+        sensor = self.sampling(bench)
         found = [self.frame(sensor)]
         for _ in range(50):
             bench.wait(STEP_S)
@@ -241,7 +241,7 @@ class FingertipConformance:
         assert abs(period_ns - PERIOD_NS) < 0.1 * PERIOD_NS
 
     def test_counts_are_raw_minus_rest(self, bench: Bench[TactileSensor]) -> None:
-        frame = self.frame(self.heard(bench))
+        frame = self.frame(self.sampling(bench))
         for array in (frame.counts, frame.raw, frame.rest, frame.temperature):
             assert array.shape == (FINGERS, self.taxels)
             assert array.dtype == np.int16
@@ -251,21 +251,21 @@ class FingertipConformance:
     def test_a_frame_that_was_handed_over_does_not_change(
         self, bench: Bench[TactileSensor]
     ) -> None:
-        sensor = self.heard(bench)
+        sensor = self.sampling(bench)
         frame = self.frame(sensor)
         counts, raw, seq = frame.counts.copy(), frame.raw.copy(), frame.seq
         bench.until(sensor.poll, lambda: self.frame(sensor).seq > seq + 5)
         assert np.array_equal(frame.counts, counts) and np.array_equal(frame.raw, raw)
 
     def test_pressing_is_negative(self, bench: Bench[TactileSensor]) -> None:
-        sensor = self.heard(bench)
+        sensor = self.sampling(bench)
         if bench.press is None:
             pytest.skip("this bench cannot press a fingertip")
         bench.press()
         bench.until(sensor.poll, lambda: bool(self.frame(sensor).counts[0].min() < -20))
 
     def test_lost_samples_are_stale_before_long(self, bench: Bench[TactileSensor]) -> None:
-        sensor = self.heard(bench)
+        sensor = self.sampling(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")
         bench.cut()
@@ -280,23 +280,23 @@ class FingertipConformance:
 
 
 class ArmConformance:
-    """Of ``drivers.interfaces.Arm``. Give a fixture ``bench``: a `Bench` of an arm that stands,
-    with ``up_m`` of room above it."""
+    """Tests of ``drivers.interfaces.Arm``. They need a fixture ``bench``: a `Bench` of an arm at
+    rest, with ``up_m`` of free space above it."""
 
     up_m = 0.03
     speed_mps = 0.05
     acceleration_mps2 = 0.5
-    outside_m: Vector3 = (5.0, 0.0, 0.0)  # from where it stands: beyond every limit
+    outside_m: Vector3 = (5.0, 0.0, 0.0)  # relative to its position: beyond every limit
 
     def standing(self, bench: Bench[Arm]) -> Arm:
-        """Heard, and standing."""
+        """Wait for a state and a standstill."""
         arm = bench.device
         bench.until(arm.poll, lambda: arm.state is not None and not self.state(arm).moving)
         return arm
 
     @staticmethod
     def state(arm: Arm) -> ArmState:
-        """The latest; there must be one."""
+        """The latest one, which must exist."""
         state = arm.state
         assert state is not None
         return state
@@ -306,20 +306,18 @@ class ArmConformance:
         return (at_m[0], at_m[1], at_m[2] + up_m)
 
     def rises(self, arm: Arm) -> Vector3:
-        """Told to; gives where to."""
+        """Command a motion up; returns its target."""
         there_m = self.above(self.state(arm).position_m, self.up_m)
         arm.move_to(there_m, self.speed_mps, self.acceleration_mps2)
         return there_m
 
-    def test_it_tells_where_it_is_and_how_old_that_is(self, bench: Bench[Arm]) -> None:
+    def test_position_is_reported_with_its_age(self, bench: Bench[Arm]) -> None:
         state = self.state(self.standing(bench))
         assert 0 <= state.age_ns(bench.now_ns()) < 1_000_000_000
-        told = (*state.position_m, *state.velocity_mps)
-        assert all(math.isfinite(value) for value in told)
+        applied = (*state.position_m, *state.velocity_mps)
+        assert all(math.isfinite(value) for value in applied)
 
-    def test_a_move_is_under_way_at_once_and_ends_where_it_was_told(
-        self, bench: Bench[Arm]
-    ) -> None:
+    def test_a_move_starts_at_once_and_ends_at_its_target(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         there_m = self.rises(arm)
         assert self.state(arm).moving
@@ -334,7 +332,7 @@ class ArmConformance:
         assert math.dist(self.state(arm).position_m, there_m) < NEAR_M
         assert fastest < 1.1 * self.speed_mps
 
-    def test_a_stop_stands_it_on_its_way(self, bench: Bench[Arm]) -> None:
+    def test_a_stop_ends_a_move(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         before_m = self.state(arm).position_m
         there_m = self.rises(arm)
@@ -371,7 +369,7 @@ class ArmConformance:
         arm.poll(bench.now_ns())
         assert math.dist(self.state(arm).position_m, at_m) < 0.001
 
-    def test_a_lost_link_is_told(self, bench: Bench[Arm]) -> None:
+    def test_a_lost_link_is_raised(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)
         if bench.cut is None:
             pytest.skip("this bench cannot cut the link")

@@ -1,4 +1,4 @@
-"""Rules of every test: leave nothing behind, talk to nobody but this machine, flake never."""
+"""Rules of every test: leave no thread, process or socket; connect only to this machine."""
 
 import contextlib
 import os
@@ -17,15 +17,15 @@ from typing import Any
 import hypothesis
 import pytest
 
-GRACE_S = 2.0  # what is on its way out may take this long
+GRACE_S = 2.0  # time for resources that are being closed
 NIGHTLY = Path(__file__).parent / "nightly"
-CALLERS = 4  # of whoever made a socket that is left behind
+CALLERS = 4  # stack frames shown for a leaked socket
 
 hypothesis.settings.register_profile("local", deadline=None, print_blob=True)
 hypothesis.settings.register_profile("ci", deadline=None, print_blob=True, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
-# A developer's own settings (a lab's addresses among them) must not reach a test.
+# A developer's settings, such as addresses of real devices, must not affect a test.
 for name in [name for name in os.environ if name.startswith("GRASP_")]:
     del os.environ[name]
 os.environ["MPLBACKEND"] = "Agg"
@@ -76,7 +76,7 @@ opened: dict[int, str] = {}  # by descriptor, where a socket was made
 
 
 def remembered(init: Callable[..., None]) -> Callable[..., None]:
-    """The lines that led to a socket, the innermost first, without the library's own."""
+    """Stack of a socket's creation, innermost first, without frames of the library."""
 
     def noted(self: socket.socket, *args: Any, **options: Any) -> None:
         init(self, *args, **options)
@@ -92,8 +92,8 @@ def remembered(init: Callable[..., None]) -> Callable[..., None]:
     return noted
 
 
-def told(name: str) -> str:
-    """Of a socket also its addresses and, if it was made here, where."""
+def described(name: str) -> str:
+    """Describe a leaked resource; a socket with its addresses and where it was created."""
     kind, _, number = name.removesuffix(")").partition(" (descriptor ")
     if not kind.startswith("socket:"):
         return name
@@ -112,14 +112,16 @@ def held() -> set[str]:
 
 @pytest.fixture(autouse=True)
 def nothing_left_behind() -> Iterator[None]:
-    """Fail a test that leaves a thread, a child process or a socket; older ones are not its own."""
+    """Fail a test that leaves a thread, a child process or a socket that did not exist before."""
     before = held()
     yield
     deadline = time.monotonic() + GRACE_S
     while (left := held() - before) and time.monotonic() < deadline:
         time.sleep(0.01)
     if left:
-        pytest.fail("left behind: " + ", ".join(told(name) for name in sorted(left)), pytrace=False)
+        pytest.fail(
+            "left behind: " + ", ".join(described(name) for name in sorted(left)), pytrace=False
+        )
 
 
 def is_here(address: Any) -> bool:

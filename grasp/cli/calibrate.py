@@ -1,5 +1,5 @@
-"""`grasp calibrate`: measures counts, force bytes and noise on a lab's devices and writes them into
-files. `grasp tactile`: what the fingertips measure, and how their board is wired."""
+"""`grasp calibrate`: measure counts, force bytes and noise on real devices and write them into
+files. `grasp tactile`: show fingertip measurements and the wiring of their board."""
 
 import argparse
 import math
@@ -17,7 +17,7 @@ from drivers.takktile.link import UsbLink
 from grasp.cli import exits, lab
 from grasp.cli.detector import rule_lines
 from grasp.cli.options import check_new
-from grasp.cli.output import aside, show
+from grasp.cli.output import print_status, show
 from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
@@ -26,13 +26,13 @@ from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.wired import ANY_BOARD
 
 ON_SCALE = (
-    "One finger presses on a scale, harder than the limit of a run allows. Is that fingertip alone "
-    "over it, and no object in the hand?"
+    "One finger presses on a scale, harder than the force limit of a run. Is only that fingertip "
+    "over the scale, and no object in the hand?"
 )
 CLOSED = (255, 255, 255)
 WATCH_S, REST_S = 3600.0, 5.0
-LEAST_FALL_COUNTS = 20  # of a press: half a newton; an untouched taxel varies by one or two
-PRESSES = 10  # of force byte 0
+LEAST_FALL_COUNTS = 20  # of a press: half a newton; an unloaded taxel varies by one or two
+PRESSES = 10  # with force byte 0
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
@@ -45,7 +45,9 @@ def calibrate_force(args: argparse.Namespace) -> int:
         return "move nothing"
 
     def act(permit: Any, operator: Any) -> str:
-        return calibrate.calibrate_force(config, args.finger, up_to_n, operator, aside, args.note)
+        return calibrate.calibrate_force(
+            config, args.finger, up_to_n, operator, print_status, args.note
+        )
 
     return _measure(args, config, look, look, act, moves=False)
 
@@ -57,8 +59,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def plan() -> str:
         return (
-            f"move finger {args.finger}, {PRESSES} times with force byte 0, onto the scale, "
-            f"with {args.up_to:g} N at most by the manual"
+            f"move finger {args.finger} {PRESSES} times onto the scale, with force byte 0 "
+            f"(at most {args.up_to:g} N by the manual)"
         )
 
     def look() -> str:
@@ -68,18 +70,18 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 
     def act(permit: Any, operator: Any) -> str:
         return calibrate.calibrate_hand(
-            config, permit, args.finger, PRESSES, args.up_to, operator, aside, args.note
+            config, permit, args.finger, PRESSES, args.up_to, operator, print_status, args.note
         )
 
     def how_to_use(text: str) -> str:
         limit_n = config.guard.force_limit_n
         least_n = math.ceil(tomllib.loads(text)["calibration"]["least_force_n"])
-        told = "\nfor your own file, in which each section stands once:\n\n"
-        told += f'[gripper]\ncalibration = "{args.out}"'
+        lines = "\nfor your settings file, with each section once:\n\n"
+        lines += f'[gripper]\ncalibration = "{args.out}"'
         if least_n > limit_n:
-            told += (f"\n[guard]\nforce_limit_n = {least_n}  # this hand cannot keep {limit_n:g}\n"
-                     f"[controller]\ngrip_force_n = {least_n}")  # fmt: skip
-        return told
+            lines += (f"\n[guard]\nforce_limit_n = {least_n}  # this hand cannot keep {limit_n:g}\n"
+                      f"[controller]\ngrip_force_n = {least_n}")  # fmt: skip
+        return lines
 
     return _measure(args, config, plan, look, act, on_scale=True, afterwards=how_to_use)
 
@@ -89,14 +91,14 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     from scenarios.benchmark.label_free import tune_without_labels
 
     config = lab.load_config(args)
-    judged = load_config("can", args.rig, args.detector, args.config, args.set)
+    detector_config = load_config("can", args.rig, args.detector, args.config, args.set)
     check_new(args.out)
     lab.warn_of_weak_calibration(config.calibration)
     hand_guard(config)  # raises where a run would be refused
 
     def plan() -> str:
-        held = f"closed on an object for {args.seconds:g} s, then opened"
-        return f"move the fingers, {held}; the arm stands"
+        hold = f"close on an object for {args.seconds:g} s, then open"
+        return f"move the fingers: {hold}; the arm does not move"
 
     def look() -> str:
         preflight.check_close(config, preflight.read_active_hand(config), CLOSED)
@@ -104,9 +106,9 @@ def calibrate_noise(args: argparse.Namespace) -> int:
         return plan()
 
     def act(permit: Any, operator: Any) -> str:
-        counts = calibrate.record_still_object(config, permit, args.seconds, operator, aside)
-        found = tune_without_labels(judged, [(counts, *find_hold(counts))], args.budget)
-        return _rule_file(args, found, found.rule == judged.rule)
+        counts = calibrate.record_still_object(config, permit, args.seconds, operator, print_status)
+        found = tune_without_labels(detector_config, [(counts, *find_hold(counts))], args.budget)
+        return _rule_file(args, found, found.rule == detector_config.rule)
 
     return _measure(args, config, plan, look, act)
 
@@ -116,8 +118,8 @@ def _measure(
     act: Callable[[Any, Any], str], on_scale: bool = False, moves: bool = True,
     afterwards: Callable[[str], str] = lambda text: "",
 ) -> int:  # fmt: skip
-    """As ``perform``, with an operator: ``act`` returns the text of the file, which is written and
-    shown. ``on_scale``: a finger presses on one; ``afterwards``: how to use the file."""
+    """Run a measurement with an operator. ``act`` returns the text of the file, which is written
+    and shown. ``on_scale``: a finger presses on a scale; ``afterwards``: how to use the file."""
     operator = lab.TerminalOperator()
 
     def ask() -> None:
@@ -132,8 +134,8 @@ def _measure(
     def run(permit: Any) -> lab.Done:
         text = act(permit, operator)
         write_whole(args.out, text.encode())
-        if told := afterwards(text):
-            aside(told)
+        if usage := afterwards(text):
+            print_status(usage)
         return lab.Done(f"{text}{args.out}", {"file": str(args.out), "text": text})
 
     return lab.perform(args, config, plan, look, run, ask, moves)
@@ -141,7 +143,7 @@ def _measure(
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
     low, high = found.interval
-    # a still hand shows nothing of closing, of lifting or of taps
+    # a hand at rest gives no data on closing, lifting or taps
     how = "the packaged rule is higher and kept" if kept else "higher than the packaged rule"
     source = (
         f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
@@ -160,9 +162,9 @@ def tactile_watch(args: argparse.Namespace) -> int:
     if args.rest:
         return _measure_rest(args)
     if args.out is not None:
-        raise UsageError("--out writes the rest codes", "give --rest with it")
+        raise UsageError("--out writes the rest codes and needs --rest", "add --rest")
     report, seconds, most = None, 0, args.seconds or WATCH_S
-    with suppress(KeyboardInterrupt):  # the seconds until then are reported
+    with suppress(KeyboardInterrupt):  # what was measured before is reported
         for report in fingertips.watch(lab.load_config(args), most):
             seconds += 1
             if not args.json and seconds <= most:
@@ -178,7 +180,7 @@ def _measure_rest(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_whole(args.out, text.encode())
     if not args.json:
-        aside(report.summary())
+        print_status(report.summary())
     value = {"rest": report.codes, "samples": report.samples, "noise_counts": report.noise_counts}
     return show(args, {**value, "file": text, "exit_code": 0}, text.rstrip("\n"))
 
@@ -189,10 +191,10 @@ def tactile_identify(args: argparse.Namespace) -> int:
     strongest: dict[tuple[int, int], Any] = {}
     last, whole = None, False
     link = UsbLink.find(named or None, _bus(args.url or config.usb.url))
-    watched = watch(link, config.tactile, args.seconds, lambda: aside(
+    watched = watch(link, config.tactile, args.seconds, lambda: print_status(
         f"press one pad after the other, for {args.seconds:g} s"), LEAST_FALL_COUNTS)  # fmt: skip
     try:
-        with suppress(KeyboardInterrupt):  # what was pressed until then is reported
+        with suppress(KeyboardInterrupt):  # what was pressed before is reported
             for press in watched:
                 cell = press.row, press.column
                 if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
@@ -215,7 +217,7 @@ def tactile_identify(args: argparse.Namespace) -> int:
 
 
 def _bus(url: str) -> Any:
-    """pyusb back end: of an emulated board, or None for the machine's own USB."""
+    """pyusb back end of an emulated board, or None for this machine's USB."""
     if not url:
         return None
     try:
@@ -227,5 +229,5 @@ def _bus(url: str) -> Any:
 def _taxel(press: Any) -> str:
     cell = f"row {press.row}, column {press.column}"
     if press.finger is None:
-        return f"no finger has this cell in `cells`: {cell}"
+        return f"cell of no finger (not in `cells`): {cell}"
     return f"finger {press.finger} taxel {press.taxel} ({cell})"

@@ -1,4 +1,4 @@
-"""`grasp campaign`: a grid of trials in parallel, and its summary as the paper's Table IV."""
+"""`grasp campaign`: run a grid of trials in parallel; summary as in the paper's Table IV."""
 
 import argparse
 import math
@@ -37,16 +37,16 @@ WIDTH_WITHOUT_TERMINAL = 160
 
 
 def _spec(args: argparse.Namespace) -> CampaignSpec:
-    wanted: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     if args.detector is not None:
-        wanted["detectors"] = (args.detector,)
+        changes["detectors"] = (args.detector,)
     if args.profile is not None:
-        wanted["profiles"] = (args.profile,)
+        changes["profiles"] = (args.profile,)
     if args.repetitions is not None:
-        wanted["repetitions"] = args.repetitions
+        changes["repetitions"] = args.repetitions
     spec = read_spec(file_of("campaigns", args.campaign))
-    own = (*spec.config, *map(str, args.config or ()))
-    spec = msgspec.structs.replace(spec, config=own, **wanted)
+    files = (*spec.config, *map(str, args.config or ()))
+    spec = msgspec.structs.replace(spec, config=files, **changes)
     if args.set:
         _check_set(spec, args.set)
     return msgspec.structs.replace(spec, settings=(*spec.settings, *args.set))
@@ -56,7 +56,8 @@ def _check_set(spec: CampaignSpec, assignments: Sequence[str]) -> None:
     """Raises ConfigError for a wrong `--set`, UsageError for one that the sweep overrides."""
     for key in (assignment.partition("=")[0].strip() for assignment in assignments):
         if key in spec.sweep:
-            raise UsageError(f"--set: the campaign's sweep already sets {key}", "leave it out")
+            raise UsageError(f"--set: the campaign's sweep already sets {key}",
+                             f"leave out --set {key}")  # fmt: skip
     detector = next(iter(spec.detectors), None)
     files = [Path(word) for word in spec.config]
     load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
@@ -104,7 +105,7 @@ def print_summary(summary: Summary) -> None:
         table = Table(
             "variant", "object", "paper, n = 20", "this", "registered after onset, ms",
             "moved, mm" if scenario == "tap" else "slip, mm", title=TITLES[scenario],
-            caption="ms and mm: 50, 90 and 99 % of all trials; inf: that many did not get there",
+            caption="ms and mm: 50th, 90th, 99th percentile of all trials; inf: not reached",
         )  # fmt: skip
         for variant in (v for v in summary.variants if v.scenario == scenario):
             swept = "" if variant.swept == "{}" else f"\n{variant.swept}"
@@ -132,7 +133,7 @@ def _plural(number: int, noun: str) -> str:
 
 
 def _paper(scenario: str, name: str) -> str:
-    """The rate of the paper, and for lifts the parts within 6 and 12 cm."""
+    """The paper's success rate, and for lifts its shares within 6 and 12 cm."""
     rate = paper_rate(scenario, name)
     if rate is None:
         return "-"

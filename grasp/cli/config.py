@@ -23,7 +23,7 @@ from scenarios.trial.layers import check_read, trial_layers
 
 
 def config(args: argparse.Namespace) -> int:
-    if not any(settings.by_path(word) for word in args.section):
+    if not any(settings.is_path(word) for word in args.section):
         return _show(args)
     if args.json:
         raise UsageError("--json prints settings, but a FILE is checked", "leave out --json")
@@ -38,9 +38,9 @@ def config(args: argparse.Namespace) -> int:
 
 
 def _checked(word: str, detector: str) -> str:
-    """What a file is; raises ConfigError, or what its own reader raises, where it is wrong.
-    ``detector``: with which settings are read."""
-    if not settings.by_path(word):
+    """Kind of a file, in words; raises ConfigError, or its reader's error, for a wrong file.
+    ``detector``: the detector with which settings are checked."""
+    if not settings.is_path(word):
         raise UsageError(f"{word} is no .toml file", "give the path of one")
     path = Path(word)
     table = settings.read_toml(path).table
@@ -60,11 +60,11 @@ def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
     if "rig" in keys:
         return f"a rig for --rig, opened as {load_for_devices('can', word).rig}"
     if keys & {"objects", "scenarios"} and keys <= set(CampaignSpec.__struct_fields__):
-        return f"a campaign of {len(combinations(read_spec(path)))} places"
+        return f"a campaign of {len(combinations(read_spec(path)))} combinations"
     if keys & {"rows", "causes"} and keys <= set(DatasetConfig.__struct_fields__):
         return f"a data set of {len(plan(load_dataset_config(path)))} recordings"
     acquiring = keys & set(AcquireConfig.__struct_fields__)
-    if acquiring - set(RunConfig.__struct_fields__):  # checks what a trial does not know
+    if acquiring - set(RunConfig.__struct_fields__):  # sections that a trial does not have
         load_acquire_config("planar", "simulated", path)
         if keys <= acquiring:
             return f"settings for --config, of an acquisition: {', '.join(keys)}"
@@ -81,7 +81,7 @@ def _show(args: argparse.Namespace) -> int:
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     for word in args.section:
         if word not in sections:
-            hint = settings.meant(word, sections)
+            hint = settings.suggestion(word, sections)
             raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")
     shown = args.section or sections
     layers = trial_layers(*chosen)
@@ -93,9 +93,10 @@ def _show(args: argparse.Namespace) -> int:
         for name in shown:
             lines.append(f"[{name}]")
             for key, value in table[name].items():
-                place = f"{name}.{key}"
-                told = settings.allowed(type(config), place)
-                lines.append(f"{key} = {json.dumps(value)}  # {told}; {_from(sources.get(place))}")
+                full = f"{name}.{key}"
+                range_text = settings.allowed(type(config), full)
+                source = _from(sources.get(full))
+                lines.append(f"{key} = {json.dumps(value)}  # {range_text}; {source}")
             lines.append("")
         return "\n".join(lines)
 

@@ -1,5 +1,5 @@
 """`grasp detector`: score and tune slip detectors, show their cards; check the decision rule of a
-user's own network."""
+user's network."""
 
 import argparse
 import json
@@ -19,16 +19,16 @@ from grasp.cli import exits
 from grasp.cli.options import check_writable
 from grasp.cli.output import listing, progress, show
 from grasp.files import write_whole
-from grasp.settings import config_dir, meant, named_layer, names, sources_of
+from grasp.settings import config_dir, named_layer, names, sources_of, suggestion
 from scenarios.campaign.config import load_config
 from scenarios.report.run_view import in_words
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import versions
 
-FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
-FEW_EVENTS = 5  # that the minutes tuned on may have
-RULE_LEVELS = ("rule.threshold", "rule.limit")  # of either kind of rule
+FEW_SLIPS = 50  # with fewer the recall is uncertain: +/- 14 points at a recall of a half
+FEW_EVENTS = 5  # with fewer allowed false events the rate is uncertain
+RULE_LEVELS = ("rule.threshold", "rule.limit")  # one for each kind of rule
 
 
 def detector_evaluate(args: argparse.Namespace) -> int:
@@ -43,7 +43,7 @@ def detector_evaluate(args: argparse.Namespace) -> int:
         data, recordings = str(args.recording), read_labelled(args.recording)
     else:
         data = f"{' '.join(folder.name for folder in args.data)}, {args.split}"
-        recordings = read_split(args.data, args.split, exits.say)
+        recordings = read_split(args.data, args.split, exits.print_detail)
     kept = []
     for name in args.detector:
         with progress(f"streaming {name}", hidden=args.json) as bar:
@@ -78,7 +78,7 @@ def _keep(args: argparse.Namespace, data: str, kept: list[Any]) -> None:
 
 
 def scores_text(sheet: Any, rule: Any) -> str:
-    """The score sheet, with the rule that makes events of samples."""
+    """The score sheet, with the decision rule."""
     return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
 
 
@@ -91,12 +91,12 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     from scenarios.benchmark.scoring import contender, evidence, read_split, tune_rule
 
     name, budget = args.detector, args.budget
-    recordings = read_split(args.data, "validation", exits.say)
+    recordings = read_split(args.data, "validation", exits.print_detail)
     with progress(f"streaming {name}", hidden=args.json) as bar:
         made = contender(name, recordings, "validation", "slip", args.config, args.set, bar)
-    rest = evidence(made.streams, made.config.rule).minutes  # whatever the rule
-    check_testable(rest, budget, "more `validation` recordings or simulated sets beside, of a "
-                   "finger alone three times as much")  # fmt: skip
+    rest = evidence(made.streams, made.config.rule).minutes  # independent of the rule
+    check_testable(rest, budget, "more `validation` recordings or simulated data sets; of single "
+                   "fingers three times as much")  # fmt: skip
     with progress(f"tuning {name}", hidden=args.json) as bar:
         chosen = tune_rule(made, budget, bar)
     if chosen is None:
@@ -107,14 +107,14 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     rule = point.pop("rule")
     lines = ["on the split validation:", *listing(point).splitlines()]
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
-        lines.append("that is little: one more or less of either would make another rule; give "
-                     "more recordings, or simulated sets beside")  # fmt: skip
+        lines.append("few data: one event or slip more or less would change the rule; give more "
+                     "recordings, or simulated data sets in addition")  # fmt: skip
     return show(args, {**point, "rule": rule}, _rule_text(lines, rule))
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
-    """Raises UsageError for less rest of a hand than one false event of the budget needs. ``more``:
-    what to give. A budget of 0 needs no test."""
+    """Raise UsageError if the hand's time at rest is too short for one false event of the budget.
+    ``more``: the remedy. A budget of 0 needs no test."""
     if minutes * budget < 1.0 and budget > 0.0:
         event = f", where one false event is {1.0 / minutes:.3g} a minute" if minutes else ""
         raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
@@ -128,11 +128,11 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
     config = load_config("can", "simulated", args.detector, args.config, args.set)
     found = tune_without_labels(config, map(read_hold, args.unlabelled), args.budget)
     known = {k: v for k, v in msgspec.structs.asdict(found).items() if k != "rule"}
-    lines = ["on the holds; the level is the limit of a cusum, else log-odds of the threshold:",
+    lines = ["on the holds; the level is the CUSUM limit, or the threshold's log-odds:",
              *listing(known).splitlines()]  # fmt: skip
     if found.rule == config.rule:
-        lines.append("less than the rule has, which is kept: a still hand knows nothing of "
-                     "closing, of lifting or of taps")  # fmt: skip
+        lines.append("the present rule is higher and kept: a hand at rest gives no data on "
+                     "closing, lifting or taps")  # fmt: skip
     return show(args, found, _rule_text(lines, found.rule))
 
 
@@ -141,10 +141,10 @@ def _rule_text(comments: Sequence[str], rule: Any) -> str:
 
 
 def rule_lines(rule: Any) -> list[str]:
-    """Those settings of it that are read, as TOML."""
-    read = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unused}
-    told = {k: v if isinstance(v, str) else round(v, 4) for k, v in read.items()}
-    return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
+    """The settings that this kind of rule uses, as lines of TOML."""
+    used = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unused}
+    rounded = {k: v if isinstance(v, str) else round(v, 4) for k, v in used.items()}
+    return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in rounded.items())]
 
 
 def detector_card(args: argparse.Namespace) -> int:
@@ -177,29 +177,29 @@ def _packaged_rule(network: str) -> Any:
 
 
 def network_path(word: str) -> Path:
-    """The weights of a packaged network or of a file; raises UsageError for a name that is none."""
+    """Path of the weights of a packaged network or a file; raises UsageError for other words."""
     known = network_file.packaged_networks()
     if not network_file.is_weights(word) and word not in known:
-        raise UsageError(f"{word!r} is no network of this project{meant(word, known)}",
+        raise UsageError(f"{word!r} is no packaged network{suggestion(word, known)}",
                          f"one of {', '.join(known)}, or a file that ends in .onnx")  # fmt: skip
     return network_file.weights_path(word)
 
 
 def rule_of_weights(config: Any) -> str:
-    """The decision rule of a detector of one's own, in words; empty for a packaged one."""
+    """The decision rule of a user's detector, in words; empty for a packaged one."""
     if config.detector_name in DETECTORS and not config.network.weights:
         return ""
     return f"{config.detector_label}: {in_words(config.rule)}"
 
 
 def check_weights(config: Any) -> None:
-    """Raises BadFile or UsageError for a user's own weights with which a run would be refused."""
+    """Raise BadFile or UsageError if a user's weights would be refused by a run."""
     if _own_weights(config):
         config.make_detector(FINGERS)
 
 
 def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
-    """Check settings and weights of each detector before any data are read. Raises BadFile,
+    """Check settings and weights of each detector before data are read. Raises BadFile,
     ConfigError, UsageError."""
     for word in words:
         config = load_config("can", "simulated", word, files, assignments)
@@ -208,8 +208,8 @@ def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[s
 
 
 def warn_of_untuned_rule(config: Any, layers: Any) -> None:
-    """Warn of a user's own weights with a rule that was tuned for others, or with the defaults.
-    ``layers``: where the settings are from."""
+    """Warn if a user's weights are used with a rule that was tuned for others, or with defaults.
+    ``layers``: the layers of the settings."""
     weights, name = _own_weights(config), config.detector_name
     if not weights:
         return
@@ -224,11 +224,11 @@ def warn_of_untuned_rule(config: Any, layers: Any) -> None:
     if name not in network_file.PACKAGED_SHA256:
         whose, made = "no rule that was tuned for it", shlex.quote(name)
     exits.report_line(f"{weights} is used with {whose}")
-    exits.say(f"`grasp detector tune {made} --data DIR` makes one, for --config")
+    exits.print_detail(f"`grasp detector tune {made} --data DIR` makes a rule for --config")
 
 
 def _own_weights(config: Any) -> str:
-    """The file of a user's weights; empty for a packaged network, and for what is no network."""
+    """Path of a user's weights; empty for a packaged network or another kind of detector."""
     if config.detector_section != NETWORK:
         return ""
     name = config.detector_name

@@ -1,4 +1,4 @@
-"""`grasp status`, `gripper`, `arm` and `release`: read a lab's devices, and move them slowly."""
+"""`grasp status`, `gripper`, `arm` and `release`: read real devices, and move them slowly."""
 
 import argparse
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from scenarios.rigs.permission import arm_address, gripper_address
 from scenarios.rigs.rig import calibration, not_active_error, settings_to_open
 
 ALL = "open and close all fingers fully"
-IDLE = "do nothing: it is active"
+IDLE = "do nothing: the hand is active"
 SET_BASIC = "open all fingers and set basic mode"
 OPEN = (0, 0, 0)
 
@@ -29,7 +29,7 @@ def status(args: argparse.Namespace) -> int:
 def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     where = gripper_address(config)
     if config.devices.gripper:
-        raise UsageError(f"{where} is of another package", "look at it by that")
+        raise UsageError(f"{where} is driven by another package", "use that package's tools")
     before, now = read_gripper(config)
     strange, fault, lines = (
         protocol.implausible_values(now, before),
@@ -59,12 +59,12 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
             arm_preflight.read_status(host, config.ur.step_timeout_s)[1]
         )
     )
-    against = [check for check in checks if check.status == "fail"]
-    code = exits.DEVICE if against else exits.SUCCESS
+    failed = [check for check in checks if check.status == "fail"]
+    code = exits.DEVICE if failed else exits.SUCCESS
     value = {"arm": host, "state": state, "checks": [check._asdict() for check in checks]}
     lab.print_done(args, lab.Done(_listed(f"arm at {host}", state), value, code))
     if not args.json:
-        for check in against:
+        for check in failed:
             lab.say(f"{check.detail} ({check.remedy})")
     return code
 
@@ -82,9 +82,9 @@ def gripper_activate(args: argparse.Namespace) -> int:
         return IDLE if seen is None else SET_BASIC if seen.healthy else ALL
 
     def ask() -> None:
-        lab.confirm("activation opens and closes the hand fully, with a force that nobody sets. Is "
-                    "it empty, and everybody's hands away?", "empty", args.empty)  # fmt: skip
-        lab.say(f"will {ALL}, if it is not active; {SET_BASIC}, if it is active in another")
+        lab.confirm("activation opens and closes the hand fully, with a force that cannot be set. "
+                    "Is it empty, and is everybody clear of it?", "empty", args.empty)  # fmt: skip
+        lab.say(f"will {ALL} if the hand is inactive; {SET_BASIC} if it is active in another mode")
 
     def act(permit: Any) -> lab.Done:
         positions = hand.activate_hand(config, permit, lab.say)
@@ -112,12 +112,12 @@ def _move(
     args: argparse.Namespace, config: Any, plan: str, targets: Callable[[Any], Any], closing: str
 ) -> int:
     """Move fingers to their ``targets``. ``closing``: the fingers that close."""
-    order = ""  # in which fingers close, and how far B and C
+    order = ""  # order of the fingers, in words
     if closing:
         hand.hand_guard(config)  # raises what a run would, before anything moves
         if config.guard.cap_mode != "each_motor" and set("BC") & set(closing):
             thumb = ", then the thumb alone" if "A" in closing else ""
-            order = f"; B and C no further than where anything is felt{thumb}"
+            order = f"; B and C until contact at most{thumb}"
 
     def look() -> str:
         seen = preflight.read_active_hand(config)
@@ -148,7 +148,7 @@ def release(args: argparse.Namespace) -> int:
         seen = preflight.read_hand(config)
         if not seen.state.active:
             if not args.activate:
-                raise not_active_error(seen.state, "the same with --activate")
+                raise not_active_error(seen.state, "run the same command with --activate")
             return f"activate the hand: {ALL}, then open it"
         lab.warn_of_mode(config, opened=True)
         return _motion(settings_to_open(config), seen.state.positions, OPEN) + _spread(seen.mode)
@@ -171,7 +171,7 @@ def release(args: argparse.Namespace) -> int:
 
 
 def _hand_config(args: argparse.Namespace) -> Any:
-    """Settings; warns of a weak calibration first, in a dry run too."""
+    """Load the settings; warns of a weak calibration first, also in a dry run."""
     config = lab.load_config(args)
     lab.warn_of_weak_calibration(config.calibration)
     return config
@@ -182,13 +182,13 @@ def _motion(config: Any, at: Any, to: Any) -> str:
 
 
 def _speed(config: Any) -> str:
-    """Speed and force. Raises ConfigError without a calibration."""
+    """Speed and force, in words. Raises ConfigError without a calibration."""
     known = calibration(config)
     return f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
 
 
 def _spread(mode: int) -> str:
-    """What else a hand does that is commanded to open fully."""
+    """Additional motion of a hand that is commanded to open fully, in words."""
     return SCISSOR_NOTE if mode == SCISSOR else ""
 
 
@@ -196,10 +196,10 @@ def arm_step(args: argparse.Namespace) -> int:
     config = lab.load_config(args)
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
     arm.check_step(config, by_m)
-    way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
+    step = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
 
     def plan() -> str:
-        return f"move the arm at {arm_address(config)} by {way} at {ARM_SPEED}"
+        return f"move the arm at {arm_address(config)} by {step} at {ARM_SPEED}"
 
     def look() -> str:
         would = plan()
@@ -212,7 +212,7 @@ def arm_step(args: argparse.Namespace) -> int:
 
     def act(permit: Any) -> lab.Done:
         at_m = arm.step_arm(config, permit, by_m, lab.say)
-        return lab.Done(f"the arm stands at {_position(at_m)}, after {way}")
+        return lab.Done(f"the arm is at {_position(at_m)}, after {step}")
 
     return lab.perform(args, config, plan, look, act, warn)
 
@@ -224,7 +224,7 @@ def arm_stop(args: argparse.Namespace) -> int:
         return lab.print_done(args, lab.Done(would), "would")
     return lab.print_done(
         args,
-        lab.Done(f"the arm stands at {_position(arm.stop_arm(config))}, no program runs on it"),
+        lab.Done(f"the arm is at {_position(arm.stop_arm(config))}, no program runs on it"),
     )
 
 

@@ -1,5 +1,5 @@
-"""`grasp doctor`: check everything that a run needs and name every remedy; moves nothing. `grasp
-doctor HOST...`: list the devices that answer at these addresses."""
+"""`grasp doctor`: check everything that a run needs, with remedies; moves nothing. `grasp doctor
+HOST...`: list the devices that answer at these addresses."""
 
 import argparse
 from typing import Any
@@ -18,21 +18,20 @@ def doctor(args: argparse.Namespace) -> int:
     from scenarios.trial.execution import make_guard
 
     def load(rig: str, detector: str | None) -> Any:
-        if detector is None:  # the run that is named
-            named = args.object, rig, args.detector, args.config, args.set, args.profile
-            return load_config(*named)
+        if detector is None:  # settings of the run in the options
+            return load_config(args.object, rig, args.detector, args.config, args.set, args.profile)
         return load_for_devices(args.object, rig, args.config, args.set, detector)
 
     def check_run(config: Any) -> None:
         make_guard(config)
         config.make_detector(3)
 
-    own = (args.detector,) if args.detector else ()
-    checks = examine(args.rig, args.config, load, check_run, own, args.runs)
+    detectors = (args.detector,) if args.detector else ()
+    checks = examine(args.rig, args.config, load, check_run, detectors, args.runs)
     failed = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if failed else exits.SUCCESS
     if any(check.name in ("configuration", "disk") for check in failed):
-        code = exits.USAGE  # as everywhere
+        code = exits.USAGE  # as in other commands
 
     def text() -> str:
         width, lines = max(len(check.name) for check in checks), []
@@ -41,11 +40,11 @@ def doctor(args: argparse.Namespace) -> int:
             if check.remedy:
                 lines.append(f"      {'':<{width}}  -> {check.remedy}")
         warned = sum(check.status == "warn" for check in checks)
-        end = f"nothing prevents a run; {warned} to look at" if warned else "all well"
+        end = f"a run is possible; warnings: {warned}" if warned else "all checks passed"
         if args.rig is None:
-            end += " on this machine; no device was queried (--rig hardware queries a lab's)"
+            end += " on this machine; no device was queried (--rig hardware queries them)"
         if failed:
-            end = f"{len(failed)} to fix; first: {failed[0].name}"
+            end = f"failed checks: {len(failed)}; fix first: {failed[0].name}"
         return "\n".join([*lines, end])
 
     found = [check._asdict() for check in checks]
@@ -61,6 +60,6 @@ def _find(args: argparse.Namespace) -> int:
         f"{'yes' if f.answered else 'no':<4}  {f.device} at {f.where}: {f.detail}" for f in found
     ]
     if settings:
-        lines += ["", "for a file of your own, as lab.toml:", "", settings]
+        lines += ["", "for your settings file, e.g. lab.toml:", "", settings]
     code = exits.SUCCESS if any(f.answered for f in found) else exits.DEVICE
     return show(args, {"found": found, "settings": settings}, "\n".join(lines), code)

@@ -1,4 +1,4 @@
-"""`grasp emulate`: the emulated cell for any client, and the actions that its operator types."""
+"""`grasp emulate`: the emulated cell for any client, and a console for its operator's actions."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ from drivers.errors import ConfigError, UsageError
 from drivers.ur.emulator.server import PORTS
 from grasp.cli import exits
 from grasp.cli.commands import OPERATOR_ACTIONS
-from grasp.cli.output import aside
+from grasp.cli.output import print_status
 from scenarios.campaign.config import load_for_devices
 from scenarios.report.run_view import turned_text
 from scenarios.rigs.cell_faults import describe_all_faults
@@ -41,7 +41,7 @@ def emulate(args: argparse.Namespace) -> int:
     )  # fmt: skip
     period = f"arm_model.period_s={PERIODS_S[args.profile]}"
     config = load_for_devices(args.object, "emulated", args.config, [period, *args.set])
-    aside("cell: starts; the first time, the world is compiled")
+    print_status("cell: starting; the first start compiles the simulation")
     console = Console(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:
@@ -52,7 +52,7 @@ def emulate(args: argparse.Namespace) -> int:
 
 
 def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
-    """Check where to listen before the world is compiled, which takes a while."""
+    """Check where to listen before the simulation is compiled, which takes a while."""
     if host is not None:
         check_host(host, beyond_loopback)
         check_free(host, (*PORTS, gripper_port))
@@ -61,10 +61,10 @@ def check_address(host: str | None, beyond_loopback: bool, gripper_port: int = 0
 
 
 class Console:
-    """Executes lines of standard input, where that is a terminal or a pipe, until it ends."""
+    """Executes lines of standard input, if it is a terminal or a pipe, until it ends."""
 
     def __init__(self, config: TapConfig, seed: int) -> None:
-        """The strength of taps is searched here, where nobody waits for a device."""
+        """Search the strength of taps now, before any client waits for a device."""
         self._typed = _is_typed()
         self._taps: dict[str, Any] = {}
         for direction in DIRECTIONS if self._typed else ():
@@ -72,16 +72,16 @@ class Console:
             try:
                 found = swing(msgspec.structs.replace(config, tap=tap), seed)
                 self._taps[direction] = msgspec.to_builtins(found.impact)
-            except ConfigError as none_found:  # what falls by itself is tapped by nobody
-                self._taps[direction] = none_found
+            except ConfigError as error:  # an object that falls by itself cannot be tapped
+                self._taps[direction] = error
 
     def listen(self, cell: EmulatedCell) -> None:
         if not self._typed:
             return
-        # sent to the background: reading from the terminal fails then, instead of stopping us
+        # in the background, reading from the terminal then fails instead of stopping this process
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
         if os.isatty(STDIN):
-            _say(f"what a person does, a line each: {OPERATOR_ACTIONS}")
+            _say(f"actions of an operator, one per line: {OPERATOR_ACTIONS}")
         threading.Thread(target=self._run, args=(cell,), name="console", daemon=True).start()
 
     def _run(self, cell: EmulatedCell) -> None:
@@ -100,7 +100,7 @@ class Console:
             time.sleep(POLL_S)
             reply = cell.execute_request({"verb": "home"})
         if words[0] == "press":
-            time.sleep(PRESS_S)  # done is who has let go
+            time.sleep(PRESS_S)  # until the pad is released
         if "error" in reply:
             return str(reply["error"])
         if words[0] == "look":
@@ -129,12 +129,12 @@ class Console:
                 return {"verb": "truth"}
             case ["place"] | ["take"] | ["home"]:
                 return {"verb": words[0]}
-        raise ValueError(f"{' '.join(words)!r} is not known")
+        raise ValueError(f"{' '.join(words)!r} is no action")
 
 
 def _scale_text(truth: dict[str, Any]) -> str:
     fingers = zip("ABC", truth["normal_n"], strict=True)
-    return "pressed with " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
+    return "fingertip forces: " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
 
 
 def _look_text(truth: dict[str, Any]) -> str:
@@ -155,7 +155,7 @@ def _value(text: str) -> Any:
 
 
 def _is_typed() -> bool:
-    """Whether somebody may type: a pipe, or a terminal with this program in its foreground."""
+    """Whether standard input can be read: a pipe, or a terminal with this program in front."""
     try:
         mode = os.fstat(STDIN).st_mode
         if not os.isatty(STDIN):
@@ -166,7 +166,7 @@ def _is_typed() -> bool:
 
 
 def _lines() -> Iterator[str]:
-    """As they come. Not through sys.stdin, whose lock a thread that waits would hold at the end."""
+    """Lines of standard input, without sys.stdin: a waiting thread would hold its lock at exit."""
     typed = b""
     with suppress(OSError):
         while some := os.read(STDIN, 4096):
@@ -177,4 +177,4 @@ def _lines() -> Iterator[str]:
 
 def _say(text: str) -> None:
     with suppress(OSError):
-        aside(f"cell: {text}")
+        print_status(f"cell: {text}")

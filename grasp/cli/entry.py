@@ -1,6 +1,5 @@
-"""What the console command `grasp` calls: until its modules are imported Ctrl-C ends the process at
-once. Nothing has been opened that would have to be cleaned up, and a KeyboardInterrupt would show
-a traceback."""
+"""Entry point of the console command `grasp`. Until its modules are imported, Ctrl-C ends the
+process at once: nothing needs clean-up yet, and a KeyboardInterrupt would show a traceback."""
 
 import os
 import signal
@@ -20,7 +19,7 @@ def main() -> int:
     from grasp.cli.main import main as command
 
     try:
-        return command()  # which takes signals itself
+        return command()  # it handles signals itself
     finally:
         if signal.getsignal(signal.SIGINT) is _quit:
             signal.signal(signal.SIGINT, signal.default_int_handler)

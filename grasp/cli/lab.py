@@ -1,4 +1,4 @@
-"""Shared by commands of a lab's devices: settings, dry runs, permission to move, warnings, and
+"""Shared by commands for real devices: settings, dry runs, permission to move, warnings, and
 questions to the operator."""
 
 import argparse
@@ -20,25 +20,25 @@ from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import HARDWARE, arm_address, permit
 
-TYPED_BYTES = 4096  # at most; the kernel cuts what is typed there too
-READS = 4  # at once
+TYPED_BYTES = 4096  # most input kept; the kernel's limit of a line too
+READS = 4  # most reads in a row
 
-say = exits.report_line  # on standard error: what will move, or what became of what was stopped
+say = exits.report_line  # on standard error
 
 
 def load_config(args: argparse.Namespace) -> Any:
-    """Settings for a lab's own devices; raises UsageError for a rig that has none."""
+    """Load settings for real devices; raises UsageError for a rig that has none."""
     config = load_for_devices("can", args.rig, args.config, args.set)
     if config.rig != HARDWARE:
         raise UsageError(
-            f"rig {args.rig} has no devices of a lab",
-            "to rehearse, point the rig hardware at `grasp emulate` (docs/first-day.md)",
+            f"rig {args.rig} has no real devices",
+            "use --rig hardware, connected to `grasp emulate` for practice (docs/first-day.md)",
         )
     return config
 
 
 class Done(NamedTuple):
-    """What a command did: in words, for --json if that is more, and its exit code."""
+    """Result of a command: text, value for --json (default: the text), and exit code."""
 
     text: str
     value: dict[str, Any] | None = None
@@ -46,7 +46,7 @@ class Done(NamedTuple):
 
 
 def print_done(args: argparse.Namespace, done: Done, key: str = "done") -> int:
-    """Print what was done, or would be done; returns the exit code."""
+    """Print a result, or the result of a dry run; returns the exit code."""
     if args.json:
         value = {key: done.text} if done.value is None else done.value
         print_json({**value, "exit_code": done.code})
@@ -59,11 +59,11 @@ def perform(
     args: argparse.Namespace, config: Any, plan: Callable[[], str], look: Callable[[], str],
     act: Callable[[Any], Done], before: Callable[[], object] = lambda: None, moves: bool = True,
 ) -> int:  # fmt: skip
-    """Run a command that moves a lab's devices, or its dry run.
+    """Run a command that moves real devices, or its dry run.
 
-    ``plan``: what would move by the settings, for a refusal. ``look``: queries the devices for a
-    dry run; returns what would move, raises what the motion would. ``before``: warns and asks.
-    ``act``: moves, with the permit.
+    ``plan`` describes the motion by the settings, for a refusal. ``look`` queries the devices for a
+    dry run; it describes the motion and raises the errors that the motion would. ``before`` warns
+    and asks. ``act`` moves, with the permit.
     """
     if args.dry_run:
         return print_done(args, Done(look()), "would")
@@ -77,8 +77,8 @@ def perform(
 def motion_permit(
     config: Any, args: argparse.Namespace, plan: Callable[[], str] | None = None
 ) -> Any:
-    """Permission to move real devices; None where the rig has none. Without `--confirm-motion` it
-    prints what would move and raises UsageError."""
+    """Permission to move real devices; None if the rig has none. Without `--confirm-motion` it
+    prints the motion and raises UsageError."""
     try:
         return permit(config, args.confirm_motion, args.config, args.set, args.rig)
     except UsageError:
@@ -92,13 +92,13 @@ def motion_permit(
 
 
 def warn_of_weak_calibration(calibration: Any) -> None:
-    """What a calibration claims against the manual, if it does."""
+    """Warn of a calibration that claims less force than the manual states."""
     if calibration is not None and (claim := weak_claim(calibration)):
         say(claim)
 
 
 def warn_of_slow_arm(config: Any) -> None:
-    """Effect of the arm's speed slider. What prevents a run is reported when the arm is opened."""
+    """Warn of a low speed slider. One that prevents a run is reported when the arm is opened."""
     if config.devices.arm:
         return
     with suppress(GraspError):
@@ -109,8 +109,8 @@ def warn_of_slow_arm(config: Any) -> None:
 
 
 def warn_of_mode(config: Any, opened: bool = False) -> None:
-    """What it means that a hand is not in basic mode. That scissor mode prevents closing is said
-    when the hand is opened for it, so only with ``opened`` here."""
+    """Warn of a hand that is not in basic mode. Scissor mode is reported when the hand is opened
+    for closing, so it is included here only with ``opened``."""
     if config.devices.gripper:
         return
     with suppress(GraspError):
@@ -124,42 +124,42 @@ def warn_of_mode(config: Any, opened: bool = False) -> None:
 
 
 def confirm(question: str, word: str, given: bool) -> None:
-    """Ask a person to type a word, unless it was given as an option; else raises UsageError."""
+    """Ask a person to type a word, unless the option was given; otherwise raises UsageError."""
     if given:
         return
     if sys.stdin is None or not sys.stdin.isatty():
-        raise UsageError(f"nobody is there to be asked: {question}", f"if so, add --{word}")
+        raise UsageError(f"no terminal for the question: {question}", f"if yes, add --{word}")
     print(f"{question} Type {word}: ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() != word:
-        raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when it is so")
+        raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when ready")
 
 
 class TerminalOperator:
     """Asks on standard error and reads answers on standard input; neither ever blocks."""
 
     def __init__(self) -> None:
-        self.typed = b""  # and not yet polled
-        self._gone = False
+        self.typed = b""  # not yet polled
+        self._closed = False
 
     def expect(self) -> None:
-        """Before anything moves: raises UsageError where the input has ended, as of a script."""
+        """Check before any motion: raises UsageError if the input has ended, as in a script."""
         if not self._read():
-            told = "nobody is there to be asked: standard input has ended"
-            raise UsageError(told, "start it at a terminal: nothing was moved")
+            problem = "no terminal for questions: standard input has ended"
+            raise UsageError(problem, "start it at a terminal: nothing was moved")
 
     def say(self, text: str) -> None:
-        """Ask; what was typed before the question is no answer to it."""
+        """Ask; input before the question is discarded."""
         self._read()
         self.typed = b""
         self._print(text)
 
     def poll(self) -> str | None:
-        """A line, once it is there. A terminal that closed counts as Ctrl-C, once."""
-        if self._gone:
+        """Return a line once it is complete. A closed terminal counts as Ctrl-C, once."""
+        if self._closed:
             return None
         ended = b"\n" not in self.typed and not self._read()
         if ended and b"\n" not in self.typed:
-            self._gone = True
+            self._closed = True
             self._print("standard input has ended")
             raise KeyboardInterrupt
         line, newline, rest = self.typed.partition(b"\n")
@@ -173,14 +173,13 @@ class TerminalOperator:
             print(f">>> {text}", file=sys.stderr, flush=True)
 
     def _read(self) -> bool:
-        """Read what is there; False at the end of the input. Bounded: endless input must not keep
-        the loop."""
+        """Read available input; False at its end. Bounded, so that endless input does not block."""
         for _ in range(READS):
             try:
                 if not select.select([sys.stdin], [], [], 0)[0]:
                     break
                 some = os.read(sys.stdin.fileno(), TYPED_BYTES)
-            except (OSError, TypeError, ValueError):  # the terminal was closed, or there is none
+            except (OSError, TypeError, ValueError):  # a closed terminal, or none
                 return False
             if not some:
                 return False

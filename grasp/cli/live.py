@@ -1,4 +1,4 @@
-"""What a person sees of a run: a picture that follows it, then the verdict."""
+"""Display of a run: a live view, then the verdict."""
 
 import contextlib
 import sys
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Self
 
 from grasp.cli import view
-from grasp.cli.output import aside
+from grasp.cli.output import print_status
 from grasp.loop import Tick
 from grasp.states import State
 from grasp.viewer_process import ViewerProcess
@@ -16,25 +16,25 @@ from scenarios.trial.result import spelt
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
 SETTING_UP = {
-    "simulated": "a world is simulated", "emulated": "a cell starts",
-    "hardware": "devices are connected",
+    "simulated": "starting the simulation", "emulated": "starting the emulated cell",
+    "hardware": "connecting to the devices",
 }  # fmt: skip
-ACTIVATING = ", the gripper activates (10 s, the first time 20 s)"
-COMPILING = "setting up: the world is compiled, a minute or so; the next run finds it"
+ACTIVATING = ", activating the gripper (10 s, the first time 20 s)"
+COMPILING = "setting up: compiling the simulation, about a minute, only once"
 
 
-class Here:
+class LocalViewer:
     """Draws in this process, with the methods of ``ViewerProcess``: in virtual time nothing waits.
-    A screen that is gone does not stop a run."""
+    A closed screen does not stop a run."""
 
     def __init__(self, panel: bool) -> None:
         self._drawn = view.Panel() if panel else view.Lines()
 
-    def tell(self, message: view.Message) -> None:
+    def show_waiting(self, message: view.Message) -> None:
         with contextlib.suppress(OSError):
             self._drawn.take(message)
 
-    show = tell
+    show = show_waiting
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
@@ -42,10 +42,10 @@ class Here:
 
 
 class Display:
-    """Shows runs tick by tick. In wall time another process draws; in virtual time this one.
+    """Shows runs tick by tick, in wall time from another process, in virtual time from this one.
 
     ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` shows
-    plain lines of registrations only. ``page``: of ``viewed``, which follows too.
+    only lines of registrations. ``page``: the page of ``viewed``, which is updated too.
     """
 
     def __init__(
@@ -58,18 +58,18 @@ class Display:
         self._ticks = 0
         self._trial = ""
         self._until_closed = contextlib.ExitStack()
-        self._shown: ViewerProcess | Here | None = None
+        self._shown: ViewerProcess | LocalViewer | None = None
         if not quiet and rig == "simulated":
-            self._shown = Here(self._panel)
+            self._shown = LocalViewer(self._panel)
         elif not quiet:
             self._shown = ViewerProcess(view)
-            self._shown.tell(view.Begin(self._panel))
+            self._shown.show_waiting(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
-        if isinstance(self._shown, Here):  # where the world is
+        if isinstance(self._shown, LocalViewer):  # where the world is
             from scenarios.rigs.simulated import on_first_compilation
 
-            said = on_first_compilation(lambda: self.tell(view.Busy(COMPILING)))
+            said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
             self._until_closed.enter_context(said)
         return self
 
@@ -77,9 +77,9 @@ class Display:
         self.close()
 
     def setting_up(self, hand: bool = True) -> None:
-        """Say that the rig is being opened, which may take a while; ``hand``: with a gripper."""
+        """Show that the rig is being opened, which may take a while. ``hand``: with a gripper."""
         more = ACTIVATING if hand and self._rig == "emulated" else ""
-        self.tell(view.Busy(f"setting up: {SETTING_UP[self._rig]}{more}"))
+        self.show_waiting(view.StatusLine(f"setting up: {SETTING_UP[self._rig]}{more}"))
 
     def trial(self, number: int, of: int) -> None:
         self._trial = f"trial {number} of {of}" if of > 1 else ""
@@ -88,31 +88,31 @@ class Display:
 
     def tick(self, tick: Tick) -> None:
         changed = tick.decision.state is not self._phase
-        news = tick.decision.slip.event or (changed and not self._brief)
+        event = tick.decision.slip.event or (changed and not self._brief)
         every = REFRESH_TICKS if self._panel else STATUS_TICKS
         due = self._ticks % every == 0 and not self._brief
         self._phase = tick.decision.state
         self._ticks += 1
-        if self._shown is not None and (news or due):
-            self._shown.show(view.glimpse(tick, news, self._trial))
+        if self._shown is not None and (event or due):
+            self._shown.show(view.tick_view(tick, event, self._trial))
 
     def sample(self, sample: Any) -> None:
         self._ticks += 1
         due = self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0
         if self._shown is not None and due:
-            self._shown.show(view.Busy(view.sample_line(sample)))
+            self._shown.show(view.StatusLine(view.sample_line(sample)))
 
     def ended(self, text: str, note: bool) -> None:
-        """What a run has become; ``note``: leave a line of it between two runs."""
+        """Show the result of a run. ``note``: leave a line of it between two runs."""
         if self._page is not None:
             self._page.feed.say(text)
         if note:
-            self.tell(view.Note(text))
+            self.show_waiting(view.LogLine(text))
 
-    def tell(self, message: view.Message) -> None:
-        """Between ticks: waits for a reader that is behind."""
+    def show_waiting(self, message: view.Message) -> None:
+        """Show a message between ticks: waits for a reader that is behind."""
         if self._shown is not None:
-            self._shown.tell(message)
+            self._shown.show_waiting(message)
 
     def close(self) -> None:
         """Leave the last state on the screen; safe to call twice."""
@@ -124,12 +124,12 @@ class Display:
 
 @contextlib.contextmanager
 def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
-    """The page of `--view` that shows a run, made by ``make`` and ended with it; None without."""
+    """The page of `--view`, made by ``make`` and closed with the run; None without the option."""
     if not args.view:
         yield None
         return
     live = make()
-    aside(f"view: {live.feed.address}")
+    print_status(f"view: {live.feed.address}")
     try:
         yield live
     finally:

@@ -1,4 +1,4 @@
-"""The `grasp` command. Heavy imports are inside the commands, so that `--help` answers at once."""
+"""The `grasp` command. Heavy imports are inside the commands, so that `--help` is fast."""
 
 import os
 import sys
@@ -12,9 +12,9 @@ from drivers.errors import GraspError, OutputClosedError, UsageError, describe_e
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import build_parser
-from grasp.cli.output import guarded_streams, only_json, open_standard_streams
+from grasp.cli.output import checked_streams, only_json, open_standard_streams
 from grasp.cli.parser import COMPLETING, complete
-from grasp.files import LEADS_NOWHERE
+from grasp.files import PATH_ERRORS
 
 MODULES = {
     **dict.fromkeys(("replay", "runs", "report", "export"), "recordings"),
@@ -24,13 +24,13 @@ MODULES = {
 
 
 def module_of(command: str) -> ModuleType:
-    """The module with what a command does, imported when it runs."""
+    """Import and return the module that implements a command."""
     group = command.partition(" ")[0]
     return import_module(f"grasp.cli.{MODULES.get(command) or MODULES.get(group, group)}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit code. Expected errors become one line, no traceback."""
+    """Run one command; returns its exit code. Expected errors are printed as one line."""
     if COMPLETING in os.environ:
         complete(build_parser())
     open_standard_streams()
@@ -45,14 +45,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with (
             signals.taken(),
-            guarded_streams(),
+            checked_streams(),
             json,
         ):
             return _run(words, as_json)
-    except KeyboardInterrupt:  # before or after all that could be reported of it
+    except KeyboardInterrupt:  # outside of the code that reports it
         return exits.INTERRUPTED
-    except OSError as error:  # of what --json had still to write
-        return exits.report(*_of_the_system(error), as_json=False)
+    except OSError as error:  # while --json flushes its output
+        return exits.report(*_system_error(error), as_json=False)
 
 
 def _run(words: Sequence[str], as_json: bool) -> int:
@@ -67,23 +67,23 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         code = int(run(args))
         sys.stdout.flush()
     except OutputClosedError:
-        signalled = exits.nobody_reads()
+        signalled = exits.close_output()
         return code or signalled
     except OSError as error:
         return code or _failed(error, as_json)
-    except BaseException as error:  # some of somebody's library, as its sys.exit()
+    except BaseException as error:  # also of libraries, for example sys.exit()
         return _failed(error, as_json)
     return code
 
 
 def _failed(error: BaseException, as_json: bool) -> int:
     if isinstance(error, KeyboardInterrupt):
-        with signals.deferred(sealed=True):
+        with signals.deferred(ignore_checks=True):
             return exits.report("interrupted", "interrupted", "", as_json)
     if isinstance(error, GraspError):
         return exits.report(error.kind, error.message, error.remedy, as_json)
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
-        return exits.report(*_of_the_system(error), as_json)
+        return exits.report(*_system_error(error), as_json)
     if as_json:
         text = describe_exception(error)
         return exits.report("internal", text, "a bug: run without --json and report it", True)
@@ -92,15 +92,16 @@ def _failed(error: BaseException, as_json: bool) -> int:
 
 
 def _check_text(words: Sequence[str]) -> None:
-    """Raises UsageError for text that no file name or message can hold."""
+    """Raise UsageError for text that is not valid in file names or messages."""
     for word in words:
         if "\0" in word or word.encode(errors="replace").decode() != word:
-            raise UsageError(f"{word}: no text in UTF-8 without NUL", "name it otherwise")
+            raise UsageError(f"{word}: not UTF-8 text without NUL", "use other characters")
 
 
-def _of_the_system(error: OSError) -> tuple[str, str, str]:
+def _system_error(error: OSError) -> tuple[str, str, str]:
+    """Kind, message and remedy."""
     where = f"{one_line(error.filename)}: " if error.filename else ""
     text = f"{where}{error.strerror or error}"
-    if error.errno in LEADS_NOWHERE:
-        return "usage", text, "name a file or a folder that can be there"
-    return "could_not_record", text, "free the path or the disk"
+    if error.errno in PATH_ERRORS:
+        return "usage", text, "give a valid path of a file or a folder"
+    return "could_not_record", text, "check the path, its permissions and the free disk space"

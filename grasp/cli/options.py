@@ -1,4 +1,4 @@
-"""Options that several commands share, and readers of the values of options."""
+"""Options shared by several commands, and parsers of option values."""
 
 import argparse
 import math
@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli.parser import Parser
-from grasp.files import against_writing, cannot, nearest
+from grasp.files import nearest_folder, why_not_writable, write_error
 
 if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
 PICTURES = (".svg", ".png", ".pdf")
-OBJECT_HELP = "one of config/objects, or a .toml file of your own"
+OBJECT_HELP = "one of config/objects, or your .toml file"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
     def number(text: str) -> int:
         if not text.isdecimal() or not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"{text!r}: a whole number, {least} to {most}")
+            raise argparse.ArgumentTypeError(f"{text!r}: not a whole number, {least} to {most}")
         return int(text)
 
     return number
@@ -36,25 +36,25 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
         except ValueError:
             value = math.nan
         if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text!r}: a number, {least:g} to {most:g}")
+            raise argparse.ArgumentTypeError(f"{text!r}: not a number, {least:g} to {most:g}")
         return value
 
     return number
 
 
 def file_to_write(text: str) -> Path:
-    """Reads the name of a file, in a folder that is there and can be written."""
+    """Parse the name of a file in an existing, writable folder."""
     return _checked(text, _problem(Path(text), Path(text).parent))
 
 
 def file_with_folders(text: str) -> Path:
-    """As ``file_to_write``, where missing folders are made."""
-    return _checked(text, _problem(Path(text), nearest(Path(text).parent)))
+    """Parse the name of a file to write; missing folders will be made."""
+    return _checked(text, _problem(Path(text), nearest_folder(Path(text).parent)))
 
 
 def folder_to_fill(text: str) -> Path:
-    """Reads the name of a folder that is there or can be made."""
-    return _checked(text, against_writing(nearest(Path(text))))
+    """Parse the name of a folder that exists or can be made."""
+    return _checked(text, why_not_writable(nearest_folder(Path(text))))
 
 
 def _checked(text: str, problem: str) -> Path:
@@ -71,63 +71,63 @@ def _problem(path: Path, folder: Path) -> str:
         if path.exists() and not path.is_file():  # /dev/stdout
             return ""
     except OSError as error:
-        return cannot(error, folder)
-    return against_writing(folder)
+        return write_error(error, folder)
+    return why_not_writable(folder)
 
 
 def check_writable(path: Path, begins: str = "") -> None:
-    """Raises UsageError where no file can be written, or one is there that does not begin with
+    """Raise UsageError if the file cannot be written, or exists and does not begin with
     ``begins``."""
     problem = _problem(path, path.parent)
     if begins and path.is_file() and not path.read_bytes().startswith(begins.encode()):
-        problem = "is there already"
+        problem = "exists already"
     if problem:
         raise UsageError(f"{path}: {problem}", "name another file")
 
 
 def check_new(path: Path | None) -> None:
-    """Raises UsageError where something is there already, before a person has done the work."""
+    """Raise UsageError if the path exists, before a person does the work."""
     if path is not None and path.exists():
-        raise UsageError(f"{path} is there already", "name another file: none is overwritten")
+        raise UsageError(f"{path} exists already", "name another file: none is overwritten")
 
 
 def need(extra: str, *packages: str) -> None:
-    """Raises UsageError, with the remedy, where packages of an extra are not installed."""
+    """Raise UsageError, with the remedy, if packages of an extra are not installed."""
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
-        remedy = f"make install-{extra}, or elsewhere pip install 'grasp-controller[{extra}]'"
-        raise UsageError(f"this needs {' and '.join(missing)}", remedy)
+        remedy = f"make install-{extra}, or pip install 'grasp-controller[{extra}]'"
+        raise UsageError(f"not installed: {' and '.join(missing)}", remedy)
 
 
 seed = whole(0, 2**63 - 1)
 _FLAG = {"action": "store_true"}
-# what `share` adds: option and value, help, more
+# options that `share` adds: option and value, help, keywords
 SHARED: dict[str, tuple[str, str, dict[str, Any]]] = {
     "json": ("--json", "one JSON object on standard output, nothing else", _FLAG),
-    "config": ("--config FILE", "settings over the packaged ones (default: $GRASP_CONFIG)",
+    "config": ("--config FILE", "settings file; overrides packaged ones (default: $GRASP_CONFIG)",
         {"type": Path, "action": "append"}),
-    "set": ("--set SECTION.KEY=VALUE", "one setting; `grasp config` lists them",
+    "set": ("--set SECTION.KEY=VALUE", "change one setting; `grasp config` lists them",
         {"action": "append", "default": []}),
-    "rig": ("--rig NAME", "emulated (real protocols, a cell in another process), simulated "
-        "(virtual time), hardware, or a .toml file", {"default": "emulated"}),
+    "rig": ("--rig NAME", "emulated (real protocols, emulated devices), simulated (virtual time), "
+        "hardware, or a .toml file", {"default": "emulated"}),
     "seed": ("--seed N", "random seed", {"type": seed, "default": 0}),
     "object": ("--object NAME", OBJECT_HELP, {"default": "can"}),
     "profile": ("--profile NAME", "one of config/profiles", {"default": "default"}),
-    "detector": ("--detector NAME", "one of config/detectors, of an installed package, or "
-        "your own: FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
+    "detector": ("--detector NAME", "one of config/detectors or of an installed package, "
+        "FILE.py:NAME or FILE.onnx (default: the profile's)", {}),
     "runs": ("--runs DIR", "folder of recordings", {"type": Path, "default": "runs"}),
     "jobs": ("--jobs N", "worker processes (default: one per core)",
         {"type": whole(1, MOST_JOBS), "default": len(os.sched_getaffinity(0))}),
-    "cluster": ("--cluster ADDRESS", "workers of a Dask scheduler instead (extra `cluster`)", {}),
-    "confirm": ("--confirm-motion", "the cell is clear and a person watches: needed by every "
-        "motion of the hardware rig", _FLAG),
-    "dry": ("--dry-run", "on real devices: print what would move, and move nothing", _FLAG),
+    "cluster": ("--cluster ADDRESS", "Dask scheduler to use instead (extra `cluster`)", {}),
+    "confirm": ("--confirm-motion", "confirm that the cell is clear and supervised; required for "
+        "motion on the hardware rig", _FLAG),
+    "dry": ("--dry-run", "on real devices: check them and print the motion, move nothing", _FLAG),
 }  # fmt: skip
 
 
 def share(parser: Parser, names: str) -> None:
-    for option, text, given in (SHARED[name] for name in names.split()):
-        parser.option(option, text, **given)
+    for option, text, keywords in (SHARED[name] for name in names.split()):
+        parser.option(option, text, **keywords)
 
 
 def workers(args: argparse.Namespace) -> "Workers":

@@ -1,5 +1,5 @@
 """Prints results and progress: lines for a person, or under --json only JSON on standard output,
-whatever a library prints."""
+also if a library prints."""
 
 import argparse
 import contextlib
@@ -13,25 +13,25 @@ from typing import Any, TextIO, cast
 
 from drivers.errors import OutputClosedError
 
-GONE = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a terminal that was closed
-PROGRESS_LINES = 10  # where there is no terminal: a line for each tenth
-_results: TextIO | None = None  # standard output, while --json has all else go to standard error
+CLOSED = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a closed terminal
+PROGRESS_LINES = 10  # without a terminal: a line for each tenth
+_results: TextIO | None = None  # standard output while --json redirects all else
 
 
 def json_line(value: Any) -> str:
-    """In one line; a number that is none, as the infinite delay of a miss, is null."""
+    """Encode a value as JSON in one line; infinite and undefined numbers become null."""
     import msgspec
 
     return msgspec.json.encode(value, enc_hook=_builtin).decode()
 
 
 def _builtin(value: Any) -> Any:
-    """Of a type that msgspec does not know: a path, a number of NumPy."""
+    """Convert a path or a NumPy number, which msgspec does not support."""
     return str(value) if isinstance(value, os.PathLike) else value.item()
 
 
 def standard_output() -> TextIO:
-    """Where results are printed."""
+    """The stream for results."""
     return _results or sys.stdout
 
 
@@ -50,7 +50,7 @@ def show(args: argparse.Namespace, value: Any, text: str | Callable[[], str], co
 
 
 def listing(result: Any) -> str:
-    """The fields of a result, a line each, with their 95 % interval if ``intervals`` has one."""
+    """Fields of a result, one line each, with the 95 % interval if ``intervals`` has one."""
     import msgspec
 
     fields = msgspec.structs.asdict(result) if isinstance(result, msgspec.Struct) else dict(result)
@@ -73,8 +73,8 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def aside(text: str) -> None:
-    """A line on standard error, of what is done now."""
+def print_status(text: str) -> None:
+    """Print a line on standard error about the current work."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -82,8 +82,8 @@ def aside(text: str) -> None:
 def progress(
     doing: str, hidden: bool = False, every_s: float = math.inf
 ) -> Iterator[Callable[..., None]]:
-    """A bar with the time left on standard error; if that is no terminal, a line for each tenth and
-    after ``every_s``. Yields a function of done, total and what is done now."""
+    """Show a progress bar with the time left on standard error; without a terminal a line for each
+    tenth and after ``every_s``. Yields a function of done, total and an optional text."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -108,14 +108,14 @@ def _progress_lines(doing: str, every_s: float) -> Callable[..., None]:
             return
         shown, shown_s = tenth, now_s
         left_s = (now_s - start_s) * (total - done) / done
-        aside(f"{text}: {done} of {total}, {left_s:.0f} s left")
+        print_status(f"{text}: {done} of {total}, {left_s:.0f} s left")
 
     return show
 
 
 def open_standard_streams() -> None:
-    """Open on /dev/null those that are closed: else a recording would get such a descriptor, and
-    what is printed."""
+    """Open closed standard streams on /dev/null. Otherwise a recording could get such a descriptor
+    and receive printed text."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)
     os.close(descriptor)
@@ -125,8 +125,8 @@ def open_standard_streams() -> None:
 
 
 class _Stream:
-    """Without a reader standard output raises OutputClosedError and standard error nothing, so that
-    neither is taken for an error of a device."""
+    """Stream whose missing reader is not mistaken for an error of a device: standard output then
+    raises OutputClosedError, and standard error raises nothing."""
 
     def __init__(self, stream: TextIO, silent: bool) -> None:
         self._stream, self._silent = stream, silent
@@ -135,16 +135,16 @@ class _Stream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        return self._guarded(lambda: self._stream.write(text)) or 0
+        return self._attempt(lambda: self._stream.write(text)) or 0
 
     def flush(self) -> None:
-        self._guarded(self._stream.flush)
+        self._attempt(self._stream.flush)
 
-    def _guarded(self, action: Callable[[], int | None]) -> int | None:
+    def _attempt(self, action: Callable[[], int | None]) -> int | None:
         try:
             return action()
         except OSError as error:
-            if error.errno not in GONE:
+            if error.errno not in CLOSED:
                 raise
             if not self._silent:
                 raise OutputClosedError(*error.args) from None
@@ -152,7 +152,7 @@ class _Stream:
 
 
 @contextlib.contextmanager
-def guarded_streams() -> Iterator[None]:
+def checked_streams() -> Iterator[None]:
     """Within, standard output and error are ``_Stream``."""
     out, err = cast(TextIO, _Stream(sys.stdout, False)), cast(TextIO, _Stream(sys.stderr, True))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -161,8 +161,8 @@ def guarded_streams() -> Iterator[None]:
 
 @contextlib.contextmanager
 def only_json() -> Iterator[None]:
-    """Within, ``print_json`` alone writes to standard output. All else goes to standard error, also
-    what libraries and processes write to the descriptor itself."""
+    """Within, only ``print_json`` writes to standard output. All else goes to standard error, also
+    what libraries and processes write to the descriptor."""
     global _results  # noqa: PLW0603  (there is one standard output)
     out = sys.stdout
     with contextlib.ExitStack() as stack:

@@ -1,5 +1,5 @@
-"""Parser of every command: errors reported as all others are, help in groups, examples, and the
-words that a shell completes."""
+"""Argument parser of every command, with grouped help, examples and shell completion. Its errors
+are reported like all others."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from drivers.errors import UsageError
 
-# headings in the help of what is not a command's own matter
+# headings in the help for options that are not specific to a command
 HEADINGS = {
     "rig and settings": ("--rig", "--profile", "--detector", "--config", "--set",
                          "--confirm-motion", "--seed"),
@@ -17,10 +17,10 @@ HEADINGS = {
     "workers": ("--jobs", "--cluster"),
 }  # fmt: skip
 HEADING_OF = {option: heading for heading, options in HEADINGS.items() for option in options}
-EXAMPLES = "examples:\n"  # an epilog that begins so keeps its lines
-COMPLETING = "_ARGCOMPLETE"  # the variable by which a shell asks for completions
+EXAMPLES = "examples:\n"  # an epilog that begins with this keeps its lines
+COMPLETING = "_ARGCOMPLETE"  # environment variable with which a shell requests completions
 # arguments that name a file of config/<kind>
-NAMED = {
+CONFIG_KINDS = {
     "object": "objects", "objects": "objects", "detector": "detectors", "rig": "rigs",
     "profile": "profiles", "surface": "surfaces", "campaign": "campaigns",
 }  # fmt: skip
@@ -36,48 +36,48 @@ class Formatter(argparse.HelpFormatter):
 class Parser(argparse.ArgumentParser):
     """Raises usage errors, also for unknown options."""
 
-    def __init__(self, *args: Any, **given: Any) -> None:
+    def __init__(self, *args: Any, **options: Any) -> None:
         self._headed: dict[str, Any] = {}
         self._commands: Any = None
         self._sections: dict[str, list[argparse.Action]] = {}
-        super().__init__(*args, **{"formatter_class": Formatter, **given})
+        super().__init__(*args, **{"formatter_class": Formatter, **options})
 
-    def add_argument(self, *args: Any, **given: Any) -> argparse.Action:
-        """Under the heading that it belongs to."""
+    def add_argument(self, *args: Any, **options: Any) -> argparse.Action:
+        """Add an argument, under its heading."""
         heading = next((HEADING_OF[word] for word in args if word in HEADING_OF), None)
         if heading is None:
-            return super().add_argument(*args, **given)
+            return super().add_argument(*args, **options)
         if heading not in self._headed:
             self._headed[heading] = self.add_argument_group(heading)
-        action: argparse.Action = self._headed[heading].add_argument(*args, **given)
+        action: argparse.Action = self._headed[heading].add_argument(*args, **options)
         return action
 
     def flag(self, name: str, text: str) -> None:
-        """An option without a value."""
+        """Add an option without a value."""
         self.add_argument(name, action="store_true", help=text)
 
     def option(
-        self, names: str, text: str, reads: Callable[[str], Any] | None = None, **given: Any
+        self, names: str, text: str, reads: Callable[[str], Any] | None = None, **options: Any
     ) -> None:
-        """``names``: `--seed N` or `file FILE`. The help ends with the default if ``text`` does not
-        mention it."""
+        """Add an option or a positional argument. ``names``: `--seed N` or `file FILE`. The help
+        ends with the default unless ``text`` mentions one."""
         *words, last = names.split()
         if not words or last.startswith("-"):
             words.append(last)
         else:
-            given["metavar"] = last
-        default = given.get("default")
+            options["metavar"] = last
+        default = options.get("default")
         if "default" not in text and default not in (None, "", [], ()):
             shown = f"{default:g}" if isinstance(default, float) else "%(default)s"
             text = f"{text} (default: {shown})".lstrip()
         if reads is not None:
-            given["type"] = reads
-        self.add_argument(*words, help=text, **given)
+            options["type"] = reads
+        self.add_argument(*words, help=text, **options)
 
     def command(
         self, name: str, text: str, more: str = "", examples: Sequence[str] = (), section: str = ""
     ) -> "Parser":
-        """Add a command. ``text``: its line in lists; ``more``: what its own help adds."""
+        """Add a command. ``text``: its line in lists; ``more``: further text in its help."""
         if self._commands is None:
             self._commands = self.add_subparsers(
                 metavar="COMMAND", required=True, parser_class=Parser
@@ -91,7 +91,7 @@ class Parser(argparse.ArgumentParser):
         return parser
 
     def format_help(self) -> str:
-        """With its commands in sections, if they have any."""
+        """Help with the commands in sections, if there are any."""
         if not self._sections:
             return super().format_help()
         formatter = self._get_formatter()
@@ -114,15 +114,15 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message, f"see `{self.prog} --help`")
 
     def commands(self) -> "dict[str, Parser]":
-        """Its commands by name."""
+        """Subcommands by name."""
         return {} if self._commands is None else dict(self._commands.choices)
 
     def arguments(self) -> list[argparse.Action]:
-        """Its options and positional arguments."""
+        """Options and positional arguments."""
         return [action for action in self._actions if action is not self._commands]
 
     def leaves(self) -> "Iterator[Parser]":
-        """All commands below it without commands of their own."""
+        """All commands below this one that have no subcommands."""
         for parser in self.commands().values():
             yield from parser.leaves()
         if self._commands is None:
@@ -130,20 +130,20 @@ class Parser(argparse.ArgumentParser):
 
 
 def complete(parser: Parser) -> None:
-    """Answer a shell, and end the process. In ~/.bashrc: `eval "$(register-python-argcomplete
-    grasp)"`."""
+    """Print completions for a shell, and end the process. In ~/.bashrc: `eval
+    "$(register-python-argcomplete grasp)"`."""
     import argcomplete
 
     for leaf in parser.leaves():
         for action in leaf.arguments():
-            if action.dest in NAMED and action.choices is None:
-                named = partial(_names_and_files, NAMED[action.dest])
-                action.completer = named  # type: ignore[attr-defined]
+            if action.dest in CONFIG_KINDS and action.choices is None:
+                completer = partial(_names_and_files, CONFIG_KINDS[action.dest])
+                action.completer = completer  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
 
 def _names_and_files(kind: str, prefix: str, **_: object) -> list[str]:
-    """Names of config/<kind>, and files of the user's own."""
+    """Names of config/<kind>, and the user's files."""
     from argcomplete.completers import FilesCompleter
 
     from grasp.settings import names

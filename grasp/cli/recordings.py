@@ -1,4 +1,4 @@
-"""`grasp replay`, `runs`, `report` and `export`: what was recorded, shown again."""
+"""`grasp replay`, `runs`, `report` and `export`: replay, list, plot and export recordings."""
 
 import argparse
 import io
@@ -20,12 +20,12 @@ FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICT
 
 def replay(args: argparse.Namespace) -> int:
     if (args.run is None) == (args.tactile is None):
-        raise UsageError("give either a RUN or --tactile PATH", "not both, not neither")
+        raise UsageError("needs a RUN or --tactile PATH, and not both", "give one of them")
     if args.tactile is not None:
         return _replay_tactile(args)
     if args.config or args.set:
-        raise UsageError("--config and --set go with --tactile: a run is replayed with the "
-                         "settings it was made with", "leave them out")  # fmt: skip
+        raise UsageError("--config and --set need --tactile: a run is replayed with its recorded "
+                         "settings", "leave them out")  # fmt: skip
     import msgspec
 
     from scenarios.trial.replay import replay_run
@@ -34,7 +34,7 @@ def replay(args: argparse.Namespace) -> int:
     same = not done.differences
 
     def text() -> str:
-        cut = "" if done.complete else " (recording was cut off)"
+        cut = "" if done.complete else " (the recording is incomplete)"
         more = len(done.differences) - SHOWN_DIFFERENCES
         return "\n".join([
             *(f"{t_s:7.2f} s  {what}" for t_s, what in done.events),
@@ -92,19 +92,18 @@ def runs(args: argparse.Namespace) -> int:
             lines.append(_line(path.parent.name, result))
             results.append(result)
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
-            bad = BadFile(path, "is no result of a run, or damaged", "delete its folder, or move "
-                          "it elsewhere")  # fmt: skip
+            bad = BadFile(path, "is no result of a run, or damaged", "delete or move its folder")
             code = exits.report(bad.kind, bad.message, bad.remedy, as_json=False)
     return show(args, results, "\n".join(lines) or f"no runs in {one_line(args.runs)}", code)
 
 
 def _line(name: str, result: dict[str, Any]) -> str:
     slip = result.get("slip_distance_m", result.get("displacement_m"))
-    told = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
+    details = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
     if "samples" in result:
-        told = "{samples} samples, {slip} slip, direction {direction}".format(**result)
+        details = "{samples} samples, {slip} slip, direction {direction}".format(**result)
     seed = f"seed {result['seed']:<6}"
-    return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
+    return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {details}".rstrip())
 
 
 def report(args: argparse.Namespace) -> int:
@@ -115,8 +114,8 @@ def report(args: argparse.Namespace) -> int:
 
 
 def write_page(run: Path, out: Path | None = None) -> Path:
-    """The page of one run, campaign or evaluation. Raises BadFile where it is none, UsageError
-    where something else than a page of ours is there."""
+    """Write the page of one run, campaign or evaluation. Raises BadFile for other files, UsageError
+    if the page would overwrite a different file."""
     from scenarios.campaign.store import is_database
     from scenarios.report.campaign_page import campaign_page
     from scenarios.report.page import BEGINS
@@ -159,7 +158,7 @@ def export(args: argparse.Namespace) -> int:
 
 
 def _run_file(run: Path, to: str) -> tuple[Path, str, str]:
-    """Default path, content and how a file of ours begins: a run's table, or a viewer's layout."""
+    """Default path, content and first characters of a run's table, or of a viewer's layout."""
     from grasp.settings import config_dir
     from scenarios.report.export import BEGINS, as_csv
     from scenarios.trial.run_folder import find_recording, open_trial

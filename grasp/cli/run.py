@@ -1,4 +1,4 @@
-"""`grasp run SCENARIO`: lifts, taps or an acquisition, live and recorded, and their dry runs."""
+"""`grasp run SCENARIO`: lifts, taps or an acquisition, displayed and recorded; their dry runs."""
 
 import argparse
 import json
@@ -32,7 +32,7 @@ from scenarios.rigs.rig import calibration
 from scenarios.trial.execution import make_guard
 from scenarios.trial.layers import trial_layers
 
-ENOUGH = "q"
+QUIT = "q"
 POLL_S = 0.05
 
 
@@ -40,13 +40,13 @@ def run_lift(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.scenario == "tap" and args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
-    thing = SOFTEST_OBJECT if args.first and args.object == "can" else str(args.object)
-    chosen = (thing, args.rig, args.detector, args.config, assignments, args.profile)
+    object_name = SOFTEST_OBJECT if args.first and args.object == "can" else str(args.object)
+    chosen = (object_name, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)
     if args.dry_run:
         return _dry_run(config, args)
     permit = _permit(config, args)
-    make_guard(config)  # a limit that cannot be kept is refused before anything is shown
+    make_guard(config)  # raises before any output if the limit cannot be kept
     if permit is not None:
         for line in plan(_as_run(config, args), args):
             say(f"will {line}")
@@ -70,10 +70,10 @@ run_tap = run_lift
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
-    """Permission to move the rig's devices; prints where measured figures are from."""
+    """Permission to move the rig's devices; prints the sources of measured values."""
     permit = motion_permit(config, args)
     check_devices(config)
-    if permit is not None:  # an acquisition has neither calibration nor source
+    if permit is not None:  # the settings of an acquisition have neither
         if (hand := getattr(config, "calibration", None)) is not None:
             say(describe_calibration(hand))
         if (source := getattr(config, "source", None)) is not None:
@@ -111,50 +111,50 @@ def run_acquire(args: argparse.Namespace) -> int:
 
 def _begin_first(config: Any, permit: Any, args: argparse.Namespace) -> Any:
     """Ask, close in free air, ask again; returns the settings of the gentle lift that follows.
-    Raises UsageError on a rig without real devices, and where the person ends it."""
+    Raises UsageError on a rig without real devices, and if the person quits."""
     if permit is None or args.json or args.trials is not None or args.resume:
-        raise UsageError("--first is one lift by a person on the rig hardware",
-                         "without --json, --trials and --resume; or leave --first out")  # fmt: skip
+        raise UsageError("--first is one supervised lift on the rig hardware, without --json, "
+                         "--trials and --resume", "leave these out, or --first")  # fmt: skip
     slow = gentle_settings(config)
     TerminalOperator().expect()
     for line in STOP_INSTRUCTIONS:
         print(f"  {line}")
     with signals.deferred():
-        _ask("Step 1 of 2, free air: nothing in the hand, the arm stands. The fingers close to "
-             f"where they would grasp ({config.object.name}) and touch nothing")  # fmt: skip
+        _ask("Step 1 of 2, free air: with an empty hand and the arm at rest, the fingers close to "
+             f"the grasp positions of {config.object.name} without contact")  # fmt: skip
         moved = close_in_free_air(slow, permit, say)
-        print(f"  {moved.summary()}, as it should be")
+        print(f"  {moved.summary()}, as expected")
         controller, guard = slow.controller, slow.guard
-        _ask(f"Step 2 of 2, {config.object.name}: put it, or something as soft, between the "
+        _ask(f"Step 2 of 2, {config.object.name}: put it, or an object as soft, between the "
              f"fingers. The arm lifts it {controller.lift_height_m * 1e3:.0f} mm at "
-             f"{controller.lift_speed_mps * 1e3:.0f} mm/s, no finger commanded more than "
-             f"{guard.force_limit_n:g} N")  # fmt: skip
+             f"{controller.lift_speed_mps * 1e3:.0f} mm/s, with at most {guard.force_limit_n:g} N "
+             "commanded per finger")  # fmt: skip
     return slow
 
 
 def _ask(question: str) -> None:
-    """Wait for Enter; raises UsageError where it is not to go on."""
+    """Wait for Enter; raises UsageError for other input."""
     operator = TerminalOperator()
-    operator.say(f"{question}: Enter; {ENOUGH}: no more")
+    operator.say(f"{question}. Enter: continue; {QUIT}: quit")
     while (line := operator.poll()) is None:
         signals.check()
         time.sleep(POLL_S)
     if line.strip():
-        raise UsageError("ended by hand: nothing more was moved", "start it again")
+        raise UsageError("quit by the operator: nothing more was moved", "start it again")
 
 
-# What will move, and dry runs
+# Motion plans and dry runs
 
 
 def _dry_run(config: Any, args: argparse.Namespace) -> int:
-    """Exits 0 only where that run would start. Raises UsageError on a rig without real devices."""
+    """Print plan and checks; exit code 0 only if the run would start. Raises UsageError."""
     _check_real(config)
     if args.resume or args.out is not None:
-        raise UsageError("--dry-run looks at devices and settings alone",
-                         "leave --out and --resume out: a dry run opens no file")  # fmt: skip
+        raise UsageError("--dry-run checks only devices and settings, and opens no file",
+                         "leave out --out and --resume")  # fmt: skip
     check_devices(config)
     config = _as_run(config, args)
-    make_guard(config)  # raises where a limit cannot be kept
+    make_guard(config)  # raises if the limit cannot be kept
     config.make_detector(3)
     return _print_dry_run(plan(config, args), ask_devices(config, make_guard), args)
 
@@ -162,39 +162,39 @@ def _dry_run(config: Any, args: argparse.Namespace) -> int:
 def _dry_acquisition(config: Any, course: Any, args: argparse.Namespace) -> int:
     _check_real(config)
     check_devices(config)
-    counts_per_newton(config, args.seed)  # raises where nobody has measured it
+    counts_per_newton(config, args.seed)  # raises if it was not measured
     return _print_dry_run(press_plan(config, course, args.seconds), ask_devices(config), args)
 
 
 def _check_real(config: Any) -> None:
     if config.rig != HARDWARE:
-        told = f"rig {config.rig} moves nothing real"
-        raise UsageError(f"--dry-run is for a lab's own devices: {told}", "leave it out")
+        problem = f"--dry-run is for real devices, and rig {config.rig} has none"
+        raise UsageError(problem, "leave it out, or use --rig hardware")
 
 
 def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
-    against = [check for check in checks if check.status == "fail"]
-    code = dry_code(against)
+    failed = [check for check in checks if check.status == "fail"]
+    code = dry_code(failed)
     if not args.json:
         print("\n".join(f"would {line}" for line in would))
         for check in checks:
             if check.status != "ok":
                 say(f"{check.name}: {check.detail} ({check.remedy})")
     value = {"would": would, "checks": [check._asdict() for check in checks], "exit_code": code}
-    return show(args, value, "would not start" if against else "would start", code)
+    return show(args, value, "would not start" if failed else "would start", code)
 
 
-def dry_code(against: list[Any]) -> int:
-    """Exit code of the run: the cell is checked first, then the devices, and then the hand."""
-    if not against:
+def dry_code(failed: list[Any]) -> int:
+    """Exit code of a run with these failed checks; it checks cell, devices and hand in order."""
+    if not failed:
         return exits.SUCCESS
-    codes = [exits.code_of(check.kind or DeviceFault.kind) for check in against]
-    driven = against[0].name == "cell"
-    return codes[0] if driven or exits.DEVICE not in codes else exits.DEVICE
+    codes = [exits.code_of(check.kind or DeviceFault.kind) for check in failed]
+    of_cell = failed[0].name == "cell"
+    return codes[0] if of_cell or exits.DEVICE not in codes else exits.DEVICE
 
 
 def _as_run(config: Any, args: argparse.Namespace) -> Any:
-    """The settings as that run uses them; raises ConfigError for what would be refused."""
+    """The settings as the run uses them; raises ConfigError for settings that it would refuse."""
     if args.scenario == "tap":
         config = EXPERIMENTS["tap"].configure(config.for_tap())
     elif args.first:
@@ -204,41 +204,42 @@ def _as_run(config: Any, args: argparse.Namespace) -> Any:
 
 
 def plan(config: Any, args: argparse.Namespace) -> list[str]:
-    """What moves in a lift or a series of taps, and what is asked, in turn."""
+    """Motions and questions of a lift or a series of taps, in order."""
     controller, limit_n, known = config.controller, config.guard.force_limit_n, calibration(config)
     closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
     lift, asked, trials = args.scenario == "lift", is_asked(args), trials_of(args)
     up_mm = controller.retreat_m * 1e3
-    again = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
-    down = f"lower the arm at {controller.lower_speed_mps * 1e3:.0f} mm/s, open the fingers{again}"
+    retreat = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
+    lower_mmps = controller.lower_speed_mps * 1e3
     lines = [
-        args.first and "close them in free air to where they would grasp, and open them again",
+        args.first and "close the fingers in free air to the grasp positions, and open them again",
         asked and f"ask for {config.object.name} to be put between the fingers",
-        f"close the fingers, to {config.object.grip_counts} counts and on, at up to "
-        f"{closing_mmps:.0f} mm/s, no finger commanded more than {limit_n:g} N (byte 0 of this "
+        f"close the fingers to {config.object.grip_counts} counts and further, at up to "
+        f"{closing_mmps:.0f} mm/s, with at most {limit_n:g} N commanded per finger (byte 0 of this "
         f"hand: {known.least_force_n:g} N)",
         f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
         f"{controller.lift_speed_mps * 1e3:.0f} mm/s"
-        f"{', and stop it where the object slips' if lift else ''}",
-        not lift and "ask for the object to be tapped, the arm standing up there",
+        f"{', and stop it when the object slips' if lift else ''}",
+        not lift and "ask for taps on the object, with the arm at rest",
         asked and f"ask how far the object's mark {'slipped' if lift else 'moved'}, mm",
-        "keep holding it" if controller.keep else down,
-        trials > 1 and f"do so {trials} times, each from where the first began",
-    ]
+        "keep holding the object" if controller.keep
+        else f"lower the arm at {lower_mmps:.0f} mm/s, open the fingers{retreat}",
+        trials > 1 and f"do this {trials} times, each from the first start position",
+    ]  # fmt: skip
     return [line for line in lines if line]
 
 
 def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
-    """What moves in an acquisition."""
+    """Motions of an acquisition, in order."""
     control, session, finger = config.control, config.session, FINGER_NAMES[config.finger]
     stroke = f"by {control.turn_rad:g} rad at {course.spin_radps:g} rad/s"
     if not course.spin_radps:
         stroke = (f"by {control.stroke_m * 1e3:.0f} mm at {course.speed_mps * 1e3:.0f} mm/s along "
                   f"{course.direction} degrees of the fingertip")  # fmt: skip
     return [
-        f"lower the arm at {control.approach_mps * 1e3:g} mm/s until finger {finger} feels "
+        f"lower the arm at {control.approach_mps * 1e3:g} mm/s until finger {finger} measures "
         f"{control.touch_n:g} N, for {session.touch_timeout_s:g} s at most; the hand does not move",
-        f"press with {control.force_n:g} N, by the arm, {control.depth_m * 1e3:g} mm deep at most",
-        f"stroke there and back {stroke}, for {seconds:g} s",
-        f"stop, and go back to where it began at {session.retreat_mps * 1e3:g} mm/s",
+        f"press with {control.force_n:g} N by the arm, at most {control.depth_m * 1e3:g} mm deep",
+        f"stroke back and forth {stroke}, for {seconds:g} s",
+        f"stop, and return to the start position at {session.retreat_mps * 1e3:g} mm/s",
     ]

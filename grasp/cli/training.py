@@ -22,7 +22,7 @@ from scenarios.benchmark.data_sets import require_labelled, require_whole
 from scenarios.benchmark.scoring import too_short
 from scenarios.trial.result import versions
 
-TELL_S = 10.0  # at least so often how far a training is
+PROGRESS_S = 10.0  # longest time between two progress lines of a training
 # options that are settings of a training
 SETTINGS = ("seed", "steps", "augmentation", "label", "validations")
 
@@ -35,7 +35,7 @@ def dataset_build(args: argparse.Namespace) -> int:
     planned = f"{len(jobs)} recordings"
     if short := sum(job.samples <= WARM_UP_SAMPLES for job in jobs):
         planned += f"; {too_short(short)}: a larger --share makes them longer"
-    exits.say(planned)
+    exits.print_detail(planned)
     finished = 0
     with progress("recordings", hidden=args.json) as bar:
 
@@ -64,8 +64,8 @@ def dataset_collect(args: argparse.Namespace) -> int:
     show(args, value, f"{args.out}: {counts}")
     if made.lacking and not args.json:
         for split, kinds in made.lacking.items():
-            exits.say(f"none for {split}: {', '.join(kinds)}")
-        exits.say("three recordings of a motion on a surface put it into each split")
+            exits.print_detail(f"none for {split}: {', '.join(kinds)}")
+        exits.print_detail("each split needs three recordings of a motion on a surface")
     return exits.SUCCESS
 
 
@@ -84,32 +84,32 @@ def detector_train(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         if training.step == 0:
             raise
-        told = f"interrupted at step {training.step} of {training.settings.steps}, kept"
-        how = "the same command with --resume goes on from there"
-        return exits.report("interrupted", f"{told} in {checkpoint}", how, args.json)
+        text = f"interrupted at step {training.step} of {training.settings.steps}, saved"
+        how = "to continue, run the same command with --resume"
+        return exits.report("interrupted", f"{text} in {checkpoint}", how, args.json)
     checkpoint.unlink(missing_ok=True)
     show(args, card, f"{out}: {card.parameters} parameters, {card.steps} steps, "
         f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
-        f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is any; the "
-        "log's is of all recordings)")  # fmt: skip
+        f"{card.validation['accuracy']:.3f} (calibrated, on recordings of the paper's kind if "
+        "there are any; the log's is of all recordings)")  # fmt: skip
     if training.step < training.settings.steps:
-        exits.say(f"validation improved no more before {training.settings.steps} steps")
+        exits.print_detail("stopped early: the validation score no longer improved")
     if (rule := out.with_suffix(".toml")).is_file():
-        exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
+        exits.print_detail(f"{rule} is for other weights: `grasp detector tune` makes a new rule")
     return exits.SUCCESS
 
 
 def _check_files(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
-    """Whether weights and checkpoint may be written, before any data are read."""
+    """Check, before data are read, whether weights and checkpoint may be written."""
     out.parent.mkdir(parents=True, exist_ok=True)
     check_writable(out)
     if args.force or args.resume:
         return
     if out.is_file():
-        raise UsageError(f"{out} is there already", "name another with --out, or --force")
+        raise UsageError(f"{out} exists already", "name another with --out, or add --force")
     if checkpoint.is_file():
-        raise UsageError(f"{checkpoint} is of a training that did not end",
-                         "--resume goes on with it, --force begins again")  # fmt: skip
+        raise UsageError(f"{checkpoint} is of an unfinished training",
+                         "--resume continues it, --force starts again")  # fmt: skip
 
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
@@ -131,13 +131,13 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 
 def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
-    """Train to the end and write the weights; returns their card. An interruption waits for the end
-    of a step."""
+    """Train and write the weights; returns their card. An interruption waits for the end of a
+    step."""
     from detector.training.export import export
 
     with (
         out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
-        progress("training", hidden=args.json, every_s=TELL_S) as bar,
+        progress("training", hidden=args.json, every_s=PROGRESS_S) as bar,
         signals.deferred(),
     ):
         smooth: float | None = None

@@ -1,4 +1,4 @@
-"""The trials of `grasp run lift` and `grasp run tap`: shown, kept as rows, and reported."""
+"""The trials of `grasp run lift` and `grasp run tap`: display, storage and report."""
 
 import argparse
 import sys
@@ -16,7 +16,7 @@ from grasp.cli import exits
 from grasp.cli.commands import TRIALS
 from grasp.cli.lab import TerminalOperator, say
 from grasp.cli.live import Display, trial_line, verdict, viewed
-from grasp.cli.output import aside, show
+from grasp.cli.output import print_status, show
 from scenarios.campaign import trial_series
 from scenarios.campaign.summary import summarize
 from scenarios.report.live_feed import LiveTrials
@@ -25,7 +25,7 @@ from scenarios.trial.series import TrialContext
 
 
 class _Ended(NamedTuple):
-    """What the trials of this call left; of one that was repeated, the last."""
+    """Results of this call's trials; of a repeated trial, the last one."""
 
     results: list[Any]
     rows: list[Any]
@@ -41,7 +41,7 @@ def is_single(args: argparse.Namespace) -> bool:
 
 
 def is_asked(args: argparse.Namespace) -> bool:
-    """Whether a person at real devices is asked: a script may start a single lift."""
+    """Whether an operator is asked on real devices; a script may start a single lift without."""
     return not is_single(args) or (sys.stdin is not None and sys.stdin.isatty())
 
 
@@ -53,19 +53,19 @@ def is_paced(args: argparse.Namespace) -> bool:
 def run_trials(
     args: argparse.Namespace, config: Any, permit: Any, begin: Callable[[], None]
 ) -> int:
-    """Lifts or taps. ``config``: of the scenario. ``begin`` is called when nothing prevents it."""
+    """Run lifts or taps. ``config``: of the scenario. ``begin``: called once checks have passed."""
     single = is_single(args)
     experiment = trial_series.TrialSeries(args.scenario, config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
-        told = "--keep, or controller.keep, holds one object and ends"
-        raise UsageError(told, "leave it out, or --trials 1")
+        problem = "--keep (controller.keep) keeps holding one object, so only one trial is possible"
+        raise UsageError(problem, "leave it out, or use --trials 1")
     if args.resume and args.out is None:
-        raise UsageError("--resume goes on with a file", "name it with --out FILE")
+        raise UsageError("--resume needs the file to continue", "name it with --out FILE")
     out = args.out
     if out is None and config.rig == "hardware" and not single:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
-    with signals.deferred():  # no signal cuts off how arm and hand were left
+    with signals.deferred():  # the final state of arm and hand is always reported
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
             begin()
             ended = _follow(args, experiment, permit, store, single)
@@ -110,7 +110,7 @@ def _follow(
                     continue
                 results[result.seed] = result
                 if args.json and not single:
-                    aside(trial_line(result))
+                    print_status(trial_line(result))
                 display.ended(trial_line(result), note=not single)
                 if not single:
                     _say_reported(result)
@@ -127,22 +127,22 @@ def _follow(
 
 
 def _say_reported(result: Any) -> None:
-    """What would have ended a run, had `monitors.mode` not been "report"."""
+    """Print faults that would have ended the run if `monitors.mode` were not "report"."""
     for fault in result.reported:
-        exits.report_line(f"seed {result.seed}, would have stopped it: {fault.line}")
+        exits.report_line(f"seed {result.seed}, would have ended the run: {fault.line}")
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
-    with suppress(OutputClosedError):  # how arm and hand were left is reported all the same
+    with suppress(OutputClosedError):  # the final state of arm and hand is reported in any case
         if not args.json:
             print(verdict(result))
-            print(f"  detector {config.detector_label}, profile {args.profile}, answer to slip: "
+            print(f"  detector {config.detector_label}, profile {args.profile}, slip response "
                   f"{config.controller.slip_response}")  # fmt: skip
             _print_height(result, config)
             if args.first and failure is None and result.success:
-                print("  next: the same without --first, at full speed, then an object of your own")
+                print("  next: the same without --first, at full speed, then your own object")
             elif args.first and failure is None:
-                say("look at the phases above before you go on")
+                say("check the phases above before you continue")
         _say_reported(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
@@ -172,9 +172,9 @@ def _report_series(
         begun = args.json and (rows or ended.results)
         code = exits.report_failure(failure, args.json, **({"result": series} if begun else {}))
         if not args.json:
-            exits.say(kept)
+            exits.print_detail(kept)
         return code
-    # a measured rate of taps is a result, as a campaign's is
+    # a measured rate of taps is a result, so a failed trial is no error
     done = [row.status == "done" if args.scenario == "tap" else row.success for row in rows]
     if not args.json:
         _report_last(ended.results, config, kept)
@@ -185,16 +185,16 @@ def _report_series(
 
 
 def _print_height(result: Any, config: Any) -> None:
-    """A real arm that has set an object down stands above it: the next run would begin there."""
+    """Print the height of a real arm above the object that it set down: the next start position."""
     phases = [entry.phase for entry in result.phases]
     retreat_mm = config.controller.retreat_m * 1e3
     lift = result.rig == "hardware" and result.scenario == "lift"
     if lift and phases[-2:-1] == ["release.retreat"]:
-        print(f"  the arm stands {retreat_mm:.0f} mm above where it let go, and begins there next")
+        print(f"  the arm is {retreat_mm:.0f} mm above the set-down point; a next run starts there")
 
 
 def _report_last(results: list[Any], config: Any, kept: str) -> None:
-    """How the last trial of a series without a fault left arm and hand."""
+    """Print the final state of arm and hand after a series without a fault."""
     if not results:
         say(kept)
         return
@@ -202,21 +202,21 @@ def _report_last(results: list[Any], config: Any, kept: str) -> None:
     _print_height(last, config)
     if last.rig == "hardware" and last.end is not None and not last.end.open:
         say(f"seed {last.seed}: {last.phases[-1].cause}")
-        exits.say_end(last.end)
-        exits.say(kept)
+        exits.print_end(last.end)
+        exits.print_detail(kept)
 
 
 def _kept(rows: list[Any], out: Path, of: int) -> str:
-    """What a series ``of`` so many trials has left, and how to continue it."""
+    """Number of trials stored of a series ``of`` so many, and how to continue it, in words."""
     judged = sum(row.status == "done" for row in rows)
     void = f", {len(rows) - judged} more not counted" if len(rows) > judged else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"
-    left = f"go on with --out {out} --resume" if judged < of else "none is left to run"
+    left = f"continue with --out {out} --resume" if judged < of else "the series is complete"
     return f"{trials} in {out}{void}: {left}"
 
 
 def _write_pages(results: list[Any], quiet: bool) -> None:
-    """A page beside each recording; what goes wrong there changes no verdict."""
+    """Write a page next to each recording; errors are reported and change no verdict."""
     from grasp.cli.recordings import write_page
 
     for result in (result for result in results if result.recording is not None):

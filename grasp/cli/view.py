@@ -1,5 +1,5 @@
-"""Terminal view of a run: plain lines, or a live panel. In wall time it is a process of its own
-(``python -m grasp.cli.view``), which reads one JSON message a line until its input ends."""
+"""Terminal view of a run: plain lines, or a live panel. In wall time it is a separate process
+(``python -m grasp.cli.view``), which reads one JSON message per line until its input ends."""
 
 import sys
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from grasp.viewer_process import ignore_signals
 if TYPE_CHECKING:
     from rich.status import Status
 
-BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
+BAR_CELLS, TEXT_CELLS = 30, 45  # longest bar; text of a panel's line without its two bars
 FORCE_FULL_N = 12.0
 _STYLE: dict[str, str] = {
     State.COMPENSATE: "bold yellow", State.HOLD: "bold green", State.KEPT: "bold green",
@@ -28,49 +28,49 @@ class Begin(msgspec.Struct, frozen=True, tag=True):
     panel: bool
 
 
-class Busy(msgspec.Struct, frozen=True, tag=True):
-    """One line that stands until something else is shown."""
+class StatusLine(msgspec.Struct, frozen=True, tag=True):
+    """A line that is shown until the next message."""
 
     text: str
 
 
-class Note(msgspec.Struct, frozen=True, tag=True):
-    """A line that stays."""
+class LogLine(msgspec.Struct, frozen=True, tag=True):
+    """A line that remains."""
 
     text: str
 
 
-class Glimpse(msgspec.Struct, frozen=True, tag=True):
-    """What is shown of one tick; ``news``: a phase began or slip was registered."""
+class TickView(msgspec.Struct, frozen=True, tag=True):
+    """Displayed values of one tick. ``event``: a phase began or slip was registered."""
 
     t_s: float
     phase: str
     slip: str
     registered: bool
-    news: bool
+    event: bool
     measured_n: Vector3
     probabilities: list[float]
     positions: Counts3
-    arm_m: float | None  # None: no number, which JSON cannot say
-    trial: str = ""  # which of several
+    arm_m: float | None  # None: not a number
+    trial: str = ""  # number of the trial in a series
 
 
-Message = Begin | Busy | Note | Glimpse
+Message = Begin | StatusLine | LogLine | TickView
 
 
-def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
+def tick_view(tick: Tick, event: bool, trial: str = "") -> TickView:
     slip = tick.decision.slip
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
     shown = f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-"
-    return Glimpse(
-        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, news, tick.measured_n,
+    return TickView(
+        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, event, tick.measured_n,
         tick.observation.probabilities.tolist(), tick.gripper.positions, tick.arm.position_m[2],
         trial,
     )  # fmt: skip
 
 
 def sample_line(sample: Any) -> str:
-    """One sample of an acquisition."""
+    """Line for one sample of an acquisition."""
     x, y, _ = sample.arm.velocity_mps
     return (
         f"{sample.t_ns * 1e-9:7.2f} s  {sample.phase:<9} {sample.force_n:5.1f} N  "
@@ -79,13 +79,13 @@ def sample_line(sample: Any) -> str:
 
 
 class Lines:
-    """One line a message."""
+    """Prints each message as one line."""
 
     def take(self, message: Message) -> None:
-        # in one write: another process asks its questions on the same terminal
-        if isinstance(message, Glimpse):
+        # in one write, because another process may print questions on the same terminal
+        if isinstance(message, TickView):
             sys.stdout.write(f"{line(message)}\n")
-        elif isinstance(message, Busy | Note):
+        elif isinstance(message, StatusLine | LogLine):
             sys.stdout.write(f"{message.text}\n")
         sys.stdout.flush()
 
@@ -94,7 +94,7 @@ class Lines:
 
 
 class Panel:
-    """A panel that is redrawn in place, below a log of phases and registrations."""
+    """Panel that is redrawn in place, below a log of phases and registrations."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -104,22 +104,22 @@ class Panel:
         self._busy: Status | None = None
 
     def take(self, message: Message) -> None:
-        if isinstance(message, Busy):
+        if isinstance(message, StatusLine):
             if self._busy is None:
                 self._busy = self._live.console.status(message.text)
                 self._busy.start()
             self._busy.update(message.text)
-        elif isinstance(message, Note):
+        elif isinstance(message, LogLine):
             self._live.console.print(message.text, highlight=False)
-        elif isinstance(message, Glimpse):
+        elif isinstance(message, TickView):
             self._draw(message)
 
-    def _draw(self, seen: Glimpse) -> None:
+    def _draw(self, shown: TickView) -> None:
         self._stop_waiting()
-        self._live.start()  # with the first one; does nothing afterwards
-        if seen.news:
-            self._live.console.print(line(seen), highlight=False)
-        self._live.update(panel(seen, self._live.console.width), refresh=True)
+        self._live.start()  # has no effect after the first call
+        if shown.event:
+            self._live.console.print(line(shown), highlight=False)
+        self._live.update(panel(shown, self._live.console.width), refresh=True)
 
     def _stop_waiting(self) -> None:
         if self._busy is not None:
@@ -131,21 +131,22 @@ class Panel:
         self._live.stop()
 
 
-def line(seen: Glimpse) -> str:
-    pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
+def line(shown: TickView) -> str:
+    pairs = zip(FINGER_NAMES, shown.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
-    return f"{seen.t_s:7.2f} s  {seen.phase:<15}  {forces} N  slip {seen.slip}"
+    return f"{shown.t_s:7.2f} s  {shown.phase:<15}  {forces} N  slip {shown.slip}"
 
 
-def panel(seen: Glimpse, width: int) -> Any:
-    """Phase, slip status, and bars of force and probability a finger, ``width`` columns at most."""
+def panel(shown: TickView, width: int) -> Any:
+    """Panel with phase, slip status, and bars of force and probability of each finger, at most
+    ``width`` columns wide."""
     from rich.panel import Panel as Frame
     from rich.table import Table
     from rich.text import Text
 
     cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
-    rows = zip(FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, strict=True)
+    rows = zip(FINGER_NAMES, shown.measured_n, shown.probabilities, shown.positions, strict=True)
     for name, force_n, p, position in rows:
         table.add_row(
             f"finger {name}",
@@ -155,14 +156,14 @@ def panel(seen: Glimpse, width: int) -> Any:
             f"p {p:4.2f}",
             f"{position:3d} counts",
         )
-    arm = " no number" if seen.arm_m is None else f"{seen.arm_m:6.3f} m"
+    arm = " no number" if shown.arm_m is None else f"{shown.arm_m:6.3f} m"
     title = Text.assemble(
-        (f" {seen.phase} ", _STYLE.get(seen.phase, "bold")),
-        f"  t {seen.t_s:6.2f} s   arm {arm}   slip: ",
-        (seen.slip, "bold red" if seen.registered else "green"),
+        (f" {shown.phase} ", _STYLE.get(shown.phase, "bold")),
+        f"  t {shown.t_s:6.2f} s   arm {arm}   slip: ",
+        (shown.slip, "bold red" if shown.registered else "green"),
         " ",
     )
-    return Frame(table, title=title, title_align="left", subtitle=seen.trial or None, expand=False)
+    return Frame(table, title=title, title_align="left", subtitle=shown.trial or None, expand=False)
 
 
 def _bar(part: float, cells: int) -> str:
@@ -171,7 +172,7 @@ def _bar(part: float, cells: int) -> str:
 
 
 def main() -> None:
-    """Draw what comes on standard input until it ends."""
+    """Show the messages on standard input until it ends."""
     ignore_signals()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')

@@ -1,8 +1,8 @@
-"""The table of plausibility checks, and ``Monitors``, which makes all of them once a step.
+"""The table of plausibility checks, and ``Monitors``, which evaluates all of them once a step.
 
-Pure: fed the inputs of a step before the controller, time an argument. A check that fails is a
-``Fault``; the controller answers it with the safe state. How soon each speaks, and
-what a run without a fault leaves of margin: docs/force-limit.md.
+The checks are pure functions of the inputs of a step, made before the controller's step. A check
+that fails gives a ``Fault``, on which the controller enters the safe state. Delays and margins of
+the checks: docs/force-limit.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,12 +15,12 @@ from grasp.commands import Command, MoveArm, StopArm
 from grasp.fault import ARM, DETECTOR, FINGERTIPS, GRIPPER, IMPLAUSIBLE, LOOP, Fault
 from grasp.monitors import arm, fingertips, gripper
 from grasp.monitors.fingertips import RAIL_SAMPLES
-from grasp.monitors.settings import Data, MonitorSettings, named
+from grasp.monitors.settings import Data, MonitorSettings, finger_names
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, GRIPPED_STATES, OPEN_STATES, State
 
 ALWAYS = frozenset(State)
-TOUCHING = ALWAYS - OPEN_STATES  # somebody has to feel something
+TOUCHING = ALWAYS - OPEN_STATES  # contact of some fingertip is possible
 STARTED = ALWAYS - {State.START}
 STOOD_STILL = "loop_stood_still"
 
@@ -32,14 +32,15 @@ REMEDIES = {
     LOOP: "this computer stood still: end what else it does, then start the run again "
     "(docs/first-day.md)",
 }
-BELIEVED = frozenset({"gripper_inactive"})  # such a device reports the truth
+TRUTHFUL_CODES = frozenset({"gripper_inactive"})  # faults of devices whose data are still correct
 Fails = Callable[[Any, MonitorSettings], Data]
 
 
 class Check(NamedTuple):
-    """``fails`` is asked in ``states`` for the fields of ``message``; None: found elsewhere.
+    """One check. In ``states``, ``fails`` returns the fields of ``message`` when it fails; None:
+    the check is made elsewhere.
 
-    ``vital``: stops a run in report mode too, for without it nothing can be controlled.
+    ``vital``: ends a run in report mode too, because control is impossible otherwise.
     """
 
     device: str
@@ -49,46 +50,46 @@ class Check(NamedTuple):
     vital: bool = False
 
 
-def given(fails: bool, **data: float | str) -> Data:
-    """The fields of a message where a check fails."""
+def data_if(fails: bool, **data: float | str) -> Data:
+    """The fields of a message if the check fails, else None."""
     return data if fails else None
 
 
 CHECKS = {
     "detector_late": Check(DETECTOR,
-        lambda i, s: given(i.took_ns > s.detector_s * 1e9, seconds=round(i.took_ns * 1e-9, 3)),
+        lambda i, s: data_if(i.took_ns > s.detector_s * 1e9, seconds=round(i.took_ns * 1e-9, 3)),
         "a step took {seconds:g} s", CONTACT_STATES, vital=True),
     STOOD_STILL: Check(LOOP,
-        lambda i, s: given(i.late_ns > s.standstill_s * 1e9, seconds=round(i.late_ns * 1e-9, 3)),
+        lambda i, s: data_if(i.late_ns > s.standstill_s * 1e9, seconds=round(i.late_ns * 1e-9, 3)),
         "the control step began {seconds:g} s late", STARTED, vital=True),
-    "arm_position_nan": Check(ARM, lambda h, s: given(h.state is None),
+    "arm_position_nan": Check(ARM, lambda h, s: data_if(h.state is None),
         "position, speed or speed slider is not a number", vital=True),
-    "arm_wrong_way": Check(ARM, lambda h, s: given(h.strays, mm=round(h.stray_m * 1e3, 1)),
+    "arm_wrong_way": Check(ARM, lambda h, s: data_if(h.deviates, mm=round(h.deviation_m * 1e3, 1)),
         "{mm:g} mm away from where it was commanded to be"),
-    "arm_flickers": Check(ARM, lambda h, s: given(h.flickers),
-        "reports by turns that it moves and that it stands"),
-    "arm_frozen": Check(ARM, arm.frozen, "{seconds:g} s at one place, though it has to move"),
+    "arm_flickers": Check(ARM, lambda h, s: data_if(h.flickers),
+        "alternately reports motion and standstill"),
+    "arm_frozen": Check(ARM, arm.frozen, "no motion for {seconds:g} s, although it must move"),
     "gripper_inactive": Check(GRIPPER,
-        lambda h, s: given(not h.state.active and not h.state.fault),  # a fault has its own text
-        "the hand has lost its activation and obeys no motion", vital=True),
+        lambda h, s: data_if(not h.state.active and not h.state.fault),  # a fault has its own text
+        "the hand has lost its activation and executes no motion", vital=True),
     "gripper_impossible": Check(GRIPPER, gripper.impossible, "finger {finger} {how}"),
-    "gripper_silent": Check(GRIPPER, gripper.silent, "{seconds:g} s without an answer"),
+    "gripper_silent": Check(GRIPPER, gripper.silent, "no response to a command for {seconds:g} s"),
     "gripper_stands": Check(GRIPPER, gripper.stands,
-        "finger {finger} reports motion and does not move"),
-    "gripper_flickers": Check(GRIPPER, lambda h, s: named(h.flickers),
-        "finger {finger} reports one thing of its motion and then another"),
-    "fingertips_absent": Check(FINGERTIPS, lambda h, s: given(h.codes is None),
-        "there is no frame: the board came back without its rest", CONTACT_STATES, vital=True),
-    "fingertips_at_rail": Check(FINGERTIPS, lambda h, s: named(h.at_rail >= RAIL_SAMPLES),
+        "finger {finger} reports motion but does not move"),
+    "gripper_flickers": Check(GRIPPER, lambda h, s: finger_names(h.flickers),
+        "finger {finger} alternately reports motion and standstill"),
+    "fingertips_absent": Check(FINGERTIPS, lambda h, s: data_if(h.codes is None),
+        "no frame: the board restarted and lost its rest counts", CONTACT_STATES, vital=True),
+    "fingertips_at_rail": Check(FINGERTIPS, lambda h, s: finger_names(h.at_rail >= RAIL_SAMPLES),
         "finger {finger} reads 0 or 1023 at every taxel", TOUCHING),
-    "fingertips_jump": Check(FINGERTIPS, lambda h, s: given(h.jumped, counts=s.jump_counts),
+    "fingertips_jump": Check(FINGERTIPS, lambda h, s: data_if(h.jumped, counts=s.jump_counts),
         "every taxel changed by {counts:g} counts or more at once", TOUCHING),
     "fingertips_frozen": Check(FINGERTIPS, fingertips.frozen,
-        "all codes have come {samples:g} times alike", TOUCHING),
+        "all codes were equal in {samples:g} samples in a row", TOUCHING),
     "fingertip_dead": Check(FINGERTIPS, fingertips.dead,
-        "finger {finger} gives the same codes for ever", TOUCHING),
-    "fingertip_few_taxels": Check(FINGERTIPS, fingertips.few_living,
-        "more than half of the taxels of finger {finger} stand still", GRIPPED_STATES),
+        "the codes of finger {finger} no longer change", TOUCHING),
+    "fingertip_few_taxels": Check(FINGERTIPS, fingertips.few_responsive,
+        "more than half of the taxels of finger {finger} no longer change", GRIPPED_STATES),
     "fingertips_slow": Check(FINGERTIPS, None,
         "too few samples for rest counts within {seconds:g} s", vital=True),
     "detector_failed": Check(DETECTOR, None, "{how}", vital=True),
@@ -96,73 +97,73 @@ CHECKS = {
 
 
 def failed(code: str, **data: float | str) -> Fault:
-    """The fault of a check, with the numbers of its message."""
+    """Make the fault of a failed check; ``data``: the fields of its message."""
     device, text = CHECKS[code].device, CHECKS[code].message.format(**data)
     return Fault(code, device, text, REMEDIES[device], data, IMPLAUSIBLE)
 
 
 def implausible(faults: Iterable[Fault], device: str) -> bool:
-    """Whether what the device reports is not to be taken for true."""
-    lies = (f for f in faults if f.kind == IMPLAUSIBLE and f.code not in BELIEVED)
-    return any(fault.device == device for fault in lies)
+    """Whether, by these faults, the device's data cannot be trusted."""
+    wrong = (f for f in faults if f.kind == IMPLAUSIBLE and f.code not in TRUTHFUL_CODES)
+    return any(fault.device == device for fault in wrong)
 
 
 class Monitors:
-    """All checks of a run. ``check`` and ``sent`` once a step each, in this order.
+    """All checks of a run. Call ``check`` and then ``sent``, once a step each.
 
-    ``checks``: by their codes; none where stand-ins replace the devices: they are believed.
+    ``checks``: by their codes; none where substitutes replace the devices, which need no check.
     """
 
     def __init__(self, settings: MonitorSettings, checks: dict[str, Check] = CHECKS) -> None:
         self._settings = settings
         self._checks = checks
-        self._stood_still = False  # nobody saw what the devices did: only vital checks go on
+        self._stood_still = False  # device states were missed: only vital checks continue
         self.arm = arm.ArmHistory(settings)
         self.gripper = gripper.GripperHistory()
         self.fingertips = fingertips.FingertipHistory(settings)
 
     def check(self, state: State, inputs: StepInput) -> tuple[Fault, ...]:
-        """What cannot be believed of this step's inputs."""
+        """Faults of all checks that this step's inputs fail."""
         if not self._checks:
             return ()
         self.arm.update(inputs.arm, inputs.pending)
         self.gripper.update(inputs.gripper)
         self.fingertips.update(inputs.frame)
-        of = {ARM: self.arm, GRIPPER: self.gripper, FINGERTIPS: self.fingertips}
+        histories = {ARM: self.arm, GRIPPER: self.gripper, FINGERTIPS: self.fingertips}
         found = []
         for code, check in self._checks.items():
             if check.fails is None or state not in check.states:
                 continue
             if self._stood_still and not check.vital:
                 continue
-            data = check.fails(of.get(check.device, inputs), self._settings)
+            data = check.fails(histories.get(check.device, inputs), self._settings)
             if data is not None:
                 found.append(failed(code, **data))
                 self._stood_still = self._stood_still or code == STOOD_STILL
         return tuple(found)
 
     def stops(self, fault: Fault) -> bool:
-        """Whether a run goes on no further: in report mode not for what is only implausible."""
+        """Whether the fault ends the run: in report mode, implausible data do not."""
         implausible = fault.kind == IMPLAUSIBLE and not CHECKS[fault.code].vital
         return not (implausible and self._settings.mode == "report")
 
     @property
-    def trusts_force(self) -> bool:
-        """Whether the latest frame is taken for a force; in report mode no check changes that."""
-        return self.fingertips.believable or self._settings.mode == "report"
+    def force_plausible(self) -> bool:
+        """Whether the latest frame gives a force estimate; always in report mode."""
+        return self.fingertips.plausible or self._settings.mode == "report"
 
     def sent(self, commands: Sequence[Command], arm_state: ArmState) -> None:
-        """These commands follow from the step; ``arm_state`` is as the arm was then."""
+        """Take the commands of this step; ``arm_state``: the arm's state in it."""
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
                 self.arm.sent(command, arm_state)
 
 
-def no_probabilities(answer: object) -> Fault | None:
-    """What is wrong with a detector's answer; None for one probability a finger."""
-    shape = getattr(answer, "shape", type(answer).__name__)
-    if not isinstance(answer, np.ndarray) or shape != (FINGERS,):
-        return failed("detector_failed", how=f"its answer has shape {shape}, not ({FINGERS},)")
-    if answer.dtype.kind in "fiub" and all(0.0 <= p <= 1.0 for p in answer.tolist()):
+def invalid_probabilities(output: object) -> Fault | None:
+    """The fault of a detector's output; None if it is one probability a finger."""
+    shape = getattr(output, "shape", type(output).__name__)
+    if not isinstance(output, np.ndarray) or shape != (FINGERS,):
+        return failed("detector_failed", how=f"its output has shape {shape}, not ({FINGERS},)")
+    if output.dtype.kind in "fiub" and all(0.0 <= p <= 1.0 for p in output.tolist()):
         return None
-    return failed("detector_failed", how=f"{answer.tolist()} are no probabilities")
+    return failed("detector_failed", how=f"{output.tolist()} are no probabilities")

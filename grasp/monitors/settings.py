@@ -1,4 +1,4 @@
-"""When a device is no longer believed. What is not here is a constant beside its check."""
+"""Settings of the plausibility checks. Other limits are constants in the checks' modules."""
 
 from collections.abc import Iterable
 from itertools import compress
@@ -10,7 +10,7 @@ from msgspec import Meta
 from drivers.interfaces import FINGER_NAMES
 
 FLIPS, FLIPS_NS = 8, 1_000_000_000  # most changes of a report in that time; assumed
-Data = dict[str, float | str] | None  # what a check found, by the fields of its message
+Data = dict[str, float | str] | None  # fields of a failed check's message; None: passed
 
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -25,11 +25,11 @@ class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 40
     # five times the paper's inference of 0.021 s
     detector_s: Annotated[float, Meta(ge=0.01, le=10.0, description="a step may take")] = 0.1
-    # half of the shortest standstill that has been seen to lose an object
+    # half of the shortest standstill that lost an object
     standstill_s: Annotated[float, Meta(ge=0.02, le=10.0, description="a step may be late")] = 0.15
     # two exchanges and two register refreshes are 0.04 s
     echo_s: Annotated[
-        float, Meta(ge=0.03, le=10.0, description="until the gripper speaks of a command")
+        float, Meta(ge=0.03, le=10.0, description="until the gripper's status shows a command")
     ] = 0.15
     # latency up to 0.15 s, two refreshes, lag, a count
     finger_start_s: Annotated[
@@ -40,12 +40,12 @@ class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 0.25
 
 
-def named(fingers: Iterable[object]) -> Data:
-    """Which fingers a check has found; None: none."""
+def finger_names(fingers: Iterable[object]) -> Data:
+    """Names of the marked fingers as the field of a message; None if there are none."""
     found = ", ".join(compress(FINGER_NAMES, fingers))
     return {"finger": found} if found else None
 
 
 def too_often(changes_ns: Iterable[int], now_ns: int) -> bool:
-    """What is commanded once begins, ends and may settle, but does not change for ever."""
+    """Whether a report has changed more often than start, end and settling of a motion explain."""
     return sum(now_ns - at_ns <= FLIPS_NS for at_ns in changes_ns) > FLIPS

@@ -1,4 +1,4 @@
-"""Responses to slip: what hand and arm do from the registration of slip until it is over."""
+"""Slip responses: commands to hand and arm from the registration of slip until it is over."""
 
 from grasp.slip_response.close import SlipResponse
 from grasp.slip_response.stop_and_close import StopAndClose

@@ -1,113 +1,113 @@
 """Close: the interface of slip responses, and the response that only closes the hand.
 
-A closing to the force cap has one stage or two. Of two, the first goes by position alone, as fast
-as the hand can, to where the limit is kept even on a contact that is stiffer and grasped harder
-than stated (``ForceGuard.reach``). It lasts about as long as a command is on its way, so no
-feedback could steer it. The second begins at rest and rises to the cap at the hand's slowest, so
-that little momentum carries it past.
+A closing to the force cap has one stage or two. The first of two is a fast motion to a position at
+which the limit holds even on a stiffer contact with a stronger first grasp than stated
+(``ForceGuard.safe_travel``). It lasts about as long as the delay of a command, so it needs no
+feedback. The second starts at rest and closes to the cap at the hand's least speed, so that
+momentum causes little overshoot.
 """
 
 from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast, Command, StopArm
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
 TOP_UP_SPEED_MPS = 0.022  # of a second stage: the gripper's least (manual)
-STAGE_NS = 500_000_000  # a first stage that does not rest by then is not waited for
+STAGE_NS = 500_000_000  # longest wait for the end of a first stage
 
 
 class SlipResponse:
-    """The hand closes to the force cap, and the arm goes on (the paper's loop). Base of all others.
+    """The hand closes to the force cap while the arm continues (the paper's loop). Base class.
 
     One object for a run: ``begin`` when slip is registered or contact is lost, ``update`` every
-    sample until ``end``; none of them touches a device.
+    sample until ``end``. No method commands a device.
 
-    ``closings``: how often the fingers were closed. ``paused_s``: how long the arm has stood for
-    it. ``adds_margin``: the present response adds a safety margin, and is not for slip.
+    ``closings``: number of closings. ``paused_s``: total time for which the arm was stopped.
+    ``adds_margin``: the current response adds a safety margin instead of responding to slip.
     """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, line: LiftLine) -> None:
         self._settings = settings
         self._plan = plan
         self._line = line
-        self._first_stage_ns: int | None = None  # since when a first stage has been asked for
+        self._first_stage_ns: int | None = None  # since when a first stage has been requested
         self.closings = 0
         self.paused_s = 0.0
         self.adds_margin = False
 
     def begin(self, obs: Observation, rising: bool, lost: bool) -> tuple[Command, ...]:
-        """The first commands; ``rising``: the arm is on its way up; ``lost``: contact is."""
+        """The first commands. ``rising``: the arm moves up. ``lost``: contact is lost."""
         return self._close(obs, lost)
 
     def follow_up(self, obs: Observation, rising: bool) -> tuple[Command, ...]:
-        """What is due after slip was over: more force, as a safety margin; mostly nothing."""
+        """Commands that add a safety margin of force after slip has ended; empty if none is due."""
         return ()
 
     @property
     def arm_stop(self) -> StopArm | None:
-        """The stop with which it began; None where the arm goes on."""
+        """The stop with which the response began; None if the arm continues."""
         return None
 
-    def update(self, obs: Observation, alarm: bool, passed_ns: int) -> None:
-        """One sample, so long after the one before; ``alarm``: slip may not be over."""
+    def update(self, obs: Observation, alarm: bool, elapsed_ns: int) -> None:
+        """Take one sample, ``elapsed_ns`` after the last. ``alarm``: slip may not be over."""
 
     @property
     def exhausted(self) -> bool:
-        """Whether everything has been tried, and slip comes back."""
+        """Whether the response has no option left while slip recurs."""
         return False
 
     def over(self, obs: Observation) -> bool:
-        """Whether it may end, slip not being registered any more."""
+        """Whether the response may end now that slip is no longer registered."""
         return True
 
     def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
-        """What follows where slip goes on for so long; None: nothing, or nothing yet."""
+        """Further commands when slip has continued for ``waited_ns``; None if there are none."""
         return None
 
     def end(self) -> tuple[Command, ...]:
-        """The commands by which the arm goes on."""
+        """Commands with which the arm continues."""
         return ()
 
     def _close(self, obs: Observation, lost: bool = False) -> tuple[Command, ...]:
-        """To the force cap, where that is any further."""
+        """Close to the force cap, unless it is reached already."""
         if obs.at_cap:
             return ()
         self.closings += 1
         return (self.closing(obs, lost),)
 
     def closing(self, obs: Observation, lost: bool = False) -> CloseFast:
-        """The closing that is due now; the same again while a first stage is under way.
+        """The closing that is due now; the same again during a first stage.
 
-        ``lost``: contact is, so it is not known where the next one will be.
+        ``lost``: contact is lost, so the position of the next contact is unknown.
         """
-        s, reach = self._settings, obs.reach_counts
-        if s.closing == "constant" or lost or reach is None:
+        s, targets = self._settings, obs.safe_travel_counts
+        if s.closing == "constant" or lost or targets is None:
             return self._to_cap(s.closing_speed_mps)
-        if not self._first_stage_due(obs, reach[0]):
+        if not self._first_stage_due(obs, targets[0]):
             self._first_stage_ns = None
             return self.slow_closing()
         if self._first_stage_ns is None:
             self._first_stage_ns = obs.t_ns
         cap_n = self._plan.force_cap_n
-        return CloseFast(cap_n, ALL_FINGERS, reach, s.closing_speed_mps, more=True)
+        return CloseFast(cap_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
 
     def slow_closing(self) -> CloseFast:
-        """To the cap where there is time, or no observation of a first stage."""
+        """A closing to the cap without a first stage, at the second stage's speed."""
         s = self._settings
         return self._to_cap(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
 
     def _to_cap(self, speed_mps: float) -> CloseFast:
         return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
-    def _first_stage_due(self, obs: Observation, reach_counts: int) -> bool:
-        """Whether the thumb, which opposes both others, is to begin or to go on with one."""
+    def _first_stage_due(self, obs: Observation, target_counts: int) -> bool:
+        """Whether the thumb, which opposes both others, starts or continues a first stage."""
         thumb, since_ns = obs.gripper.fingers[0], self._first_stage_ns
         overdue = since_ns is not None and obs.t_ns - since_ns > STAGE_NS
         if overdue or thumb.detection is Detection.CONTACT_CLOSING:
             return False
         if not obs.hand_rests:
             return obs.first_stage
-        return not obs.first_stage and thumb.requested_counts < reach_counts
+        return not obs.first_stage and thumb.requested_counts < target_counts

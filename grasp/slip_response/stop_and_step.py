@@ -1,4 +1,4 @@
-"""StopAndStep: the arm stops, and the thumb closes by as little as ends slip."""
+"""StopAndStep: the arm stops, and the thumb closes in small steps until slip ends."""
 
 import math
 
@@ -7,82 +7,82 @@ from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.slip_response.stop_and_close import StopAndClose
 
-STEP_N = 1.5  # more force a step, in whole counts, one at least; assumed
-STEP_TRIES = 5  # steps of a lift; slip after them leads to a closing to the cap; assumed
-STEP_PATIENCE_NS = 250_000_000  # longer than a detector needs to notice that slip is over; assumed
-STEP_BELOW_M = 0.03  # of the arm: higher, the object is in the air, and the hand closes; assumed
-MARGIN_AFTER_M = 0.01  # a force is found when it has carried so far; assumed
+STEP_N = 1.5  # force of a step, rounded down to counts, at least one; assumed
+MAX_STEPS = 5  # steps in a lift; later slip leads to a closing to the cap; assumed
+STEP_PATIENCE_NS = 250_000_000  # longer than a detector needs to see the end of slip; assumed
+STEP_BELOW_M = 0.03  # height of the arm; above, the object is in the air: no steps; assumed
+MARGIN_AFTER_M = 0.01  # a force is sufficient once it has carried the object so far; assumed
 
 
 class StopAndStep(StopAndClose):
-    """The arm stops, and the thumb closes by as little as ends slip, then by a margin; where a step
-    will not do, or was not enough, as ``StopAndClose``.
+    """The arm stops, and the thumb closes by one step per slip, later by a margin. Where a step is
+    not possible or not enough, it responds as ``StopAndClose``.
 
-    While the arm stands, slip is over whatever the hand does; only when the arm rises again does it
-    show whether the force is enough. So each attempt is one step, and once it has carried the
-    object for a way it gets its margin. Force is never given back: a search for the least by
-    letting go drops what slips meanwhile.
+    While the arm is at rest, slip ends whatever the hand does; only when the arm rises again does
+    it show whether the force is sufficient. So each attempt is one step, and once it has carried
+    the object for some height the margin is added. Force is never reduced: a search for the least
+    force from above would drop objects.
     """
 
-    _found_m: float | None = None  # how high the arm was when force was last found
-    _taken = 0
-    _stepping = False  # the present response is a step or a margin: a closing may follow
+    _sufficient_m: float | None = None  # height of the arm at the last step
+    _steps_taken = 0
+    _stepping = False  # the current response is a step or a margin: a closing may follow
 
     def begin(self, obs: Observation, rising: bool, lost: bool) -> tuple[Command, ...]:
-        if not rising or lost or not self._may_step(obs):
-            self._forget()
+        if not rising or lost or not self._step_possible(obs):
+            self._end_stepping()
             return super().begin(obs, rising, lost)
-        self._taken += 1
+        self._steps_taken += 1
         self.closings += 1
-        self._stepping, self._found_m = True, self._line.height_m(obs)
-        return (*self._stop_arm(obs, rising), self._further(obs, 1))
+        self._stepping, self._sufficient_m = True, self._line.height_m(obs)
+        return (*self._stop_arm(obs, rising), self._step_command(obs, 1))
 
     def follow_up(self, obs: Observation, rising: bool) -> tuple[Command, ...]:
-        """The margin, once the force that was found has carried the object for long enough."""
-        found_m, steps = self._found_m, self._settings.margin_steps
-        if found_m is None or steps == 0 or self._room(obs) == 0:
+        """The margin, once the force of the last step has carried the object far enough."""
+        sufficient_m, steps = self._sufficient_m, self._settings.margin_steps
+        if sufficient_m is None or steps == 0 or self._remaining_counts(obs) == 0:
             return ()
-        if rising and self._line.height_m(obs) - found_m < MARGIN_AFTER_M:
+        if rising and self._line.height_m(obs) - sufficient_m < MARGIN_AFTER_M:
             return ()
-        self._found_m = None
+        self._sufficient_m = None
         self._stepping = self.adds_margin = True
-        return (*self._stop_arm(obs, rising), self._further(obs, steps))
+        return (*self._stop_arm(obs, rising), self._step_command(obs, steps))
 
     def escalate(self, obs: Observation, waited_ns: int) -> tuple[Command, ...] | None:
         if not self._stepping or waited_ns < STEP_PATIENCE_NS:
             return None
-        self._forget()
+        self._end_stepping()
         return self._close(obs)
 
     def end(self) -> tuple[Command, ...]:
         self._stepping = self.adds_margin = False
         return super().end()
 
-    def _forget(self) -> None:
-        """There is no force to give a margin to: the hand closes to its cap."""
-        self._found_m = None
+    def _end_stepping(self) -> None:
+        """Add no margin, because the hand closes to its cap."""
+        self._sufficient_m = None
         self._stepping = self.adds_margin = False
 
-    def _may_step(self, obs: Observation) -> bool:
-        """Whether a step will do: the object still stands on the table, the arm stops within the
-        time of a step, the thumb may go a whole step further, and few steps were too small."""
+    def _step_possible(self, obs: Observation) -> bool:
+        """Whether a step is possible: the object still stands on the table, the arm stops within
+        the time of a step, and the thumb and the number of steps allow another one."""
         stops_s = math.hypot(*obs.arm.velocity_mps) / self._settings.slip_stop_mps2
         low = self._line.height_m(obs) < STEP_BELOW_M and stops_s <= STEP_PATIENCE_NS * 1e-9
-        some = self._taken < STEP_TRIES and not obs.gripper.thumb_latched
-        return low and some and self._room(obs) >= self._step_counts
+        more = self._steps_taken < MAX_STEPS and not obs.gripper.thumb_latched
+        return low and more and self._remaining_counts(obs) >= self._step_counts
 
     @property
     def _step_counts(self) -> int:
         return max(1, self._plan.stiffness.counts_within(STEP_N))
 
-    def _room(self, obs: Observation) -> int:
-        """Counts that the guard lets the thumb go further."""
-        end = CLOSED_COUNTS[0] if obs.thumb_end is None else obs.thumb_end
+    def _remaining_counts(self, obs: Observation) -> int:
+        """Counts by which the guard lets the thumb close further."""
+        end = CLOSED_COUNTS[0] if obs.thumb_limit_counts is None else obs.thumb_limit_counts
         return max(0, end - obs.gripper.requested[0])
 
-    def _further(self, obs: Observation, steps: int) -> MoveFingers:
-        """The thumb so many steps further, as far as it may."""
+    def _step_command(self, obs: Observation, steps: int) -> MoveFingers:
+        """Close the thumb by ``steps`` steps, as far as the guard allows."""
         a, b, c = obs.gripper.requested
-        counts = min(steps * self._step_counts, self._room(obs))
+        counts = min(steps * self._step_counts, self._remaining_counts(obs))
         cap_n = self._plan.force_cap_n
         return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, cap_n)

@@ -8,7 +8,7 @@ import msgspec
 
 from drivers.errors import ConfigError
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, file_of, load, not_chosen, thing_layer
+from grasp.settings import Layer, file_of, item_layer, load, without_chosen
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.calibration import Files, rig_layers, user_layers
 from scenarios.rigs.config import PressRigConfig
@@ -51,7 +51,7 @@ def load_acquire_config(
     layers = [
         Layer("acquisition", {"arm": dict(ARM)}),
         *map(_of_this_scenario, of_rig),
-        not_chosen(thing_layer("surfaces", "surface", surface)),
+        without_chosen(item_layer("surfaces", "surface", surface)),
     ]
     *of_files, assigned = user_layers(files, assignments)
     layers += [*map(_of_this_scenario, of_files), assigned, Layer("command line", {"rig": like})]

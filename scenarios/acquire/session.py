@@ -178,7 +178,7 @@ class Session:
         Interruption after a signal."""
         signals.check()
         rig = self._rig
-        self._deadlines.leave_out(rig.clock.now_ns)
+        self._deadlines.skip_missed(rig.clock.now_ns)
         due_ns = self._deadlines.next_ns()
         if rig.cell is None:
             rig.clock.sleep_until_ns(due_ns)

@@ -14,7 +14,7 @@ from detector.network_file import is_weights
 from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
-from grasp.settings import by_path, load, read_toml
+from grasp.settings import is_path, load, read_toml
 from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
@@ -71,8 +71,8 @@ def read_spec(path: Path) -> CampaignSpec:
     spec = load(CampaignSpec, [read_toml(path)])
 
     def resolved(name: str) -> str:
-        is_path = by_path(name) or is_plugin_file(name) or is_weights(name)
-        return str(path.parent / name) if is_path else name
+        user_file = is_path(name) or is_plugin_file(name) or is_weights(name)
+        return str(path.parent / name) if user_file else name
 
     return msgspec.structs.replace(
         spec,

@@ -15,12 +15,12 @@ import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord, on_failure, one_line
 from grasp.files import (
-    LEADS_NOWHERE,
+    PATH_ERRORS,
     PRIVATE_FILE,
     Holder,
     locked,
     make_private_folder,
-    partial_of,
+    partial_name,
     write_whole,
 )
 from scenarios.campaign.spec import CampaignSpec, Combination
@@ -127,7 +127,7 @@ class CampaignStore:
         """Keep the lock until the file is closed; remove a killed writer's partial recordings."""
         self._resources.push(lock.pop_all())
         with suppress(OSError):
-            for part in self._recordings.glob(partial_of("*.mcap", "*")):
+            for part in self._recordings.glob(partial_name("*.mcap", "*")):
                 part.unlink()
         return self
 
@@ -227,7 +227,7 @@ def _lock(path: Path) -> Iterator[ExitStack]:
     try:
         make_private_folder(path.parent)
     except OSError as error:
-        if error.errno in LEADS_NOWHERE:
+        if error.errno in PATH_ERRORS:
             raise ConfigError(str(path), "--out", str(error.strerror), "another file") from None
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:

@@ -128,7 +128,7 @@ class Presser:
         def move_back() -> None:
             self.move_to(target)
 
-        with signals.deferred(sealed=True), suppress(Exception):
+        with signals.deferred(ignore_checks=True), suppress(Exception):
             target = max(0, self.counts - BACK_COUNTS)
             confirmed = retry(move_back, self._hand.clock)
         say(

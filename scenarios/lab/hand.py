@@ -327,7 +327,7 @@ class Hand:
             self._wait_until_at_rest(self._wait_and_poll_gripper, STOP_S)
 
         positions: object = "unknown"
-        with signals.deferred(sealed=True):
+        with signals.deferred(ignore_checks=True):
             stopped = retry(hold, self.clock)
             with suppress(Exception):
                 positions = self.state.positions
@@ -443,7 +443,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Reset the activation and wait until two readings are equal; raises nothing."""
     stopped = False
     if not config.devices.gripper:
-        with signals.deferred(sealed=True), suppress(Exception):
+        with signals.deferred(ignore_checks=True), suppress(Exception):
             link = TCP if config.gripper.link == "tcp" else RTU
             with closing(ModbusTransport(config.modbus, config.gripper.link)) as transport:
                 transport.write(link.command_register, RESET.to_registers(), time.monotonic_ns())

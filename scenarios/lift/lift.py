@@ -78,7 +78,7 @@ class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
             success=verdict in SUCCESSES if judged else None,
             outcome=trial.outcome_of(verdict.value),
             slip_onset_s=facts.onset_s,
-            first_detection_s=seconds(trial.controller.monitor.first_detection_ns),
+            first_detection_s=seconds(trial.controller.slip_monitor.first_detection_ns),
             slip_registered_s=facts.registered_s,
             detection_latency_ms=later_ms(facts.onset_s, facts.registered_s),
             reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),

@@ -133,7 +133,7 @@ class Feed:
             host = "{}:{}".format(*listening.getsockname())
             # the browser's messages must not mix with results on standard output
             self._viewer = ViewerProcess(server, STDERR, (listening.fileno(),))
-            self._viewer.tell(Serve(listening.fileno(), host, token, title, view))
+            self._viewer.show_waiting(Serve(listening.fileno(), host, token, title, view))
         self.address = f"http://{host}/{token}/"
         self._of = of
         self._ticks = 0
@@ -151,7 +151,7 @@ class Feed:
 
     def say(self, text: str) -> None:
         """Show a message between two trials."""
-        self._viewer.tell(Note(text))
+        self._viewer.show_waiting(Note(text))
 
     def close(self) -> None:
         """Stop the server; an open page keeps its content. Safe to call twice."""

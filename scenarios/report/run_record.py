@@ -251,8 +251,8 @@ def _commands(
 
     return [
         Sent(
-            m.decided_ns, sent_ns, None if m.applied is None else confirmed_ns(sent_ns), m.asked,
-            m.admitted, m.applied, m.refused,
+            m.decided_ns, sent_ns, None if m.applied is None else confirmed_ns(sent_ns),
+            m.requested, m.admitted, m.applied, m.refused,
         )
         for sent_ns, m in messages
     ]  # fmt: skip

@@ -11,11 +11,11 @@ from drivers.robotiq.protocol import FULL_BYTE
 from grasp.settings import (
     Layer,
     assignment_layer,
-    by_path,
+    is_path,
     named_layer,
     names,
-    not_chosen,
     read_toml,
+    without_chosen,
 )
 
 Files = Path | Sequence[Path] | None  # user's files, later ones override; none: $GRASP_CONFIG
@@ -35,14 +35,14 @@ def user_layers(files: Files, assignments: Sequence[str]) -> list[Layer]:
     choose.
     """
     read = map(read_toml, config_files(files))
-    return [not_chosen(layer) for layer in (*read, assignment_layer(assignments))]
+    return [without_chosen(layer) for layer in (*read, assignment_layer(assignments))]
 
 
 def rig_layers(word: str) -> tuple[str, list[Layer]]:
     """Packaged rig for a name or a file, and its settings overridden by the file's. Raises
     ConfigError."""
-    if not by_path(word):
-        return word, [not_chosen(named_layer("rigs", word))]
+    if not is_path(word):
+        return word, [without_chosen(named_layer("rigs", word))]
     file = read_toml(Path(word))
     base = file.table.get("rig")
     if base not in names("rigs"):
@@ -50,7 +50,7 @@ def rig_layers(word: str) -> tuple[str, list[Layer]]:
         raise ConfigError(word, "rig", problem, " or ".join(names("rigs")))
     rest = {key: value for key, value in file.table.items() if key != "rig"}
     overrides = Layer(file.source, rest)
-    return str(base), [not_chosen(named_layer("rigs", str(base))), not_chosen(overrides)]
+    return str(base), [without_chosen(named_layer("rigs", str(base))), without_chosen(overrides)]
 
 
 KIND = "calibrations"
@@ -72,8 +72,8 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
         chosen = _choice(layer.table, chosen)
     if not chosen:
         return []
-    by_path = "/" in chosen or chosen.endswith(".toml")
-    file = read_toml(Path(chosen)) if by_path else named_layer(KIND, chosen)
+    is_path = "/" in chosen or chosen.endswith(".toml")
+    file = read_toml(Path(chosen)) if is_path else named_layer(KIND, chosen)
     return [Layer(file.source, {"calibration": {"name": Path(chosen).stem}}), file]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from detector.interface import DETECTORS
 from detector.plugins import installed_plugins
 from drivers.takktile.link import DEVICES, IDS, INSTALL, boards
-from grasp.files import against_writing, nearest
+from grasp.files import nearest_folder, why_not_writable
 from grasp.realtime import PRIORITY
 from grasp.settings import config_dir
 from scenarios.rigs.device_checks import Check, Finding, ask_devices, checked, failed
@@ -129,8 +129,8 @@ def _scheduling() -> Finding:
 
 
 def _disk(runs: Path) -> Finding:
-    folder = nearest(runs)
-    if problem := against_writing(folder):
+    folder = nearest_folder(runs)
+    if problem := why_not_writable(folder):
         remedy = "start `grasp` from another folder, or record elsewhere with --runs"
         return "fail", f"no run can be recorded: {str(runs)!r}: {problem}", remedy
     free = shutil.disk_usage(folder).free

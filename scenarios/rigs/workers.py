@@ -84,7 +84,7 @@ def _run_task(work: Callable[[T], R], task: T) -> Outcome[T, R]:
         result = work(task)
     except Exception as error:
         return Outcome(task, error=error)
-    signals.go_on()
+    signals.raise_if_received()
     return Outcome(task, result)
 
 

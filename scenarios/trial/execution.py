@@ -171,18 +171,18 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if not controller.in_safe_state and self.bug is None:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
-        faults = (*controller.faults, *controller.further)
+        faults = (*controller.faults, *controller.later_faults)
         errors = tuple(self.loop.errors.values())
         end = final_state(trace.last, trace.hand, old_s, self.way_out, faults, errors)
-        unconfirmed = controller.unreached
+        unconfirmed = controller.unconfirmed
         ended = controller.finished and not controller.in_safe_state  # no safe state was requested
         if self.bug is not None and trace.last is not None and not ended:
             unconfirmed = ("the safe state of arm and hand could not be checked",)
             with suppress(Exception):
-                missing = controller.missing(trace.last.observation)
+                missing = controller.unconfirmed_parts(trace.last.observation)
                 unconfirmed = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
-            end, unconfirmed=unconfirmed, later_faults=controller.further, where=self._where
+            end, unconfirmed=unconfirmed, later_faults=controller.later_faults, where=self._where
         )
 
     @property
@@ -220,7 +220,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             message, kind, remedy = "; ".join(filter(None, (where, message))), INTERRUPTED, ""
         elif any(fault.code == STOOD_STILL for fault in faults):
             kind = SAFETY_STOP
-        message = "; then ".join((message, *(fault.line for fault in self.controller.further)))
+        message = "; then ".join((message, *(fault.line for fault in self.controller.later_faults)))
         return Failure(kind, message, remedy, end, faults)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
@@ -293,7 +293,7 @@ def run_trial(
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
     # virtual time moves no real device, and one of its steps may take longer than a second
-    with signals.guarded(loop.abort) if rig.wall_time else nullcontext():
+    with signals.watchdog(loop.abort) if rig.wall_time else nullcontext():
         granted = _run_to_end(
             config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
             trace,

@@ -167,7 +167,7 @@ def _closure(tick: Tick, command: Issued | None, force: str) -> str:
     if not obeys or command is None or not isinstance(command.admitted, CloseFast):
         return f"closed with its previous grip, at {tick.gripper.positions} counts, {force}"
     # or the fingertips still measure their rest counts
-    if force != UNKNOWN and sum(tick.observation.felt_n) < CONTACT_N:
+    if force != UNKNOWN and sum(tick.observation.responsive_n) < CONTACT_N:
         at = f"closed as commanded, at {tick.gripper.positions} counts"
         return f"{at}, without measured contact: the object may still be in it"
     return f"{_closed(tick, command.admitted)}, {force}"
@@ -178,7 +178,7 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     fingers = zip(tick.gripper.fingers, close.closing, strict=True)
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
         return f"closed to the limit of {close.force_cap_n:g} N"
-    if close.more:
+    if close.first_stage:
         return f"closed by position, short of the limit of {close.force_cap_n:g} N"
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
@@ -186,5 +186,5 @@ def _closed(tick: Tick, close: CloseFast) -> str:
 def _grips(tick: Tick, force: str) -> bool:
     """Whether force or detection bits show contact: a hand that moved since the last frame may have
     lost the force measured then."""
-    measured = force != UNKNOWN and sum(tick.observation.felt_n) >= CONTACT_N
+    measured = force != UNKNOWN and sum(tick.observation.responsive_n) >= CONTACT_N
     return measured or any(f.detection is Detection.CONTACT_CLOSING for f in tick.gripper.fingers)

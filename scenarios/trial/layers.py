@@ -13,12 +13,12 @@ from grasp.controller_settings import ControllerSettings
 from grasp.settings import (
     CHOSEN,
     Layer,
+    item_layer,
     named_layer,
     names,
-    not_chosen,
-    own_name,
     read_toml,
-    thing_layer,
+    with_free_name,
+    without_chosen,
 )
 from scenarios.rigs.calibration import Files, calibration_layers, rig_layers, user_layers
 from scenarios.trial.config import DEFAULT_PROFILE
@@ -86,17 +86,17 @@ def trial_layers(
     """
     whole = named_layer("profiles", profile)
     if not isinstance(object_name, Layer):
-        object_name = thing_layer("objects", "object", object_name)
+        object_name = item_layer("objects", "object", object_name)
     if detector is None:
         detector = str(whole.table["detector_name"])
     chosen = object_name.table.get("object", {}).get("name")
     like, of_rig = rig_layers(rig)
     layers = [
         *of_rig,
-        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
-        not_chosen(object_name),
-        *map(not_chosen, detector_layers(detector)),
-        *(own_name(own, "objects", "object", chosen) for own in user_layers(files, assignments)),
+        without_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
+        without_chosen(object_name),
+        *map(without_chosen, detector_layers(detector)),
+        *(with_free_name(x, "objects", "object", chosen) for x in user_layers(files, assignments)),
     ]
     layers = [*calibration_layers(layers), *layers]
     chosen_names = {"rig": like, "profile": profile, "detector_name": detector}

@@ -327,10 +327,10 @@ class _Stepper:
     def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
         """Check that a step decided this command, in this order, admitted it so, and that its delay
         had passed."""
-        this = (recorded.decided_ns, recorded.asked)
+        this = (recorded.decided_ns, recorded.requested)
         turn = next((i for i, w in enumerate(self._waiting) if (w.step_ns, w.asked) == this), None)
         if turn is None:
-            self.compare(sent_ns, "command", describe(recorded.asked), "none")
+            self.compare(sent_ns, "command", describe(recorded.requested), "none")
             return
         for lost in self._waiting[:turn]:
             self.compare(sent_ns, "command", "none", describe(lost.asked))

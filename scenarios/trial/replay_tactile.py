@@ -94,7 +94,7 @@ class _Lift:
     def over(self) -> bool:
         """Whether the object is being set down, or the run has ended."""
         controller = self._step.controller
-        return controller.finished or (self.lifting and not controller.monitor.status.armed)
+        return controller.finished or (self.lifting and not controller.slip_monitor.status.armed)
 
     def step(self, t_ns: int, counts: Counts) -> StepResult:
         self._seq += 1
@@ -123,9 +123,9 @@ class _Lift:
             self.lifting = True
             self._arm_m = command.position_m if self._arm_arrives else self._arm_m
         elif isinstance(command, CloseFast) and not self._latched:
-            self._latched = not command.more
+            self._latched = not command.first_stage
             self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
-            if command.more:
+            if command.first_stage:
                 self._targets = (command.limits_counts[0], *self._targets[1:])
 
     def _gripper(self, now_ns: int) -> GripperState:

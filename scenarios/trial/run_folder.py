@@ -14,7 +14,7 @@ from drivers.interfaces import Vector3
 from grasp.clock import Clock
 from grasp.controller import GraspController
 from grasp.fault import INTERNAL
-from grasp.files import LEADS_NOWHERE, make_private_folder, write_whole
+from grasp.files import PATH_ERRORS, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, write_tick
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
@@ -113,7 +113,7 @@ def check_runs(runs: Path | None) -> None:
         with TemporaryFile(dir=runs) as file:
             file.write(bytes(PROBE_BYTES))
     except OSError as error:
-        if error.errno in LEADS_NOWHERE:
+        if error.errno in PATH_ERRORS:
             message = f"{error.strerror}: {runs}"  # the reason first: a long message is cut
             raise UsageError(message, "choose another folder with --runs") from None
         raise could_not_record(runs, error) from None

@@ -35,7 +35,7 @@ class Day:
         self.folder, self.cell = folder, cell
         self.shown: list[str] = []
         self.endpoints: dict[str, Any] = json.loads(cell.wait_for(r"\{.*\}").group(0))
-        cell.wait_for("what a person does, a line each")
+        cell.wait_for("actions of an operator, one per line")
 
     def run(self, *arguments: str, answer: Callable[[str], str | None] = lambda question: "",
             code: int = 0) -> str:  # fmt: skip

@@ -1,4 +1,4 @@
-"""Links in the documents lead somewhere, and their commands are of this program."""
+"""Links in the documents have targets, and their commands exist."""
 
 import re
 import shlex
@@ -11,20 +11,20 @@ from grasp.cli.commands import build_parser
 ROOT = Path(__file__).parents[2]
 
 
-def test_links_between_documents_lead_somewhere() -> None:
+def test_links_between_documents_have_targets() -> None:
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def anchors(page: Path) -> set[str]:
-    """Of its headings, as the site and Git's web pages make them."""
+    """Link anchors of a page's headings, as the site and Git hosts make them."""
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     heads = (re.sub(r"[^\w\s-]", "", head) for head in re.findall(r"^#+ (.+)$", text, re.MULTILINE))
     return {re.sub(r"[-\s]+", "-", head.strip().lower()) for head in heads}
 
 
-def test_links_into_a_document_lead_to_a_heading_of_it() -> None:
+def test_links_into_a_document_match_its_headings() -> None:
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         found = re.findall(r"\]\((?!https?:)([^)#]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
         for target, anchor in found:

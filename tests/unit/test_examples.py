@@ -1,4 +1,4 @@
-"""Every script and notebook of `examples` runs as it stands, from anywhere."""
+"""Every script and notebook of `examples` runs unchanged, from any folder."""
 
 import json
 import runpy
@@ -15,7 +15,7 @@ MOST_LINES = 40
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_runs_and_says_something(
+def test_example_scripts_run_and_print(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -27,7 +27,7 @@ def test_a_script_runs_and_says_something(
 
 
 def run_notebook(path: Path) -> list[Any]:
-    """What the last expression of each cell gives, as a kernel would show it."""
+    """Run a notebook; returns the output of each cell's last expression."""
     import ast
 
     names: dict[str, Any] = {"__name__": "__main__"}
@@ -44,7 +44,7 @@ def run_notebook(path: Path) -> list[Any]:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_from_top_to_bottom_and_shows_verdicts(
+def test_example_notebooks_run_and_show_verdicts(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The import contracts of pyproject.toml hold, and each of them catches what it forbids."""
+"""The import contracts of pyproject.toml hold, and each detects a violation."""
 
 import ast
 import re
@@ -44,14 +44,14 @@ def lint(folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def file_of(tree: Path, module: str) -> Path:
-    """The module's file, made where there is none."""
+    """The module's file, created if it does not exist."""
     path = tree.joinpath(*module.split("."))
     source = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     source.touch()
     return source
 
 
-def test_the_tree_keeps_its_contracts() -> None:
+def test_import_contracts_hold() -> None:
     result = lint(ROOT)
     assert result.returncode == 0, result.stdout + result.stderr
 
@@ -67,12 +67,12 @@ def test_each_contract_catches_what_it_forbids(tmp_path: Path) -> None:
             file_of(tmp_path, imported)
         with file_of(tmp_path, importer).open("a") as source:
             source.write(f"\nimport {imported}\n")
-    said = lint(tmp_path).stdout
-    assert f"0 kept, {len(VIOLATIONS)} broken" in said, said
-    assert [name for name, _ in VIOLATIONS.values() if name not in said] == []
+    output = lint(tmp_path).stdout
+    assert f"0 kept, {len(VIOLATIONS)} broken" in output, output
+    assert [name for name, _ in VIOLATIONS.values() if name not in output] == []
 
 
-def test_modules_import_one_another_in_no_circle() -> None:
+def test_there_are_no_circular_imports() -> None:
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     arrows = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
     TopologicalSorter(arrows).prepare()
@@ -93,7 +93,7 @@ def parsed() -> list[tuple[str, ast.Module]]:
 
 @cache
 def module_names() -> set[str]:
-    """Of modules and of the packages that hold them, where there is a dot to know them by."""
+    """Dotted names of all modules and packages of the product."""
     found = {path.removesuffix(".py").removesuffix("/__init__") for path, _ in parsed()}
     return {name.replace("/", ".") for name in found if "/" in name}
 
@@ -106,14 +106,14 @@ def named_in_strings(tree: ast.Module) -> set[str]:
 
 
 def imported(node: ast.stmt) -> list[str]:
-    """Modules that a statement imports; one of ours where it is relative."""
+    """Modules that a statement imports; relative imports are resolved."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     return [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else ["grasp"]
 
 
 def hidden(tree: ast.Module) -> list[str]:
-    """Imports of ours that are not made as a module begins."""
+    """Imports of this project's modules that are not at the beginning of a module."""
     inner = (n for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom))
     later = [n for n in inner if n not in tree.body]
     return [ast.unparse(n) for n in later if any(ours(name) for name in imported(n))]
@@ -124,7 +124,7 @@ def ours(name: str) -> bool:
 
 
 def dynamic(tree: ast.Module) -> list[str]:
-    """What imports a module by a name that is computed, or a file as a program."""
+    """Calls that import a module by a computed name, or run a file as a program."""
     names = (n for n in ast.walk(tree) if isinstance(n, ast.Name | ast.Attribute))
     called = {n.id if isinstance(n, ast.Name) else n.attr for n in names}
     froms = (n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom))
@@ -162,12 +162,12 @@ LATE = (
 )
 
 
-def test_no_import_of_ours_hides_below_the_beginning_of_a_module() -> None:
+def test_imports_within_functions_are_declared() -> None:
     found = {path: hidden(tree) for path, tree in parsed() if not path.startswith(LATE)}
     assert {path: imports for path, imports in found.items() if imports} == {}
 
 
-def test_nothing_that_is_delivered_imports_tests_or_scripts() -> None:
+def test_packaged_code_imports_no_tests_or_scripts() -> None:
     found = [
         (path, name)
         for path, tree in parsed()

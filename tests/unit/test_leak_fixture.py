@@ -1,4 +1,4 @@
-"""The rules of conftest.py hold: a planted leak fails its test, a clean test passes."""
+"""The leak fixture of conftest.py: a planted leak fails its test, a clean test passes."""
 
 import os
 import re
@@ -123,7 +123,7 @@ def test_a_leak_fails_its_test(outcomes: dict[str, str], test: str, left: str) -
     assert re.match(rf"Failed: left behind: {left}\b", outcomes[test])
 
 
-def test_a_socket_left_behind_is_told_with_its_addresses_and_where_it_was_made(
+def test_a_leaked_socket_is_reported_with_its_addresses_and_origin(
     outcomes: dict[str, str],
 ) -> None:
     assert re.search(

@@ -1,4 +1,4 @@
-"""What is installed is the four packages and the configuration, and the lock files are whole."""
+"""The wheel contains only the packages and the configuration; the lock files are complete."""
 
 import re
 import subprocess
@@ -41,18 +41,18 @@ def tracked(package: str, pattern: str) -> set[str]:
     return {path.relative_to(ROOT).as_posix() for path in (ROOT / package).rglob(pattern)}
 
 
-def test_wheel_holds_the_four_packages_and_nothing_else(wheel_files: set[str]) -> None:
+def test_wheel_contains_only_the_packages(wheel_files: set[str]) -> None:
     assert {name.split("/")[0] for name in wheel_files} == PACKAGES
     sources = set().union(*(tracked(package, "*.py") for package in PACKAGES))
     assert {name for name in wheel_files if name.endswith(".py")} == sources
 
 
-def test_wheel_holds_the_configuration_inside_grasp(wheel_files: set[str]) -> None:
+def test_wheel_contains_the_configuration_inside_grasp(wheel_files: set[str]) -> None:
     config = {f"grasp/_{name}" for name in tracked("config", "*.toml")}
     assert {name for name in wheel_files if name.startswith("grasp/_config/")} >= config
 
 
-def test_wheel_holds_the_networks_and_the_heads_beside_them(wheel_files: set[str]) -> None:
+def test_wheel_contains_the_networks_and_their_auxiliary_outputs(wheel_files: set[str]) -> None:
     weights = tracked("detector/weights", "*.*")
     assert {"detector/weights/tcn.onnx", "detector/weights/tcn.auxiliary.json"} <= weights
     assert weights <= wheel_files
@@ -69,11 +69,11 @@ def normal(requirement: str) -> str:
     return re.split(r"[<>=!~ \[;]", requirement)[0].lower().replace("_", "-")
 
 
-def test_base_pins_are_those_of_dev() -> None:
+def test_base_pins_match_dev_pins() -> None:
     assert pins("base").items() <= pins("dev").items()
 
 
-def test_cluster_disagrees_with_nobody() -> None:
+def test_cluster_pins_match_the_others() -> None:
     base, dev, cluster = pins("base"), pins("dev"), pins("cluster")
     assert base.items() <= cluster.items()
     assert all(dev.get(name, version) == version for name, version in cluster.items())
@@ -81,13 +81,13 @@ def test_cluster_disagrees_with_nobody() -> None:
 
 @pytest.mark.parametrize("lock", ["base", "dev", "cluster"])
 def test_lock_names_every_requirement(lock: str) -> None:
-    wanted = list(PROJECT["dependencies"])
+    expected = list(PROJECT["dependencies"])
     if lock == "dev":
-        wanted += [*PROJECT["optional-dependencies"]["charts"]]
-        wanted += [*PROJECT["optional-dependencies"]["dev"]]
+        expected += [*PROJECT["optional-dependencies"]["charts"]]
+        expected += [*PROJECT["optional-dependencies"]["dev"]]
     if lock == "cluster":
-        wanted += PROJECT["optional-dependencies"]["cluster"]
-    assert {normal(requirement) for requirement in wanted} <= pins(lock).keys()
+        expected += PROJECT["optional-dependencies"]["cluster"]
+    assert {normal(requirement) for requirement in expected} <= pins(lock).keys()
     assert "hatchling" in pins(lock)  # the editable install builds with it
 
 
@@ -100,6 +100,6 @@ def test_every_pin_has_a_hash(lock: str) -> None:
 
 
 @pytest.mark.parametrize("lock", ["base", "dev", "cluster", "charts", "docs", "train"])
-def test_lock_names_no_place(lock: str) -> None:
+def test_lock_files_contain_no_local_paths(lock: str) -> None:
     text = LOCKS[lock].read_text()
     assert not re.search(r"://|--index|--extra-index|--find-links|@ file|^-", text, re.MULTILINE)

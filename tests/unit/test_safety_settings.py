@@ -93,7 +93,7 @@ LEAST: list[tuple[str, tuple[Any, ...], Callable[[Any, Any], bool], float]] = [
 ]  # fmt: skip
 
 # setting, two values of it, and what of the behaviour must equal it, within a tolerance
-SEEN: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
+OBSERVED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
     ("DriverSettings.write_interval_s", (0.02, 0.05), on_driver.between_writes_s, 0.0015),
     ("DriverSettings.refresh_hz", (100, 200),
      lambda v: 200 if on_driver.reads_before_a_write(v, 0.007) else 100, 0),
@@ -148,24 +148,24 @@ SEEN: list[tuple[str, tuple[Any, ...], Callable[[Any], Any], float]] = [
 ]  # fmt: skip
 
 
-def test_what_may_be_at_most_passes_up_to_the_setting_and_not_beyond() -> None:
+def test_upper_limits_take_effect_at_the_setting() -> None:
     for name, values, passes, beyond in MOST:
         for value in values:
             assert passes(value, value - beyond), name
             assert not passes(value, value + beyond), name
 
 
-def test_what_must_be_at_least_passes_down_to_the_setting_and_not_below() -> None:
+def test_lower_limits_take_effect_at_the_setting() -> None:
     for name, values, passes, beyond in LEAST:
         for value in values:
             assert passes(value, value + beyond), name
             assert not passes(value, value - beyond), name
 
 
-def test_what_is_seen_equals_the_setting() -> None:
-    for name, values, seen, within in SEEN:
+def test_observed_value_equals_the_setting() -> None:
+    for name, values, observed, within in OBSERVED:
         for value in values:
-            assert seen(value) == (pytest.approx(value, abs=within) if within else value), name
+            assert observed(value) == (pytest.approx(value, abs=within) if within else value), name
 
 
 # what of the behaviour equals a constant, its value, and a tolerance
@@ -173,7 +173,11 @@ CONSTANTS: list[tuple[Callable[[], float], float, float]] = [
     (on_grasp.held_under_alarms_s, 2.0, 0.1),
     (on_grasp.seconds_of_overload, 0.03, 0.011),
     (on_grasp.paused_for_nothing_s, 1.5, 0.011),
-    (lambda: on_grasp.reach_counts(force_limit_n=60.0, overshoot_n=20.0), 79 // (1.3 * 2.5), 0),
+    (
+        lambda: on_grasp.safe_travel_counts(force_limit_n=60.0, overshoot_n=20.0),
+        79 // (1.3 * 2.5),
+        0,
+    ),
     (on_grasp.worst_first_n, 1.0, 0.011),
     (lambda: on_grasp.at_the_top(0.00099), True, 0),
     (lambda: on_grasp.at_the_top(0.00101), False, 0),
@@ -181,13 +185,13 @@ CONSTANTS: list[tuple[Callable[[], float], float, float]] = [
 
 
 def test_constants_take_effect_at_their_values() -> None:
-    for number, (seen, value, within) in enumerate(CONSTANTS):
-        assert seen() == pytest.approx(value, abs=within), number
+    for number, (observed, value, within) in enumerate(CONSTANTS):
+        assert observed() == pytest.approx(value, abs=within), number
 
 
 @pytest.mark.parametrize("gap_s", [0.08, 0.12])
-def test_object_not_felt_for_too_long_is_not_set_down(
+def test_object_without_contact_for_too_long_is_not_set_down(
     gap_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("grasp.contact_estimator.LOST_NS", 10**9)  # no answer to lost contact
+    monkeypatch.setattr("grasp.contact_estimator.LOST_NS", 10**9)  # no response to lost contact
     assert on_grasp.lowered_after_gap(gap_s) == (gap_s < 0.1)

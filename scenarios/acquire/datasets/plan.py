@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Split
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, by_path, load, named_layer, read_toml, thing_layer
+from grasp.settings import Layer, is_path, item_layer, load, named_layer, read_toml
 from scenarios.acquire.config import (
     AcquireConfig,
     layout_file,
@@ -157,11 +157,11 @@ class _Named(msgspec.Struct, frozen=True):
 @cache
 def name_of(kind: str, word: str) -> str:
     """Name of a surface or object shape. Raises ConfigError for an unknown one."""
-    if not by_path(word):
+    if not is_path(word):
         named_layer(kind, word)
         return word
     section = {"surfaces": "surface", "object_shapes": "shape"}[kind]
-    return load(_Named, [Layer(word, thing_layer(kind, section, word).table[section])]).name
+    return load(_Named, [Layer(word, item_layer(kind, section, word).table[section])]).name
 
 
 def resolve_paths(value: Any, folder: Path) -> Any:
@@ -170,12 +170,12 @@ def resolve_paths(value: Any, folder: Path) -> Any:
         return {resolve_paths(k, folder): resolve_paths(v, folder) for k, v in value.items()}
     if isinstance(value, list):
         return [resolve_paths(each, folder) for each in value]
-    return str(folder / value) if isinstance(value, str) and by_path(value) else value
+    return str(folder / value) if isinstance(value, str) and is_path(value) else value
 
 
 def fingerprints(*words: str) -> dict[str, str]:
     """Digests of the files among these words, by path."""
-    files = [word for word in words if by_path(word)]
+    files = [word for word in words if is_path(word)]
     return {file: hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] for file in files}
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
-from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
+from grasp.settings import UNSEEN, item_layer, load, named_layer, names
 from scenarios.world import contact, laws
 from scenarios.world.objects import GraspObject, Name
 from scenarios.world.settings import (
@@ -88,7 +88,7 @@ class _Objects(msgspec.Struct, frozen=True):
 @cache
 def shape_ranges(name: str) -> ShapeRanges:
     """Ranges by the name in config/object_shapes, or the path of a file. Raises ConfigError."""
-    return load(_File, [thing_layer("object_shapes", "shape", name)]).shape
+    return load(_File, [item_layer("object_shapes", "shape", name)]).shape
 
 
 @cache

@@ -29,8 +29,10 @@ def gripper(
     fault: int = 0,
     requested: Counts3 | None = None,
 ) -> GripperState:
-    asked = positions if requested is None else requested
-    a, b, c = (FingerState(*f) for f in zip(asked, positions, (0, 0, 0), detections, strict=True))
+    requests = positions if requested is None else requested
+    a, b, c = (
+        FingerState(*f) for f in zip(requests, positions, (0, 0, 0), detections, strict=True)
+    )
     return GripperState(t_ns, 0, True, fault, "fault" if fault else "", fresh, (a, b, c))
 
 
@@ -48,16 +50,16 @@ def frame(count: int = 0, stale: bool = False) -> TactileFrame:
 
 
 def codes(k: int) -> Codes:
-    """Living fingertips: no two samples in a row are alike in any taxel."""
+    """Codes of normal fingertips: each taxel changes from sample to sample."""
     return (400 + (k + np.arange(18)) % 3).reshape(3, 6).astype(np.int16)
 
 
 def frame_of(raw: Codes, missed: int = 0) -> TactileFrame:
-    """The codes of a hand whose rest is 450."""
+    """Frame of these codes, with rest codes of 450."""
     return TactileFrame(0, 0, 0, raw - np.int16(450), raw, raw, raw, missed)
 
 
-def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
+def observation(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
     values: dict[str, object] = {
         "t_ns": t_ns,
         "probabilities": np.array([p, 0.0, 0.0]),
@@ -68,7 +70,7 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         "measured_n": (2.0, 1.0, 1.0),
         **changes,
     }
-    values.setdefault("felt_n", values["measured_n"])
+    values.setdefault("responsive_n", values["measured_n"])
     values.setdefault("faults", values.get("errors", ()))
     given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
     return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]

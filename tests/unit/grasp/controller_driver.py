@@ -1,4 +1,4 @@
-"""A controller, and a hand and an arm that obey it at once."""
+"""Driver of a controller with a hand and an arm that execute commands at once."""
 
 import msgspec
 
@@ -16,7 +16,7 @@ from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.slip_monitor import SlipMonitor, SlipSettings
 from grasp.states import State
-from tests.unit.grasp.builders import arm, gripper, seen
+from tests.unit.grasp.builders import arm, gripper, observation
 
 TICK = 10_000_000
 HEIGHT = 0.2
@@ -29,8 +29,8 @@ STIFF = Stiffness(1.9)  # as of a rigid object: a step is one count
 
 
 class Driver:
-    """Steps a controller through ticks of 10 ms, and has the hand obey at once: a finger told to a
-    position is there, a thumb told to close stops on the object."""
+    """Steps a controller in ticks of 10 ms. The hand executes commands at once: a moved finger
+    reaches its position, a closing thumb stops on the object."""
 
     grip = 55  # counts of every finger in the first grasp
     climbs_m = 0.05  # where the arm is while it climbs
@@ -45,7 +45,7 @@ class Driver:
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False
-        self.stopped = False  # the arm was told to, last
+        self.stopped = False  # the last command to the arm was a stop
         self.last_close: CloseFast | None = None
         self.reach: Counts3 | None = None
         self.end: int | None = None  # of the thumb
@@ -53,7 +53,7 @@ class Driver:
         self.commands: list[object] = []
 
     def hand(self, **changes: object) -> GripperState:
-        """The hand's status in the coming step."""
+        """The hand's status in the next step."""
         a, b, c = self.requested
         values: dict[str, object] = {"positions": (a, b, c)}
         if self.closed:
@@ -63,7 +63,7 @@ class Driver:
     def obey(self, command: object) -> None:
         if isinstance(command, MoveFingers):
             self.requested, self.closed = command.targets_counts, False
-        elif isinstance(command, CloseFast) and command.more:
+        elif isinstance(command, CloseFast) and command.first_stage:
             _, b, c = self.requested
             self.requested = (command.limits_counts[0], b, c)
             self.last_close = msgspec.structs.replace(command, closing=(True, False, False))
@@ -76,7 +76,7 @@ class Driver:
             self.stopped = isinstance(command, StopArm)
 
     def rest(self) -> None:
-        """Steps until nothing that was told before can set the hand going any more."""
+        """Step until no earlier command can still start the hand."""
         for _ in range(11):
             self.step()
 
@@ -85,9 +85,9 @@ class Driver:
         self.t_ns += TICK
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         changes.setdefault("last_close", self.last_close)
-        changes.setdefault("reach_counts", self.reach)
-        changes.setdefault("thumb_end", self.end)
-        decision = self.controller.step(seen(self.t_ns, p, **changes))
+        changes.setdefault("safe_travel_counts", self.reach)
+        changes.setdefault("thumb_limit_counts", self.end)
+        decision = self.controller.step(observation(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:
             self.obey(command)
@@ -101,7 +101,7 @@ class Driver:
         raise AssertionError(f"never reached {phase}, stuck in {self.controller.state}")
 
     def until_next(self, **changes: object) -> None:
-        """To the next transition, be it to the same state."""
+        """Step until the next transition, also one to the same state."""
         log = self.controller.machine.log
         entered = len(log)
         while len(log) == entered:
@@ -113,9 +113,9 @@ class Driver:
         return self
 
     def climb(self, p: float = 0.0, **changes: object) -> Decision:
-        """One step with the arm on its way up, or where it was stopped there to answer slip."""
-        stands = self.stopped and self.controller.state is State.COMPENSATE
-        there = arm(self.t_ns + TICK, self.climbs_m, moving=not stands)
+        """Make one step with the arm rising, or stopped by the slip response."""
+        stopped = self.stopped and self.controller.state is State.COMPENSATE
+        there = arm(self.t_ns + TICK, self.climbs_m, moving=not stopped)
         return self.step(p, arm=there, **changes)
 
     def slip(self) -> "Driver":

@@ -1,4 +1,4 @@
-"""All that a loop is made of, faked: devices, step and clock, and what it did with them."""
+"""Fake devices, step and clock of a control loop, which record its calls."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -7,22 +7,22 @@ from grasp.clock import VirtualClock
 from grasp.commands import Command, HoldFingers, StopArm
 from grasp.controller_settings import LoopSettings
 from grasp.loop import ControlLoop, Devices, Tick
-from grasp.safe_state import Missing
+from grasp.safe_state import Unconfirmed
 from grasp.states import State
-from tests.unit.grasp.builders import arm, frame, gripper, seen
+from tests.unit.grasp.builders import arm, frame, gripper, observation
 
 MS = 1_000_000
-LIMITS = {"stop_s", "abort_s", "spared_s"}
+LIMITS = {"stop_s", "abort_s", "observer_reserve_s"}
 
 
 class Bench:
-    """Everything that a loop is made of, and what it did with it."""
+    """A control loop with fake parts, and the calls that it made."""
 
     def __init__(self, *, wall: bool = False, own_thread: bool = False, **settings: float) -> None:
-        """``own_thread``: the hand has one, and takes a fallback."""
+        """``own_thread``: the gripper driver has a thread and takes a fallback."""
         self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
         self.clock.virtual = not wall
-        self.told: list[tuple[Any, ...]] = []  # to the devices, with the time
+        self.calls: list[tuple[Any, ...]] = []  # to the devices, with the time
         self.raises: dict[str, BaseException] = {}
         self.inputs: list[Any] = []
         self.decides: list[tuple[Command, ...]] = []  # a step each
@@ -32,10 +32,10 @@ class Bench:
         self.fallbacks: list[Any] = []  # a step each: the command, and its words
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, excused_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
-            aborted=lambda: (StopArm(2.0), HoldFingers()),
-            missing=lambda seen: Missing(
-                ("moves",) if seen.arm.moving else (), () if seen.hand_rests else ("moves",)
+            finished=False, arm_delay_ns=0.0, in_safe_state=False, state=State.LIFT, faults=(),
+            abort_commands=lambda: (StopArm(2.0), HoldFingers()),
+            unconfirmed_parts=lambda obs: Unconfirmed(
+                ("moves",) if obs.arm.moving else (), () if obs.hand_rests else ("moves",)
             ),
         )  # fmt: skip
         self.step: Any = SimpleNamespace(
@@ -72,21 +72,21 @@ class Bench:
         def act(*asked: Any) -> Any:
             if name in self.raises:
                 raise self.raises[name]
-            self.told.append((name, self.clock.now_ns, *asked))
+            self.calls.append((name, self.clock.now_ns, *asked))
             return f"applied {name}"
 
         return act
 
-    def _decide(self, told: Any) -> Any:
-        self.inputs.append(told)
+    def _decide(self, inputs: Any) -> Any:
+        self.inputs.append(inputs)
         commands = self.decides.pop(0) if self.decides else ()
-        observed = seen(told.t_ns, gripper=told.gripper, arm=told.arm)
+        observed = observation(inputs.t_ns, gripper=inputs.gripper, arm=inputs.arm)
         return SimpleNamespace(
             observation=observed, decision=SimpleNamespace(commands=commands), admitted=commands
         )
 
     def verbs(self) -> list[tuple[Any, ...]]:
-        return [(name, *asked) for name, _, *asked in self.told if "poll" not in name]
+        return [(name, *asked) for name, _, *asked in self.calls if "poll" not in name]
 
     def when(self, name: str) -> list[int]:
-        return [at for said, at, *_ in self.told if said == name]
+        return [at for called, at, *_ in self.calls if called == name]

@@ -1,4 +1,4 @@
-"""Where a setting of guard, controller or slip monitor takes effect: each alone, stepped."""
+"""Values at which settings of guard, controller and slip monitor take effect."""
 
 import math
 from typing import Any
@@ -22,33 +22,33 @@ def guard(**settings: Any) -> ForceGuard:
 
 
 def admitted(measured_n: float = 0.0, **settings: Any) -> CloseFast | None:
-    """What becomes of a close that asks for everything; None: the fingers hold."""
+    """The admitted form of a closing with maximal values; None if the fingers hold."""
     close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
-    answer = guard(**settings).admit(close, gripper(), (measured_n, 0.0, 0.0))
-    return answer if isinstance(answer, CloseFast) else None
+    admitted_command = guard(**settings).admit(close, gripper(), (measured_n, 0.0, 0.0))
+    return admitted_command if isinstance(admitted_command, CloseFast) else None
 
 
 def overshoot_n(**settings: Any) -> float:
-    """By which a close at the admitted speed passes the limit, at 2500 N/m and 0.1 kg."""
+    """Overshoot of a closing at the admitted speed, at 2500 N/m and 0.1 kg."""
     close = admitted(**settings)
     assert close is not None
     return close.speed_mps * math.sqrt(2500.0 * 0.1)
 
 
-def reach_counts(first_n: float = 0.0, **settings: Any) -> int:
+def safe_travel_counts(first_n: float = 0.0, **settings: Any) -> int:
     """Counts of 2.5 N that the thumb may close at any speed after a first grasp."""
     g = guard(**settings)
-    g.anchor((0, 0, 0), (first_n, 0.0, 0.0))
-    reach = g.reach(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
+    g.set_first_grasp((0, 0, 0), (first_n, 0.0, 0.0))
+    reach = g.safe_travel(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
     assert reach is not None
     return reach[0]
 
 
 def worst_first_n() -> float:
-    """By how much less than would reach limit and overshoot a first grasp has a count less."""
+    """Margin on the force of the first grasp at which the safe travel loses a count."""
     settings: dict[str, Any] = {"force_limit_n": 40.0, "overshoot_n": 1.0}
     steps = (n / 100 for n in range(200))
-    first_n = next(n for n in steps if reach_counts(n, **settings) < 12)
+    first_n = next(n for n in steps if safe_travel_counts(n, **settings) < 12)
     return 41.0 - 12 * 1.3 * 2.5 - first_n
 
 
@@ -66,13 +66,13 @@ def lifted(**settings: Any) -> Driver:
     return d
 
 
-def bears(force_n: float) -> tuple[float, float, float]:
-    """What the fingers measure of such a grip."""
+def grip_forces(force_n: float) -> tuple[float, float, float]:
+    """Measured forces of a grip, fingers A, B and C."""
     return force_n, force_n / 2, force_n / 2
 
 
 def near(**settings: Any) -> Driver:
-    """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
+    """Driver while lowering an object that slipped until the arm was 5 cm up."""
     d = Driver(hold_s=0.1, **settings).slip()
     while d.controller.state is State.COMPENSATE:
         d.climb()
@@ -83,9 +83,9 @@ def near(**settings: Any) -> Driver:
     return d
 
 
-def tightened(felt_n: float, **settings: Any) -> Driver:
-    """On its way down the thumb feels so much, until the arm is stopped, or for as long as that
-    takes to show in the level."""
+def tightened(measured_n: float, **settings: Any) -> Driver:
+    """Driver whose thumb measures ``measured_n`` while lowering, until the arm is stopped or the
+    filtered force has settled."""
     d = near(**settings)
     d.height_m = 0.02
     d.commands.clear()
@@ -93,28 +93,28 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
     for _ in range(80):
         if len(d.controller.machine.log) > entered:
             break
-        d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+        d.step(measured_n=grip_forces(measured_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
 
 
 def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
-    """The arm has stopped; the thumb feels so much, and after a step down so much."""
+    """Driver after a probe: the thumb measures ``first_n`` before and ``then_n`` after it."""
     d = tightened(first_n, **settings)
-    assert "tighter" in d.controller.machine.log[-1].cause
-    d.until_next(measured_n=bears(first_n))
-    d.until_next(measured_n=bears(then_n))
+    assert "tightened" in d.controller.machine.log[-1].cause
+    d.until_next(measured_n=grip_forces(first_n))
+    d.until_next(measured_n=grip_forces(then_n))
     return d
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:
-    """The first move shapes the hand, the second grasps."""
+    """Move number ``number`` of the fingers: 0 shapes the hand, 1 grasps."""
     d = Driver(**settings)
     d.until(State.BRACE)
     return [c for c in d.commands if isinstance(c, MoveFingers)][number]
 
 
 def arm_moved(number: int, **settings: Any) -> MoveArm:
-    """Up, down, clear."""
+    """Move number ``number`` of the arm: up, down, clear."""
     return [c for c in lifted(**settings).commands if isinstance(c, MoveArm)][number]
 
 
@@ -123,7 +123,7 @@ def risen_m(number: int, **settings: Any) -> float:
 
 
 def stopped_at_mps2(v: float) -> float:
-    """Of the arm, when a person stops the run and when a fault does."""
+    """Deceleration of the arm after a stop by a person and after a fault."""
     commands: list[object] = []
     for cause in ({"errors": LOST}, {"stop": STOP}):
         d = Driver(stop_deceleration_mps2=v).lift()
@@ -134,19 +134,19 @@ def stopped_at_mps2(v: float) -> float:
 
 
 def listened_s(**settings: Any) -> tuple[float, float]:
-    """From the fingers' rest to listening, and on to the lift."""
+    """Durations of settling and of taking the baseline, s."""
     d = Driver(**settings)
     d.until(State.SETTLE)
     began_ns = d.t_ns
     d.until(State.BASELINE)
-    assert d.controller.monitor.status.armed
+    assert d.controller.slip_monitor.status.armed
     armed_ns = d.t_ns
     d.until(State.LIFT)
     return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9
 
 
 def patience_s(v: float) -> float:
-    """How long slip goes on at a hand that rests before the object is set down."""
+    """Duration of slip with the hand at rest until the object is set down, s."""
     d = Driver(cap_patience_s=v).slip()
     began_ns = d.t_ns
     while d.controller.state is State.COMPENSATE:
@@ -169,12 +169,12 @@ def both_trusted(v: float, age_s: float) -> bool:
     return trusted.pop()
 
 
-def touches(v: float, felt_n: float) -> bool:
-    """Whether the arm lifts when the thumb feels so much."""
+def touches(v: float, measured_n: float) -> bool:
+    """Whether the arm lifts when the thumb measures ``measured_n``."""
     d = Driver(contact_n=v)
     d.until(State.BRACE)
     for _ in range(80):
-        d.step(measured_n=(felt_n, 0.0, 0.0))
+        d.step(measured_n=(measured_n, 0.0, 0.0))
     return d.controller.state is State.LIFT
 
 
@@ -187,7 +187,7 @@ def seconds_of_overload() -> float:
 
 
 def held_under_alarms_s() -> float:
-    """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
+    """Time of hold beyond ``hold_s`` at the cap with repeated alarms, s."""
     d = Driver(hold_s=0.5).slip()
     d.height_m = 0.2
     d.until(State.HOLD)
@@ -198,7 +198,7 @@ def held_under_alarms_s() -> float:
 
 
 def lowered_after_gap(gap_s: float) -> bool:
-    """Whether what was not felt for so long in the air, and then was again, is set down."""
+    """Whether an object is set down after a loss of contact of ``gap_s`` in the air."""
     d = Driver(hold_s=0.1).lift()
     for _ in range(round(gap_s * 1e9 / TICK)):
         d.climb(measured_n=(0.0, 0.0, 0.0))
@@ -225,7 +225,7 @@ def kept(keep: bool) -> bool:
 
 
 def paused_for_nothing_s() -> float:
-    """In all, while slip comes and goes at the cap."""
+    """Total pause of the arm while slip recurs at the cap, s."""
     d = Driver().slip()
     while d.controller.state is State.COMPENSATE:
         d.climb()

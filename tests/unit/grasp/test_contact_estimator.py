@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grasp.contact_estimator import ContactEstimator, Stiffness
-from tests.unit.grasp.builders import seen
+from tests.unit.grasp.builders import observation
 
 TICK = 10_000_000
 CONTACT_N = 0.3
@@ -14,57 +14,57 @@ WEAK = (0.1, 0.1, 0.1)
 
 
 def after(
-    *forces_n: tuple[float, float, float], airborne: bool = True, **told: object
+    *forces_n: tuple[float, float, float], airborne: bool = True, **changes: object
 ) -> ContactEstimator:
-    """One sample each."""
+    """Contact estimate after these samples, in N for fingers A, B and C."""
     contact = ContactEstimator(CONTACT_N)
     for n, force_n in enumerate(forces_n):
-        contact.update(seen(n * TICK, measured_n=force_n, **told), airborne)
+        contact.update(observation(n * TICK, measured_n=force_n, **changes), airborne)
     return contact
 
 
-def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
+def test_contact_of_the_thumb_is_lost_after_its_time() -> None:
     assert not after(GRIP, *[NOTHING] * 4).thumb_lost
     assert after(GRIP, *[NOTHING] * 5).thumb_lost
 
 
-def test_a_hand_that_feels_something_at_any_finger_has_not_lost_what_it_holds() -> None:
+def test_contact_at_any_finger_means_the_object_is_not_lost() -> None:
     assert not after(GRIP, *[NOTHING] * 9).lost
     assert after(GRIP, *[WEAK] * 5).lost
     assert not after(GRIP, *[WEAK] * 4).lost
 
 
-def test_contact_counts_from_its_least_force_on() -> None:
+def test_contact_begins_at_the_least_force() -> None:
     assert not after(*[(0.0, 0.0, CONTACT_N)] * 9).lost
     assert not after(*[(CONTACT_N, 0.0, 0.0)] * 9).thumb_lost
 
 
-def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
-    assert after(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).thumb_lost
-    assert not after(GRIP, *[GRIP] * 5, felt_n=WEAK).thumb_lost
+def test_unresponsive_taxels_give_no_contact_without_others() -> None:
+    assert after(GRIP, *[GRIP] * 5, responsive_n=(0.0, 0.1, 0.1)).thumb_lost
+    assert not after(GRIP, *[GRIP] * 5, responsive_n=WEAK).thumb_lost
 
 
 @pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])
-def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> None:
+def test_longest_gap_is_measured_only_in_the_air(airborne: bool, gap_ns: int) -> None:
     forces = (GRIP, *[NOTHING] * 3, GRIP, NOTHING, GRIP)
     assert after(*forces, airborne=airborne).longest_gap_ns == gap_ns
 
 
-def test_level_of_the_grip_follows_a_step_within_the_time_in_which_pads_relax() -> None:
-    """The thumb bears what all fingers measure, half of it."""
+def test_grip_force_follows_a_step_within_its_time_constant() -> None:
+    """The thumb's force is half the sum of all fingers."""
     assert after(*[GRIP] * 4).grip_n == pytest.approx(1.05, abs=0.01)
     assert after(*[GRIP] * 40).grip_n == pytest.approx(2.5, abs=0.02)
 
 
-def test_overload_lasts_since_force_was_last_within_the_limit() -> None:
+def test_overload_starts_when_force_leaves_the_limit() -> None:
     contact = after(GRIP)
     for n in range(1, 5):
-        contact.update(seen(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
+        contact.update(observation(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
     assert contact.overload_ns == 4 * TICK
 
 
 @given(rise_n=st.floats(-20, 60), per_count_n=st.floats(0.1, 8))
-def test_counts_are_the_most_that_keep_within_the_rise(rise_n: float, per_count_n: float) -> None:
+def test_counts_within_a_rise_are_maximal(rise_n: float, per_count_n: float) -> None:
     counts = Stiffness(per_count_n).counts_within(rise_n)
     assert counts * per_count_n <= max(0.0, rise_n) * (1 + 1e-12)
     assert (counts + 1) * per_count_n > rise_n

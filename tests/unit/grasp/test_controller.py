@@ -38,7 +38,7 @@ def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() ->
         for _ in range(80):
             now = d.hand(detections=detections, fresh=fresh)
             assert d.step(gripper=now, pending=pending).state is State.BRACE
-    assert not d.controller.monitor.status.armed
+    assert not d.controller.slip_monitor.status.armed
 
 
 def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
@@ -54,17 +54,17 @@ def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
     assert d.step().state is State.TARE
 
 
-def test_fingers_whose_first_command_was_lost_are_told_again() -> None:
+def test_lost_preshape_command_is_repeated() -> None:
     d = Driver()
     d.until(State.SHAPE)
-    told = d.commands.pop()
+    command = d.commands.pop()
     for _ in range(3):
         assert d.step(gripper=d.hand(positions=(0, 0, 0))).state is State.SHAPE
-        assert d.commands.pop() == told
+        assert d.commands.pop() == command
     assert d.step().state is State.TARE
 
 
-def test_rest_is_over_only_once_the_hand_rests_too() -> None:
+def test_tare_ends_only_once_the_hand_is_at_rest() -> None:
     d = Driver()
     d.until(State.TARE)
     assert d.step(gripper=d.hand(detections=MOVING)).state is State.TARE
@@ -98,10 +98,10 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     d.until(State.BRACE)
     resets = [d.step().reset_detector for _ in range(40)]
     assert resets.count(True) == 2  # at rest, and again when listening begins
-    assert d.controller.monitor.status.armed
+    assert d.controller.slip_monitor.status.armed
 
 
-def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the_object() -> None:
+def test_firm_grip_closes_to_the_cap_and_settles_once_the_thumb_has_stopped() -> None:
     d = Driver(firm=True)
     d.until(State.CLOSE)
     d.until_next()
@@ -117,21 +117,21 @@ def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the
     ]  # fmt: skip
 
 
-def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifted() -> None:
+def test_thumb_that_meets_no_object_in_a_firm_grip_is_a_fault_before_the_lift() -> None:
     d = Driver(firm=True)
     d.until(State.CLOSE)
     d.until_next()
     d.commands.clear()
     d.step(gripper=d.hand(positions=(255, 55, 55), detections=RESTING))
     assert d.controller.state is State.FAULT
-    assert "met nothing" in d.controller.fault_cause
+    assert "met no object" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
-def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() -> None:
+def test_first_grasp_is_set_only_when_the_arm_starts_to_rise() -> None:
     d = Driver()
     decisions = [d.step() for _ in range(90)]
-    assert [x.state for x in decisions if x.anchor] == [State.LIFT]
+    assert [x.state for x in decisions if x.first_grasp] == [State.LIFT]
 
 
 def test_finished_lift_sets_down_opens_and_retreats() -> None:
@@ -146,7 +146,7 @@ def test_finished_lift_sets_down_opens_and_retreats() -> None:
     assert [type(c) for c in d.commands] == [MoveArm, OpenFingers, MoveArm]
 
 
-def test_closed_hand_does_not_go_down_onto_the_next_object() -> None:
+def test_closed_hand_is_a_fault_before_the_arm_moves() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
     d.height_m = 0.05
     d.step(gripper=gripper(TICK, positions=(255, 55, 55)))
@@ -154,7 +154,7 @@ def test_closed_hand_does_not_go_down_onto_the_next_object() -> None:
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
-def test_arm_that_never_comes_to_the_top_is_a_fault_and_no_hold_without_end() -> None:
+def test_arm_that_never_reaches_the_top_is_a_fault() -> None:
     d = Driver(phase_timeout_s=1.0).slip()
     d.height_m = HEIGHT - 0.0015
     for _ in range(200):
@@ -172,7 +172,7 @@ def test_force_that_stays_above_the_limit_while_the_arm_moves_is_a_fault() -> No
     assert "force" in d.controller.fault_cause
 
 
-def test_force_above_the_limit_is_no_fault_while_the_arm_stands() -> None:
+def test_force_above_the_limit_is_no_fault_while_the_arm_is_at_rest() -> None:
     d = Driver(hold_s=1.0).lift()
     d.height_m = HEIGHT
     d.until(State.HOLD)
@@ -181,13 +181,13 @@ def test_force_above_the_limit_is_no_fault_while_the_arm_stands() -> None:
     assert d.controller.state is State.HOLD
 
 
-def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
+def test_missing_contact_is_a_fault_before_the_lift() -> None:
     d = Driver()
     d.until(State.BRACE, measured_n=(0.0, 0.0, 0.0))
     for _ in range(80):
         d.step(measured_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.FAULT
-    assert "feels nothing" in d.controller.fault_cause
+    assert "no contact" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
@@ -205,15 +205,15 @@ def test_next_run_begins_from_the_home_of_the_first_with_the_fingers_as_they_are
     d.until(State.BRACE)
 
 
-def test_gripper_that_already_holds_something_is_not_opened() -> None:
+def test_gripper_that_already_holds_an_object_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, detections=LATCHED))
     assert d.controller.state is State.FAULT
-    assert d.controller.fault_cause == "the hand is closed, and may hold something"
+    assert d.controller.fault_cause == "the hand is closed and may hold an object"
     assert d.commands == [StopArm(1.0)]
 
 
-def test_hand_that_may_hold_something_by_position_is_not_opened() -> None:
+def test_hand_that_may_hold_an_object_by_position_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, positions=(55, 55, 55)))
     assert d.controller.state is State.FAULT
@@ -222,7 +222,7 @@ def test_hand_that_may_hold_something_by_position_is_not_opened() -> None:
 
 
 @pytest.mark.parametrize("says", [Detection.CONTACT_OPENING, Detection.AT_TARGET])
-def test_arm_does_not_rise_with_fingers_that_stopped_on_their_way_open(says: Detection) -> None:
+def test_arm_does_not_retreat_if_the_fingers_are_not_open(says: Detection) -> None:
     d = released()
     d.commands.clear()
     d.step(gripper=d.hand(positions=(55, 55, 55), detections=(says,) * 3))
@@ -240,7 +240,7 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     assert cause == "phase grasp.brace lasted longer than 1 s: the fingers still move"
 
 
-def test_fingertips_that_fall_silent_once_the_hand_opens_are_no_fault() -> None:
+def test_stale_fingertips_are_no_fault_once_the_hand_opens() -> None:
     d = released()
     for _ in range(20):
         d.step(frame=frame(stale=True), gripper=d.hand(detections=MOVING))
@@ -259,7 +259,7 @@ def test_arm_is_clear_only_once_the_hand_rests_and_the_arm_is_up() -> None:
 
 
 def released() -> Driver:
-    """The hand has just been told to open, where the lift began."""
+    """Driver whose hand was just commanded to open, at the height where the lift began."""
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
     d.until(State.DESCEND)
@@ -286,7 +286,7 @@ def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: State) -> None:
     assert cause == f"phase {phase} lasted longer than 1 s: the arm has not arrived"
 
 
-def test_rest_counts_that_are_never_had_are_the_fingertips_fault() -> None:
+def test_missing_rest_counts_are_a_fault_of_the_fingertips() -> None:
     d = Driver(phase_timeout_s=1.0)
     d.until(State.TARE)
     for _ in range(110):

@@ -1,4 +1,4 @@
-"""Faults and people who stop: what the controller asks for then, and for how long."""
+"""Safe states of the controller: commands after faults and stops, and their duration."""
 
 import pytest
 
@@ -48,18 +48,18 @@ def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
     assert d.commands == [StopArm(1.0)]
 
 
-def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() -> None:
+def test_run_finishes_once_the_safe_state_is_confirmed() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     d.commands.clear()
     d.step()
-    assert not d.controller.finished  # what it was told before may still set the hand going
+    assert not d.controller.finished  # an earlier command may still start the hand
     d.rest()
     assert d.controller.finished
     assert d.commands == []
 
 
-def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
+def test_stop_is_repeated_until_the_arm_has_stopped() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     for _ in range(100):
@@ -71,13 +71,13 @@ def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
     assert d.controller.finished
 
 
-def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing() -> None:
+def test_unconfirmed_safe_state_ends_in_time_and_names_the_unconfirmed_parts() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     for _ in range(310):
         d.climb()
     assert d.controller.finished
-    assert d.controller.unreached == ("the arm still moves",)
+    assert d.controller.unconfirmed == ("the arm still moves",)
 
 
 FROZEN = failed("arm_frozen", seconds=0.4)
@@ -93,7 +93,7 @@ SILENT = failed("gripper_silent", seconds=0.16)
     ],
     ids=["alone", "after another check", "after an error"],
 )
-def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand(
+def test_implausible_arm_is_stopped_repeatedly_and_never_confirmed(
     change: dict[str, object],
 ) -> None:
     d = Driver().lift()
@@ -102,11 +102,11 @@ def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_t
         d.step()
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20
     assert d.controller.finished
-    assert "unknown" in d.controller.unreached[0]
+    assert "unknown" in d.controller.unconfirmed[0]
 
 
 @pytest.mark.parametrize("closes", [State.BRACE, State.CLOSE, "firmly"])
-def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(closes: str) -> None:
+def test_closing_hand_is_held_when_a_person_stops_the_run(closes: str) -> None:
     d = Driver(firm=closes == "firmly")
     d.until(State.BRACE if closes == State.BRACE else State.CLOSE)
     if closes == "firmly":
@@ -120,35 +120,35 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(cl
     assert d.controller.finished
 
 
-def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
+def test_internal_error_during_a_fault_in_the_air_does_not_end_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
-    assert [type(c) for c in d.controller.aborted()] == [StopArm, CloseFast]
+    assert [type(c) for c in d.controller.abort_commands()] == [StopArm, CloseFast]
 
 
 @pytest.mark.parametrize(
     "fault",
-    [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="leapt")],
+    [failed("arm_wrong_way", mm=50.0), failed("gripper_impossible", finger="A", how="jumped")],
 )
-def test_further_fault_in_a_safe_state_is_told_once_and_moves_nothing(fault: Fault) -> None:
+def test_later_fault_in_a_safe_state_is_reported_once_and_changes_no_command(fault: Fault) -> None:
     d = Driver().lift()
     d.step(faults=(SILENT,))
     d.commands.clear()
     for _ in range(20):
         d.step(faults=(failed("gripper_silent", seconds=0.3), fault))
     assert d.controller.faults == (SILENT,)
-    assert d.controller.further == (fault,)
+    assert d.controller.later_faults == (fault,)
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 
 
-def test_arm_that_is_not_believed_only_in_the_safe_state_is_not_said_to_stand() -> None:
+def test_arm_that_becomes_implausible_in_the_safe_state_is_not_confirmed() -> None:
     d = Driver().lift()
     d.step(errors=LOST, arm=arm(d.t_ns + TICK, 0.05, moving=True))
     d.step(faults=(failed("arm_wrong_way", mm=50.0),))
     assert not d.controller.finished
     for _ in range(310):
         d.step()
-    assert "unknown" in d.controller.unreached[0]
+    assert "unknown" in d.controller.unconfirmed[0]
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20
 
 
@@ -161,11 +161,11 @@ def test_fault_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase:
     for _ in range(20):
         d.step(faults=(frozen,), arm=arm(d.t_ns + TICK, 0.05, moving=True))
     assert d.controller.state is State.STOPPED
-    assert d.controller.further == (frozen,)
+    assert d.controller.later_faults == (frozen,)
     assert {type(c) for c in d.commands} == {StopArm}
 
 
-def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:
+def test_safe_state_is_not_requested_again_while_the_request_is_pending() -> None:
     d = Driver().lift()
     d.step(errors=LOST)
     d.commands.clear()
@@ -174,7 +174,7 @@ def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> 
     assert d.commands == []
 
 
-def test_gripper_that_comes_back_is_still_told_to_close() -> None:
+def test_gripper_that_reconnects_still_gets_the_closing() -> None:
     d = Driver().lift()
     d.step(errors=LOST, gripper_lost=True)
     for _ in range(8):
@@ -198,7 +198,7 @@ def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: State) ->
 
 
 @pytest.mark.parametrize("phase", [State.SHAPE, State.SETTLE, State.BASELINE, State.LIFT])
-def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State) -> None:
+def test_interruption_stops_the_arm_and_never_opens_a_grip(phase: State) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
     d.commands.clear()
@@ -207,4 +207,4 @@ def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: State
     assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is State.SHAPE else [])]
     d.rest()
     assert d.controller.finished
-    assert d.controller.unreached == ()
+    assert d.controller.unconfirmed == ()

@@ -1,11 +1,11 @@
-"""What a grasp is told beforehand: its defaults, and what an answer has no use for."""
+"""Settings of the controller: defaults, and settings that a slip response does not use."""
 
 import msgspec
 
 from grasp.controller_settings import ControllerSettings
 
 
-def test_defaults_are_those_that_every_result_was_found_with() -> None:
+def test_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(ControllerSettings()) == {
         "preshape_margin_counts": 15, "thumb_back_counts": 15, "approach_speed_mps": 0.11,
         "grip_speed_mps": 0.022, "grip_force_n": 10.0, "closing_speed_mps": 0.11,

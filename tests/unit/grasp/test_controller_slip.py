@@ -1,4 +1,4 @@
-"""Slip, lost contact and the hold: what the controller answers, and when it stops answering."""
+"""Slip, lost contact and hold: responses of the controller, and when they end."""
 
 import msgspec
 import pytest
@@ -13,7 +13,7 @@ from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 
 
-def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
+def test_registered_slip_closes_at_the_closing_speed_in_the_same_step() -> None:
     d = Driver().lift()
     d.climb(0.9)
     assert d.commands == []
@@ -22,7 +22,7 @@ def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
 
 
 REACH = (58, 57, 57)
-FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, more=True)
+FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, first_stage=True)
 TOP_UP = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
 
 
@@ -32,7 +32,7 @@ def staged() -> Driver:
     return d
 
 
-def test_known_reach_is_closed_to_at_full_speed_and_from_rest_there_slowly_to_the_cap() -> None:
+def test_closing_is_fast_within_safe_travel_and_then_slow_to_the_cap() -> None:
     d = staged().slip()
     assert d.commands == [FIRST]
     for _ in range(5):
@@ -46,13 +46,13 @@ def test_known_reach_is_closed_to_at_full_speed_and_from_rest_there_slowly_to_th
     assert d.commands == [FIRST, TOP_UP]
 
 
-def test_both_stages_are_one_answer_though_slip_ends_between_them() -> None:
+def test_both_stages_are_one_response_although_slip_ends_between_them() -> None:
     d = staged().slip()
     for _ in range(40):
         d.climb(0.0)
     assert d.commands == [FIRST, TOP_UP]
     assert d.controller.response.closings == 1
-    assert len(d.controller.monitor.events) == 1
+    assert len(d.controller.slip_monitor.events) == 1
     assert d.controller.state is State.LIFT
 
 
@@ -64,14 +64,14 @@ def test_thumb_that_meets_the_cap_in_the_first_stage_needs_no_second() -> None:
     assert d.controller.state is State.LIFT
 
 
-def test_first_stage_whose_top_up_is_overloaded_is_left_at_that() -> None:
+def test_overload_after_the_first_stage_prevents_the_second() -> None:
     d = staged().slip()
     for _ in range(2):
         d.climb(0.9, overloaded=True)
     assert d.commands == [FIRST]
 
 
-def test_contact_lost_in_the_first_stage_is_sought_at_the_speed_that_the_guard_allows() -> None:
+def test_contact_lost_in_the_first_stage_gives_one_stage_at_the_closing_speed() -> None:
     d = staged().slip()
     for _ in range(10):
         d.climb(gripper=d.hand(detections=MOVING), measured_n=(0.0, 0.0, 0.0))
@@ -80,7 +80,7 @@ def test_contact_lost_in_the_first_stage_is_sought_at_the_speed_that_the_guard_a
     assert d.controller.state is State.COMPENSATE
 
 
-def test_second_answer_has_no_reach_left_and_rises_slowly() -> None:
+def test_second_response_has_no_safe_travel_left_and_closes_slowly() -> None:
     d = staged().slip()
     for _ in range(30):
         d.climb()
@@ -91,7 +91,7 @@ def test_second_answer_has_no_reach_left_and_rises_slowly() -> None:
     assert d.commands == [TOP_UP]
 
 
-def test_own_closing_cannot_trigger_itself() -> None:
+def test_closing_is_masked_and_does_not_trigger_slip() -> None:
     d = Driver().slip()
     d.commands.clear()
     for _ in range(10):
@@ -102,10 +102,10 @@ def test_own_closing_cannot_trigger_itself() -> None:
         d.climb(0.0, gripper=d.hand(detections=LATCHED))
     assert [type(c) for c in d.commands] == [MoveArm]  # on up
     assert d.controller.state is State.LIFT
-    assert len(d.controller.monitor.events) == 1
+    assert len(d.controller.slip_monitor.events) == 1
 
 
-def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowers() -> None:
+def test_slip_that_continues_at_the_cap_lowers_the_object() -> None:
     d = Driver().slip()
     d.commands.clear()
     since = d.t_ns
@@ -117,7 +117,7 @@ def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowe
     assert [type(c) for c in d.commands] == [MoveArm]
 
 
-def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> None:
+def test_hold_by_clock_sets_down_in_time_although_slip_stays_registered() -> None:
     d = Driver(slip_response="close", hold_by_clock=True, hold_s=0.5).slip()
     d.commands.clear()
     while d.controller.state is State.COMPENSATE:
@@ -132,7 +132,7 @@ def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> N
     assert d.controller.alarm_stayed and not d.controller.cap_reached
 
 
-def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> None:
+def test_hold_by_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> None:
     d = Driver(hold_by_clock=True, hold_s=5.0).slip()
     while d.controller.state is State.COMPENSATE:
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
@@ -141,7 +141,7 @@ def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap()
     assert d.controller.state is State.LOST
 
 
-def test_hold_begins_anew_after_slip_was_answered() -> None:
+def test_hold_restarts_after_a_slip_response() -> None:
     d = Driver(hold_s=0.5).lift()
     d.height_m = HEIGHT
     d.until(State.HOLD)
@@ -152,15 +152,15 @@ def test_hold_begins_anew_after_slip_was_answered() -> None:
     assert d.t_ns - began_ns == 500_000_000
 
 
-def test_reactions_off_notes_slip_and_does_nothing() -> None:
+def test_reactions_off_records_slip_without_a_response() -> None:
     d = Driver(reactions=False).lift()
     for _ in range(10):
         d.climb(0.9)
     assert d.commands == []
-    assert d.controller.monitor.events
+    assert d.controller.slip_monitor.events
 
 
-def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() -> None:
+def test_closing_without_contact_is_a_lost_object_and_lowers_nothing() -> None:
     d = Driver().slip()
     empty = d.hand(positions=(255, 55, 55), requested=(255, 55, 55), detections=RESTING)
     for _ in range(20):
@@ -171,7 +171,7 @@ def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() ->
     assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
-def test_contact_lost_on_the_way_down_stops_the_arm() -> None:
+def test_contact_lost_while_lowering_stops_the_arm() -> None:
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
     d.until(State.DESCEND)
@@ -182,7 +182,7 @@ def test_contact_lost_on_the_way_down_stops_the_arm() -> None:
     assert isinstance(d.commands[0], StopArm)
 
 
-def test_thumb_that_feels_nothing_on_the_way_down_is_no_loss_while_the_others_do() -> None:
+def test_thumb_without_contact_while_lowering_is_no_loss_if_others_have_contact() -> None:
     d = Driver(hold_s=0.1).lift()
     d.height_m = HEIGHT
     d.until(State.DESCEND)
@@ -191,7 +191,7 @@ def test_thumb_that_feels_nothing_on_the_way_down_is_no_loss_while_the_others_do
     assert d.controller.state is State.DESCEND
 
 
-def test_close_that_could_do_nothing_is_not_sent() -> None:
+def test_closing_without_effect_is_not_sent() -> None:
     d = Driver().slip()
     for _ in range(40):
         d.climb(0.0)
@@ -204,7 +204,7 @@ def test_close_that_could_do_nothing_is_not_sent() -> None:
     assert d.controller.response.closings == 1
 
 
-def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -> None:
+def test_repeated_alarms_at_the_cap_extend_the_hold_by_a_bounded_time() -> None:
     d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns
@@ -214,7 +214,7 @@ def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -
     assert d.controller.response.closings == 1
 
 
-def test_alarms_under_a_force_that_admits_no_closing_cannot_prolong_the_hold_for_ever() -> None:
+def test_repeated_alarms_under_overload_extend_the_hold_by_a_bounded_time() -> None:
     d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns
@@ -223,7 +223,7 @@ def test_alarms_under_a_force_that_admits_no_closing_cannot_prolong_the_hold_for
     assert d.t_ns - began < 3_500_000_000
 
 
-def test_slip_that_a_closing_can_still_answer_is_answered_however_long_it_comes_and_goes() -> None:
+def test_repeated_slip_gets_a_response_as_long_as_a_closing_has_effect() -> None:
     d = Driver(hold_s=0.5).slip()
     d.height_m = HEIGHT
     began = d.t_ns

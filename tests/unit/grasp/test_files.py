@@ -1,4 +1,4 @@
-"""Files that are whole or not there, private, or held by one process."""
+"""Atomic writing, private folders and lock files."""
 
 import os
 from pathlib import Path
@@ -10,21 +10,21 @@ from grasp.files import Holder, locked, make_private_folder, write_whole
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
-def test_a_file_takes_the_place_of_what_stood_there_and_leaves_nothing_beside(
+def test_writing_replaces_a_file_and_leaves_no_partial_file(
     private: bool, mode: int, tmp_path: Path
 ) -> None:
     before = os.umask(0o022)
     try:
         for content in (b"first", b"second"):
-            write_whole(tmp_path / "told.json", content, private)
-            assert (tmp_path / "told.json").read_bytes() == content
+            write_whole(tmp_path / "new.json", content, private)
+            assert (tmp_path / "new.json").read_bytes() == content
     finally:
         os.umask(before)
-    assert (tmp_path / "told.json").stat().st_mode & 0o777 == mode
-    assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
+    assert (tmp_path / "new.json").stat().st_mode & 0o777 == mode
+    assert [path.name for path in tmp_path.iterdir()] == ["new.json"]
 
 
-def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) -> None:
+def test_missing_parent_folders_are_made_private(tmp_path: Path) -> None:
     tmp_path.chmod(0o755)
     make_private_folder(tmp_path / "runs" / "lift")
     make_private_folder(tmp_path / "runs" / "lift")
@@ -38,7 +38,7 @@ def refused(holder: Holder | None) -> GraspError:
     return Refused("somebody" if holder is None else f"{holder.pid}: {holder.command}", "wait")
 
 
-def test_who_comes_second_is_told_which_process_holds_it_and_later_gets_it(tmp_path: Path) -> None:
+def test_second_process_is_refused_with_the_holder_and_later_gets_the_lock(tmp_path: Path) -> None:
     file = tmp_path / "cell.lock"
     with locked(file, 0o600, refused):
         assert file.stat().st_mode & 0o777 == 0o600

@@ -1,4 +1,4 @@
-"""The force guard: what it lets through, sampled densely around the limit."""
+"""The force guard: admitted commands, sampled densely around the limit."""
 
 import math
 
@@ -32,22 +32,22 @@ def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> Close
     return CloseFast(force_n, ALL, (limit, limit, limit), speed)
 
 
-@pytest.mark.parametrize("asked_n", AROUND_THE_LIMIT)
-def test_no_force_above_the_limit_is_admitted(asked_n: float) -> None:
-    admitted = guard().admit(close(asked_n), gripper(), NO_FORCE)
+@pytest.mark.parametrize("requested_n", AROUND_THE_LIMIT)
+def test_no_force_above_the_limit_is_admitted(requested_n: float) -> None:
+    admitted = guard().admit(close(requested_n), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
-    assert admitted.force_cap_n == min(asked_n, 10.0)
-    moved = guard().admit(MoveFingers((60, 60, 60), 0.05, asked_n), gripper(), NO_FORCE)
+    assert admitted.force_cap_n == min(requested_n, 10.0)
+    moved = guard().admit(MoveFingers((60, 60, 60), 0.05, requested_n), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers)
-    assert moved.force_n == min(asked_n, 10.0)
+    assert moved.force_n == min(requested_n, 10.0)
 
 
 def test_first_stage_of_a_closing_stays_one() -> None:
     for more in (False, True):
-        asked = msgspec.structs.replace(close(), more=more)
-        admitted = guard().admit(asked, gripper(), NO_FORCE)
+        requested = msgspec.structs.replace(close(), first_stage=more)
+        admitted = guard().admit(requested, gripper(), NO_FORCE)
         assert isinstance(admitted, CloseFast)
-        assert admitted.more is more
+        assert admitted.first_stage is more
 
 
 def test_calibration_that_cannot_keep_the_limit_is_refused_with_the_remedy() -> None:
@@ -107,33 +107,33 @@ def test_with_travel_bound_nothing_closes_before_a_first_grasp_is_known() -> Non
     first_n=st.floats(0, 12),
     stiffness=st.floats(600, 10_000),
     target=st.integers(0, 255),
-    anchor=st.integers(0, 200),
+    position=st.integers(0, 200),
 )
-def test_no_target_lies_beyond_the_position_where_the_force_reaches_the_limit(
-    first_n: float, stiffness: float, target: int, anchor: int
+def test_no_target_is_beyond_the_position_of_the_force_limit(
+    first_n: float, stiffness: float, target: int, position: int
 ) -> None:
     g = guard(travel_bound=True, contact_stiffness_npm=stiffness, cap_mode="each_motor")
-    g.anchor((anchor, anchor, anchor), (first_n, first_n, first_n))
+    g.set_first_grasp((position, position, position), (first_n, first_n, first_n))
     admitted = g.admit(close(limit=target), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     for limit in admitted.limits_counts:
-        travel_m = max(0, limit - anchor) * 0.00077
+        travel_m = max(0, limit - position) * 0.00077
         assert first_n + stiffness * travel_m <= max(10.0, first_n) + 1e-9
         assert limit <= target
 
 
 def test_move_is_bounded_by_position_as_a_closing_is() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     closing = g.admit(close(), gripper(), NO_FORCE)
     moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
     assert isinstance(closing, CloseFast) and isinstance(moving, MoveFingers)
     assert moving.targets_counts == closing.limits_counts < (70, 70, 70)
 
 
-def test_finger_whose_grasp_was_above_the_limit_stays_where_it_is() -> None:
+def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (12.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (12.0, 1.0, 1.0))
     admitted = g.admit(close(), gripper(), NO_FORCE)
     assert isinstance(admitted, CloseFast)
     assert admitted.limits_counts[0] == 55
@@ -158,38 +158,38 @@ def test_every_finger_has_its_own_limit_of_measured_force(
         assert isinstance(admitted, HoldFingers) is stops
 
 
-def test_least_speed_that_just_keeps_the_overshoot_is_accepted() -> None:
+def test_least_speed_at_the_allowed_overshoot_is_accepted() -> None:
     fastest_mps = guard().closing_speed_mps
     ForceGuard(GuardSettings(), 10.0, RIGID, fastest_mps)
     with pytest.raises(ConfigError, match="overshoot_n"):
         ForceGuard(GuardSettings(), 10.0, RIGID, math.nextafter(fastest_mps, 1.0))
 
 
-def speed(g: ForceGuard, targets: Counts3, asked_mps: float = 0.11) -> float:
-    moved = g.admit(MoveFingers(targets, asked_mps, 10.0), gripper(), FIRST_N)
-    closed = g.admit(CloseFast(10.0, ALL, targets, asked_mps), gripper(), FIRST_N)
+def speed(g: ForceGuard, targets: Counts3, requested_mps: float = 0.11) -> float:
+    moved = g.admit(MoveFingers(targets, requested_mps, 10.0), gripper(), FIRST_N)
+    closed = g.admit(CloseFast(10.0, ALL, targets, requested_mps), gripper(), FIRST_N)
     assert isinstance(moved, MoveFingers) and isinstance(closed, CloseFast)
     assert moved.speed_mps == closed.speed_mps
     return moved.speed_mps
 
 
-def anchored(**changes: object) -> ForceGuard:
+def after_first_grasp(**changes: object) -> ForceGuard:
     g = guard(**changes)
-    g.anchor((55, 55, 55), FIRST_N)
+    g.set_first_grasp((55, 55, 55), FIRST_N)
     return g
 
 
-def test_every_finger_command_obeys_one_law_of_speed() -> None:
-    g = anchored()
-    reach = g.reach(gripper(), FIRST_N)
+def test_speed_is_limited_equally_for_moves_and_closings() -> None:
+    g = after_first_grasp()
+    reach = g.safe_travel(gripper(), FIRST_N)
     assert reach is not None and reach[0] == 58
     slow = g.closing_speed_mps
     assert [speed(g, (a, 55, 55)) for a in (20, 55, 58, 59, 255)] == [0.11, 0.11, 0.11, slow, slow]
     assert speed(g, (255, 55, 55), 0.03) == 0.03
 
 
-def test_fingers_that_a_closing_leaves_alone_do_not_slow_it() -> None:
-    g = anchored()
+def test_fingers_that_do_not_close_do_not_limit_the_speed() -> None:
+    g = after_first_grasp()
     admitted = g.admit(CloseFast(10.0, ALL, (58, 255, 255), 0.11), gripper(), FIRST_N)
     assert isinstance(admitted, CloseFast)
     assert admitted.speed_mps == 0.11
@@ -198,47 +198,47 @@ def test_fingers_that_a_closing_leaves_alone_do_not_slow_it() -> None:
     assert moved.speed_mps == g.closing_speed_mps
 
 
-def test_before_the_first_grasp_only_where_nothing_is_touched_may_be_fast() -> None:
+def test_before_the_first_grasp_only_free_motion_is_fast() -> None:
     g = ForceGuard(GuardSettings(), 10.0, RIGID, free_counts=(25, 40, 40))
-    assert g.reach(gripper(), FIRST_N) is None
+    assert g.safe_travel(gripper(), FIRST_N) is None
     slow = g.closing_speed_mps
     assert [speed(g, (a, 40, 40)) for a in (25, 26)] == [0.11, slow]
 
 
-def test_motors_that_press_at_once_have_no_reach() -> None:
-    assert anchored(cap_mode="each_motor").reach(gripper(), FIRST_N) is None
+def test_each_motor_mode_has_no_safe_travel() -> None:
+    assert after_first_grasp(cap_mode="each_motor").safe_travel(gripper(), FIRST_N) is None
 
 
 @given(
     first_n=st.floats(0, 12), stiffness=st.floats(600, 10_000), stiffer=st.floats(1.0, 1.3),
     stronger_n=st.floats(0.0, 1.0), overshoot_n=st.floats(0.8, 2.0),
 )  # fmt: skip
-def test_reach_keeps_the_limit_as_stated_and_the_overshoot_if_contact_and_grasp_are_worse(
+def test_safe_travel_keeps_the_limit_and_with_margins_the_overshoot(
     first_n: float, stiffness: float, stiffer: float, stronger_n: float, overshoot_n: float
 ) -> None:
     g = guard(contact_stiffness_npm=stiffness, overshoot_n=overshoot_n)
     measured_n = (first_n, first_n / 2, first_n / 2)
-    g.anchor((55, 55, 55), measured_n)
-    reach = g.reach(gripper(), measured_n)
+    g.set_first_grasp((55, 55, 55), measured_n)
+    reach = g.safe_travel(gripper(), measured_n)
     assert reach is not None
     rise_n = (reach[0] - 55) * M_PER_COUNT * stiffness
     assert rise_n == 0 or first_n + rise_n <= 10.0 + 1e-9
     assert rise_n == 0 or first_n + stronger_n + stiffer * rise_n <= 10.0 + overshoot_n + 1e-9
 
 
-def test_reach_is_far_enough_to_be_worth_it() -> None:
-    assert anchored().reach(gripper(), FIRST_N) == (58, 58, 58)
+def test_safe_travel_is_useful_on_the_can() -> None:
+    assert after_first_grasp().safe_travel(gripper(), FIRST_N) == (58, 58, 58)
     soft = ForceGuard(GuardSettings(), 10.0, Stiffness(0.55))
-    soft.anchor((53, 54, 54), FIRST_N)
-    assert soft.reach(gripper(), FIRST_N) == (64, 66, 66)
+    soft.set_first_grasp((53, 54, 54), FIRST_N)
+    assert soft.safe_travel(gripper(), FIRST_N) == (64, 66, 66)
 
 
-def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
-    g = anchored()
-    assert g.reach(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
-    assert g.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
+def test_unexplained_rise_of_force_reduces_the_safe_travel() -> None:
+    g = after_first_grasp()
+    assert g.safe_travel(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
+    assert g.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
     closed = gripper(positions=(57, 55, 55))
-    assert g.reach(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
+    assert g.safe_travel(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
 
 
 @pytest.mark.parametrize(
@@ -246,16 +246,16 @@ def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
     [({}, None), ({"travel_bound": True}, 59),
      ({"travel_bound": True, "cap_mode": "each_motor"}, None)],
 )  # fmt: skip
-def test_last_count_of_a_thumb_that_closes_alone_is_told_where_position_bounds_it(
+def test_thumb_limit_is_known_only_with_travel_bound_and_a_thumb_that_closes_alone(
     changes: dict[str, object], end: int | None
 ) -> None:
-    assert guard(travel_bound=True).thumb_end is None  # no first grasp is known yet
-    assert anchored(**changes).thumb_end == end
+    assert guard(travel_bound=True).thumb_limit_counts is None  # no first grasp is known yet
+    assert after_first_grasp(**changes).thumb_limit_counts == end
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
-    g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
+    g.set_first_grasp((55, 55, 55), (2.0, 1.0, 1.0))
     limits = [g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)]
     assert len({c.limits_counts for c in limits if isinstance(c, CloseFast)}) == 1
 
@@ -266,7 +266,7 @@ def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
     assert g.measured_n((16.0, 160.0, 320.0)) == (0.0, 0.0, 0.0)
 
 
-def test_defaults_are_those_that_every_result_rests_on() -> None:
+def test_guard_defaults_match_the_published_results() -> None:
     assert msgspec.structs.asdict(GuardSettings()) == {
         "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
         "contact_stiffness_npm": 2500.0,
@@ -283,7 +283,7 @@ def test_thumb_of_a_full_grip_carries_the_sum_of_both_others(mode: str, grip_n: 
 
 
 @pytest.mark.parametrize("targets", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
-def test_where_no_count_is_known_to_be_free_no_finger_closes_fast(targets: Counts3) -> None:
+def test_without_free_counts_no_finger_closes_fast(targets: Counts3) -> None:
     g = guard()
     moved = g.admit(MoveFingers(targets, 0.11, 10.0), gripper(), NO_FORCE)
     assert isinstance(moved, MoveFingers) and moved.speed_mps == g.closing_speed_mps
@@ -292,25 +292,25 @@ def test_where_no_count_is_known_to_be_free_no_finger_closes_fast(targets: Count
     assert isinstance(thumb, CloseFast) and thumb.speed_mps == 0.11
 
 
-def test_overshoot_that_cannot_be_kept_is_refused_with_the_least_that_can() -> None:
+def test_impossible_overshoot_is_refused_with_the_least_possible_one() -> None:
     settings = GuardSettings(contact_stiffness_npm=2500.0, tip_mass_kg=0.1)
     with pytest.raises(ConfigError, match="overshoot_n") as caught:
         ForceGuard(settings, 10.0, RIGID, least_speed_mps=0.1)
     assert caught.value.remedy == f"allowed: guard.overshoot_n >= {0.1 * math.sqrt(250.0):.2f}"
 
 
-def test_reach_is_that_of_the_grip_as_it_has_grown_up_to_the_limit_itself() -> None:
-    assert anchored().reach(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
-    generous = anchored(overshoot_n=5.0)  # what the limit alone allows decides
-    assert generous.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
+def test_safe_travel_with_an_unexplained_force_ends_at_the_limit() -> None:
+    assert after_first_grasp().safe_travel(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
+    generous = after_first_grasp(overshoot_n=5.0)  # what the limit alone allows decides
+    assert generous.safe_travel(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
 
 
-def test_end_of_the_thumb_is_its_own() -> None:
+def test_thumb_limit_depends_only_on_the_thumb() -> None:
     g = guard(travel_bound=True)
-    g.anchor((50, 60, 70), FIRST_N)
-    assert g.thumb_end == 54
+    g.set_first_grasp((50, 60, 70), FIRST_N)
+    assert g.thumb_limit_counts == 54
 
 
-def test_limit_of_each_motor_is_told_with_the_double_that_the_thumb_bears() -> None:
+def test_each_motor_limit_is_described_with_the_double_force_of_the_thumb() -> None:
     assert "20 N" in limit_in_words(10.0, "each_motor")
     assert "20 N" not in limit_in_words(10.0, "every_finger")

@@ -1,4 +1,4 @@
-"""Where no step can be taken any more: each device is made safe by itself, and seen to be."""
+"""Abort where no step is possible: each device is commanded separately until it confirms."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from tests.unit.grasp.loop_bench import MS, Bench
 RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
 
 
-def test_abort_tells_each_device_by_itself_whatever_the_others_do() -> None:
+def test_abort_commands_each_device_although_others_fail() -> None:
     bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.decides = [(RISE,)]
@@ -43,7 +43,7 @@ def test_an_abort_waits_for_a_hand_that_moves(
     assert bench.clock.now_ns == 10**9 + 210 * MS
 
 
-def test_an_abort_believes_no_state_from_before_it() -> None:
+def test_abort_ignores_states_from_before_it() -> None:
     bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.hand.state, bench.arm.state = gripper(10**9), arm(10**9)
@@ -56,7 +56,7 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
 
 @pytest.mark.parametrize("bug", [SystemExit(0), KeyboardInterrupt(), ValueError("a bug")], ids=repr)
 @pytest.mark.parametrize("device", ["arm poll", "gripper poll", "board poll", "hold"])
-def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, device: str) -> None:
+def test_abort_stops_the_arm_although_devices_raise(bug: BaseException, device: str) -> None:
     bench = Bench(abort_s=0.2)
     bench.loop.tick()
     bench.clock.sleep_until_ns(bench.clock.now_ns + 5 * MS)  # so that the arm is asked first
@@ -66,9 +66,12 @@ def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, d
     assert ("hold",) in bench.verbs() or device == "hold"
 
 
-def test_an_abort_ends_once_arm_and_hand_obey_and_begins_no_closing_again() -> None:
+def test_abort_ends_once_confirmed_and_does_not_restart_a_closing() -> None:
     bench = Bench(abort_s=0.3)
-    bench.controller.aborted = lambda: (StopArm(2.0), CloseFast(9.0, (True,) * 3, (9, 9, 9), 0.1))
+    bench.controller.abort_commands = lambda: (
+        StopArm(2.0),
+        CloseFast(9.0, (True,) * 3, (9, 9, 9), 0.1),
+    )
     bench.loop.tick()
     bench.arm.state = arm(2 * 10**9)
     bench.hand.state = gripper(2 * 10**9, detections=(REST, Detection.MOVING, REST))

@@ -1,10 +1,10 @@
-"""What follows from what a step was told: whether the hand rests, and stands at the cap."""
+"""Properties of an observation: whether the hand is at rest, and whether it is at the cap."""
 
 from typing import Any
 
 from drivers.interfaces import Detection
 from grasp.commands import CloseFast
-from tests.unit.grasp.builders import gripper, seen
+from tests.unit.grasp.builders import gripper, observation
 from tests.unit.grasp.controller_driver import LATCHED, MOVING
 
 THUMB = CloseFast(10.0, (True, False, False), (60, 255, 255), 0.06)
@@ -25,6 +25,6 @@ CAPS: list[tuple[str, dict[str, Any], bool]] = [
 ]
 
 
-def test_hand_is_at_the_cap_where_another_closing_would_do_nothing() -> None:
-    for name, told, at_cap in CAPS:
-        assert seen(0, **told).at_cap is at_cap, name
+def test_hand_is_at_the_cap_if_another_closing_has_no_effect() -> None:
+    for name, inputs, at_cap in CAPS:
+        assert observation(0, **inputs).at_cap is at_cap, name

@@ -26,27 +26,29 @@ def another_thread() -> Iterator[int]:
         thread.join()
 
 
-def test_every_thread_is_asked_to_run_before_ordinary_ones_and_then_to_be_as_it_was(
+def test_every_thread_gets_priority_and_later_its_former_policy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked: list[tuple[int, int, int]] = []
+    calls: list[tuple[int, int, int]] = []
     monkeypatch.setattr(
         os, "sched_setscheduler",
-        lambda thread, policy, of: asked.append((thread, policy, of.sched_priority)),
+        lambda thread, policy, of: calls.append((thread, policy, of.sched_priority)),
     )  # fmt: skip
     with another_thread() as other:
         before = policy()
         with real_time(RealTimeSettings(priority=7)) as granted:
             assert granted
-            raised = {thread for thread, _, _ in asked}
+            raised = {thread for thread, _, _ in calls}
             assert {threading.get_native_id(), other} <= raised
-            assert {of[1:] for of in asked} == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 7)}
-            asked.clear()
-        assert {thread for thread, _, _ in asked} == raised
-        assert (threading.get_native_id(), before, 0) in asked
+            assert {of[1:] for of in calls} == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 7)}
+            calls.clear()
+        assert {thread for thread, _, _ in calls} == raised
+        assert (threading.get_native_id(), before, 0) in calls
 
 
-def test_a_refusal_is_told_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_priority_is_reported_and_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 

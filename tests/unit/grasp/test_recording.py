@@ -1,4 +1,4 @@
-"""Recordings: what goes in comes out, the same bytes each time, whatever the disk does."""
+"""Recordings: written messages are read back, with equal bytes each time; full disks; damage."""
 
 import math
 import os
@@ -23,7 +23,7 @@ class Side(IntEnum):
 
 
 class Finger(msgspec.Struct, frozen=True):
-    """One finger."""
+    """Values of one finger."""
 
     force_n: float
     side: Side
@@ -65,7 +65,7 @@ def record(path: Path, count: int = 100, chunk_size: int = 4096) -> list[tuple[s
     return written
 
 
-def test_what_goes_in_comes_out(tmp_path: Path) -> None:
+def test_written_messages_are_read_back(tmp_path: Path) -> None:
     written = record(tmp_path / "run.mcap")
     recording = RunRecording(tmp_path / "run.mcap", CHANNELS)
     assert list(recording) == written
@@ -85,7 +85,7 @@ def test_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
 
 @pytest.fixture
 def file_limit() -> Iterator[int]:
-    """Files end at 16 KiB, as a disk that runs full in the middle of a run."""
+    """Limit files to 16 KiB, like a disk that becomes full during a run."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     limit = 16 * 1024
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
@@ -117,7 +117,7 @@ def test_a_wrong_message_is_a_failure_and_not_an_exception(tmp_path: Path) -> No
 # Killed writers and bad files
 
 
-def test_a_file_cut_anywhere_gives_a_prefix(tmp_path: Path) -> None:
+def test_a_truncated_file_gives_a_prefix_of_the_messages(tmp_path: Path) -> None:
     written = record(tmp_path / "run.mcap", 20, chunk_size=1024)
     whole = (tmp_path / "run.mcap").read_bytes()
     lengths = []
@@ -143,9 +143,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\x89MCA", b"{}", b"x" * 1000])
-def test_what_is_no_recording_is_refused_with_a_remedy(
-    tmp_path: Path, content: bytes | None
-) -> None:
+def test_other_files_are_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "run.mcap"
     if content is not None:
         path.write_bytes(content)
@@ -157,11 +155,11 @@ def test_what_is_no_recording_is_refused_with_a_remedy(
 # Schemas
 
 
-def test_what_an_arm_said_that_is_no_number_is_none_again_when_it_is_read() -> None:
+def test_nan_in_an_arm_state_survives_recording() -> None:
     nan = math.nan
-    said = ArmState(
+    recorded = ArmState(
         1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5, sampled_ns=7
     )  # fmt: skip
-    message = msgspec.json.decode(msgspec.json.encode(arm_message(said)), type=ArmMessage)
+    message = msgspec.json.decode(msgspec.json.encode(arm_message(recorded)), type=ArmMessage)
     assert message.position_m == (0.1, None, 0.3)
-    assert repr(recorded_arm(message)) == repr(said)
+    assert repr(recorded_arm(message)) == repr(recorded)

@@ -1,4 +1,4 @@
-"""What a safe state asks of arm and hand, and what it says it has not seen."""
+"""Safe states: commands to arm and hand, and unconfirmed parts."""
 
 import msgspec
 import pytest
@@ -8,13 +8,13 @@ from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.fault import ARM, Fault
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.monitors.checks import failed
 from grasp.observation import Observation
-from grasp.safe_state import Pursuit, SafeState
+from grasp.safe_state import SafeState, SafeStateSupervisor
 from grasp.slip_response.close import SlipResponse
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, SAFE_STATES, UNMOVED_STATES, State
-from tests.unit.grasp.builders import LOST, arm, gripper, seen
+from tests.unit.grasp.builders import LOST, arm, gripper, observation
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
@@ -29,7 +29,7 @@ def state(phase: State, before: State, *faults: Fault) -> SafeState:
 
 
 def later(**changes: object) -> Observation:
-    return seen(LATER_NS, **changes)
+    return observation(LATER_NS, **changes)
 
 
 HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
@@ -45,35 +45,35 @@ HANDS: list[tuple[State, State, tuple[Command, ...]]] = [
 
 
 def test_hand_closes_only_in_a_fault_in_the_air() -> None:
-    for phase, before, asked in HANDS:
-        assert state(phase, before).of_hand(CLOSURE) == asked, (phase, before)
+    for phase, before, expected in HANDS:
+        assert state(phase, before).hand_commands(CLOSURE) == expected, (phase, before)
 
 
-def test_arm_is_not_believed_wherever_among_the_faults_that_is_found() -> None:
+def test_arm_is_implausible_by_any_of_the_faults() -> None:
     frozen, dead = failed("arm_frozen", seconds=0.4), failed("fingertip_dead", finger="A")
     stopped = Fault("arm_safety_stop", ARM, "arm stopped by its safety system")
     named = failed("detector_failed", how="KeyError: 'arm_frozen'")
     for faults in ((frozen,), (dead, frozen), (*LOST, frozen)):
-        assert state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
+        assert state(State.FAULT, State.LIFT, *faults).unconfirmed_arm(later(), OLD_NS)
     for faults in ((dead,), (stopped,), (named,), ()):
-        assert not state(State.FAULT, State.LIFT, *faults).missing_of_arm(later(), OLD_NS)
+        assert not state(State.FAULT, State.LIFT, *faults).unconfirmed_arm(later(), OLD_NS)
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "expected_text"),
     [
         ({}, ()),
         ({"arm": arm(LATER_NS, moving=True)}, ("the arm still moves",)),
         ({"pending": True}, ("the arm still moves",)),
         ({"arm": arm(LATER_NS - 100_000_000)}, ()),
         ({"arm": arm(LATER_NS - 101_000_000)},
-         ("the arm is not heard: whether it stands is unknown",)),
+         ("the arm does not report: whether it has stopped is unknown",)),
     ],
 )  # fmt: skip
-def test_arm_that_is_not_seen_to_stand_is_missing(
-    changes: dict[str, object], said: tuple[str, ...]
+def test_arm_that_is_not_confirmed_stopped_is_unconfirmed(
+    changes: dict[str, object], expected_text: tuple[str, ...]
 ) -> None:
-    assert state(State.FAULT, State.LIFT).missing_of_arm(later(**changes), OLD_NS) == said
+    assert state(State.FAULT, State.LIFT).unconfirmed_arm(later(**changes), OLD_NS) == expected_text
 
 
 @pytest.mark.parametrize(
@@ -91,66 +91,66 @@ def test_arm_that_is_not_seen_to_stand_is_missing(
         (State.START, {"gripper": gripper(detections=MOVING)}, True),
     ],
 )
-def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
+def test_hand_is_safe_once_its_status_confirms_the_command(
     before: State, changes: dict[str, object], safe: bool
 ) -> None:
     fault = state(State.FAULT, before)
     assert fault.hand_is_safe(later(**changes)) is safe
-    assert fault.missing_of_hand(later(**changes)) == (
-        () if safe else ("the hand is not as it should be",)
+    assert fault.unconfirmed_hand(later(**changes)) == (
+        () if safe else ("the hand has not reached its safe state",)
     )
 
 
-def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
-    at_rest = seen(ENTERED_NS)
+def test_hand_status_of_the_first_step_confirms_nothing() -> None:
+    at_rest = observation(ENTERED_NS)
     assert not state(State.FAULT, State.BRACE).hand_is_safe(at_rest)
     assert state(State.STOPPED, State.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
 
 
-def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
+def test_unreachable_hand_is_reported_to_keep_its_position() -> None:
     safe = state(State.FAULT, State.LIFT)
-    assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
+    assert "does not report" in safe.unconfirmed_hand(later(gripper_lost=True))[0]
     refusing = msgspec.structs.replace(gripper(fault=13), active=False)
-    assert "reports a fault" in safe.missing_of_hand(later(gripper=refusing))[0]
+    assert "reports a fault" in safe.unconfirmed_hand(later(gripper=refusing))[0]
     warning = later(gripper=gripper(fault=13))  # it obeys all the same
-    assert safe.missing_of_hand(warning) == ("the hand is not as it should be",)
+    assert safe.unconfirmed_hand(warning) == ("the hand has not reached its safe state",)
 
 
-def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
+def test_half_done_closing_is_finished_when_a_person_stops_the_run() -> None:
     half = SafeState(State.STOPPED, State.LIFT, ENTERED_NS, half_closed=True)
-    assert half.of_hand(CLOSURE) == (CLOSURE,)
+    assert half.hand_commands(CLOSURE) == (CLOSURE,)
 
 
 SETTINGS = ControllerSettings(stale_after_s=0.1)
 
 
-def pursuit(since_ns: int = 0) -> Pursuit:
+def supervisor(since_ns: int = 0) -> SafeStateSupervisor:
     safe = SafeState(State.FAULT, State.LIFT, since_ns)
     plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.9))
-    return Pursuit(
+    return SafeStateSupervisor(
         safe, SETTINGS, SlipResponse(SETTINGS, plan, LiftLine(SETTINGS, (0.0, 0.0, 0.0)))
     )
 
 
 def unsafe(t_ns: int, **changes: object) -> Observation:
-    return seen(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
+    return observation(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
 
 
-def test_what_is_missing_is_asked_for_again_once_the_time_between_two_requests_is_over() -> None:
-    for t_ns, asked in ((99_999_999, False), (100_000_000, True)):
-        assert bool(pursuit().step(unsafe(t_ns))) is asked
+def test_unconfirmed_parts_are_requested_again_after_the_repeat_time() -> None:
+    for t_ns, expected in ((99_999_999, False), (100_000_000, True)):
+        assert bool(supervisor().step(unsafe(t_ns))) is expected
 
 
-def test_safe_state_is_given_up_once_its_time_is_over() -> None:
+def test_supervision_of_a_safe_state_ends_after_its_time() -> None:
     for t_ns, over in ((2_999_999_999, False), (3_000_000_000, True)):
-        pursued = pursuit()
-        pursued.step(unsafe(t_ns))
-        assert pursued.over is over
+        supervised = supervisor()
+        supervised.step(unsafe(t_ns))
+        assert supervised.over is over
 
 
-def test_arm_is_not_heard_once_its_state_is_older_than_it_may_be() -> None:
-    for old_ns, heard in ((100_000_000, True), (100_000_001, False)):
-        pursued = pursuit()
-        pursued.step(later(arm=arm(LATER_NS - old_ns)))
-        told = any("the arm is not heard" in missing for missing in pursued.unreached)
-        assert told is not heard
+def test_stale_arm_state_is_unconfirmed() -> None:
+    for old_ns, fresh in ((100_000_000, True), (100_000_001, False)):
+        supervised = supervisor()
+        supervised.step(later(arm=arm(LATER_NS - old_ns)))
+        reported_missing = any("the arm does not report" in text for text in supervised.unconfirmed)
+        assert reported_missing is not fresh

@@ -1,4 +1,4 @@
-"""Settings: layers, violations and what their errors say."""
+"""Settings: layers, violations and their error messages."""
 
 from pathlib import Path
 
@@ -23,9 +23,10 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignment", "key", "says"),
+    ("assignment", "key", "expected"),
     [
         ("guard.force_limt_n=9", "guard.force_limt_n", "force_limit_n"),
+        ("controller.force_limit_n=9", "controller.force_limit_n", "mean 'guard.force_limit_n'"),
         ("guard.force_limit_n=900", "guard.force_limit_n", "<= 60"),
         ("guard.force_limit_n=much", "guard.force_limit_n", "float"),
         ("guard.cap_mode=none", "guard.cap_mode", "each_motor"),
@@ -38,13 +39,20 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
     ],
 )
 def test_violation_names_source_key_and_what_is_allowed(
-    assignment: str, key: str, says: str
+    assignment: str, key: str, expected: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
         lift(assignment)
     assert caught.value.file == "--set"
     assert caught.value.key == key
-    assert says in f"{caught.value.message} {caught.value.allowed}"
+    assert expected in f"{caught.value.message} {caught.value.allowed}"
+
+
+def test_key_without_its_section_is_refused_with_the_full_name(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("force_limit_n = 12.0\n")
+    with pytest.raises(ConfigError, match=r"did you mean 'guard\.force_limit_n'"):
+        lift(file=file)
 
 
 def test_unknown_object_is_refused_with_the_known_ones() -> None:

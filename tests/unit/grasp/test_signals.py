@@ -1,4 +1,4 @@
-"""Signals: raised at once, at the next check, or late; taken by the command line alone."""
+"""Signals: raised at once, at the next check, or late; handled only by the command line."""
 
 import signal
 import subprocess
@@ -21,7 +21,7 @@ def handlers() -> list[object]:
     return [signal.getsignal(number) for number in SIGNALS]
 
 
-def test_handlers_are_given_back() -> None:
+def test_handlers_are_restored() -> None:
     before = handlers()
     with signals.taken():
         assert all(now is not then for now, then in zip(handlers(), before, strict=True))
@@ -30,7 +30,7 @@ def test_handlers_are_given_back() -> None:
 
 @pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.usefixtures("taken")
-def test_signal_is_raised_at_once_where_nothing_defers_it(number: signal.Signals) -> None:
+def test_signal_outside_deferred_is_raised_at_once(number: signal.Signals) -> None:
     with pytest.raises(Interruption):
         signal.raise_signal(number)
     assert signals.number() == number
@@ -44,19 +44,19 @@ def test_deferred_signal_is_raised_at_the_next_check_and_only_once() -> None:
         with pytest.raises(Interruption) as stop:
             signals.check()
         assert stop.value.args == (signal.SIGTERM,)
-        assert signals.asked()
+        assert signals.received()
         signal.raise_signal(signal.SIGINT)
         signals.check()
 
 
 @pytest.mark.usefixtures("taken")
-def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_key_is_not(
+def test_deferred_signal_after_five_seconds_is_raised_but_key_repeat_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with signals.deferred():
         for _ in range(50):
             signal.raise_signal(signal.SIGINT)
-        later_s = signals.time.monotonic() + signals.INSISTS_S
+        later_s = signals.time.monotonic() + signals.FORCE_AFTER_S
         monkeypatch.setattr(signals.time, "monotonic", lambda: later_s)
         with pytest.raises(Interruption):
             signal.raise_signal(signal.SIGINT)
@@ -64,7 +64,7 @@ def test_signal_five_seconds_later_is_raised_though_it_should_wait_and_a_held_ke
 
 
 @pytest.mark.usefixtures("taken")
-def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
+def test_immediate_wait_is_interrupted_but_not_its_clean_up() -> None:
     unwound = False
     with signals.deferred():
         with pytest.raises(Interruption), signals.immediate():
@@ -78,33 +78,33 @@ def test_wait_that_allows_it_is_cut_short_but_not_what_it_unwinds() -> None:
 
 
 @pytest.mark.usefixtures("taken")
-def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
-    signals.go_on()
+def test_a_signal_that_ended_a_trial_ends_the_caller_too() -> None:
+    signals.raise_if_received()
     with pytest.raises(Interruption):
         signal.raise_signal(signal.SIGTERM)
     with pytest.raises(Interruption):
-        signals.go_on()
+        signals.raise_if_received()
 
 
 @pytest.mark.usefixtures("taken")
-def test_what_is_sealed_is_not_interrupted_by_a_check_within() -> None:
+def test_check_raises_nothing_while_checks_are_ignored() -> None:
     with signals.deferred():
-        with signals.deferred(sealed=True):
+        with signals.deferred(ignore_checks=True):
             signal.raise_signal(signal.SIGTERM)
             signals.check()
         with pytest.raises(Interruption):
             signals.check()
 
 
-def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
+def test_keyboard_interrupt_of_python_has_a_cause() -> None:
     assert signals.cause(KeyboardInterrupt()) == "stopped by hand"
     assert "SIGHUP" in signals.cause(Interruption(signal.SIGHUP))
 
 
-GUARDED = """
+WATCHED = """
 import ctypes, os, signal, sys, threading, time
 from grasp import signals
-def told():
+def send_signals():
     time.sleep(0.1)
     os.kill(os.getpid(), signal.SIGTERM)
     if sys.argv[1] == "twice":
@@ -115,15 +115,15 @@ def told():
         os.kill(os.getpid(), signal.SIGTERM)
 with signals.taken():
     try:
-        with signals.guarded(lambda: os.write(1, b"devices are safe")), signals.deferred():
-            threading.Thread(target=told, daemon=True).start()
+        with signals.watchdog(lambda: os.write(1, b"devices are safe")), signals.deferred():
+            threading.Thread(target=send_signals, daemon=True).start()
             try:
-                while sys.argv[1] in ("twice", "held"):  # pursues a safe state
+                while sys.argv[1] in ("twice", "held"):  # in a safe state
                     signals.check(end=False)
                     time.sleep(0.01)
             except signals.Stuck as stuck:
                 print(stuck)
-                for _ in range(250):  # an abort
+                for _ in range(250):  # during an abort
                     signals.check(end=False)
                     time.sleep(0.01)
                 if sys.argv[1] == "held":
@@ -140,9 +140,9 @@ with signals.taken():
 """
 
 
-def guarded(how: str) -> tuple[int, str]:
+def watched(how: str) -> tuple[int, str]:
     done = subprocess.run(
-        [sys.executable, "-c", GUARDED, how], capture_output=True, text=True, timeout=30,
+        [sys.executable, "-c", WATCHED, how], capture_output=True, text=True, timeout=30,
         check=False,
     )  # fmt: skip
     return done.returncode, done.stdout
@@ -150,12 +150,12 @@ def guarded(how: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize("how", ["stuck", "twice"])
 def test_main_thread_that_does_not_end_is_interrupted(how: str) -> None:
-    assert guarded(how) == (0, "told to end (SIGTERM) while this stood still\n")
+    assert watched(how) == (0, "terminated (SIGTERM) while the program hung\n")
 
 
-def test_key_that_is_held_down_cuts_the_stop_that_it_asked_for_once() -> None:
-    assert guarded("held") == (0, "told to end (SIGTERM) while this stood still\nstopped\n")
+def test_held_key_interrupts_the_requested_stop_only_once() -> None:
+    assert watched("held") == (0, "terminated (SIGTERM) while the program hung\nstopped\n")
 
 
 def test_process_that_hangs_in_native_code_ends_once_the_devices_are_safe() -> None:
-    assert guarded("native") == (5, "devices are safe")
+    assert watched("native") == (5, "devices are safe")

@@ -68,7 +68,7 @@ def test_evidence_from_before_the_mask_does_not_count_after_it() -> None:
     assert not any(s.registered for s in statuses)
 
 
-def test_disarming_forgets_the_status() -> None:
+def test_disarming_resets_the_status() -> None:
     m = monitor()
     m.arm()
     feed(m, HIGH, HIGH)
@@ -77,7 +77,7 @@ def test_disarming_forgets_the_status() -> None:
     assert not m.update(5 * TICK, np.array(HIGH)).registered
 
 
-def test_evidence_from_before_it_was_armed_anew_does_not_count() -> None:
+def test_evidence_from_before_rearming_does_not_count() -> None:
     m = monitor()
     m.arm()
     feed(m, HIGH)

@@ -11,13 +11,13 @@ from grasp.states import TRANSITIONS, DottedState, State, StateMachine, Trigger,
 PAGE = Path(__file__).parents[3] / "docs" / "architecture.md"
 
 
-class Drawn(HierarchicalGraphMachine):
+class DiagramState(HierarchicalGraphMachine):
     state_cls = DottedState
 
 
 def diagram() -> str:
-    """The table as `transitions` draws it in Mermaid."""
-    machine = Drawn(
+    """The table as a Mermaid diagram of `transitions`."""
+    machine = DiagramState(
         initial=State.START.value, graph_engine="mermaid", title="title: States of a grasp",
         **definition(),
     )  # fmt: skip
@@ -25,7 +25,7 @@ def diagram() -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def test_every_edge_of_the_table_can_be_walked_and_no_other() -> None:
+def test_exactly_the_transitions_of_the_table_are_possible() -> None:
     for trigger in Trigger:
         for state in State:
             machine = StateMachine(state)
@@ -52,6 +52,6 @@ def test_a_transition_is_logged_with_its_time_and_cause() -> None:
     assert machine.first_ns(State.LOST) == 5
 
 
-def test_diagram_of_the_documentation_is_that_of_the_table() -> None:
-    drawn = f"```mermaid\n{diagram()}\n```"
-    assert drawn in PAGE.read_text(), f"put this into {PAGE.name}:\n{drawn}"
+def test_diagram_in_the_documentation_matches_the_table() -> None:
+    diagram_states = f"```mermaid\n{diagram()}\n```"
+    assert diagram_states in PAGE.read_text(), f"put this into {PAGE.name}:\n{diagram_states}"

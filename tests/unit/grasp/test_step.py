@@ -1,5 +1,4 @@
-"""One step as a pure unit: what it tells the controller, the detector and the guard, and what it
-lets out. The parts beside it are small fakes that write down what they are told."""
+"""GraspStep with fake detector, controller and guard, which record their inputs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, cast
@@ -41,16 +40,16 @@ RISE = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
 SURE = np.array([0.9, 0.1, 0.2])
 
 
-def told(of: TactileFrame | None, t_ns: int = TICK, **changes: Any) -> StepInput:
+def step_input(of: TactileFrame | None, t_ns: int = TICK, **changes: Any) -> StepInput:
     states = {"gripper": gripper(t_ns), "arm": arm(t_ns), **changes}
     return StepInput(t_ns=t_ns, frame=of, rest_taken=True, **states)
 
 
-class Ears:
-    """A detector that gives the same answer always, or does what it is given to do."""
+class FakeDetector:
+    """A detector that returns a constant output, or calls the given function."""
 
-    def __init__(self, answer: Callable[[], Any] = lambda: SURE) -> None:
-        self.answer = answer
+    def __init__(self, output: Callable[[], Any] = lambda: SURE) -> None:
+        self.output = output
         self.inputs: list[NDArray[np.int16] | str] = []
 
     def reset(self) -> None:
@@ -58,19 +57,19 @@ class Ears:
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         self.inputs.append(counts)
-        return cast(NDArray[np.float64], self.answer())
+        return cast(NDArray[np.float64], self.output())
 
 
-class Told:
-    """A controller that decides the same always."""
+class FakeController:
+    """A controller with a constant decision."""
 
-    def __init__(self, phase: State = State.LIFT, *commands: Command, **says: bool) -> None:
+    def __init__(self, phase: State = State.LIFT, *commands: Command, **flags: bool) -> None:
         self.state = phase
-        flags = {"reset_detector": False, "anchor": False, **says}
+        flags = {"reset_detector": False, "first_grasp": False, **flags}
         self.decision = Decision(
             state=phase, slip=DISARMED, commands=commands, finished=False, **flags
         )
-        self.seen: list[Observation] = []
+        self.observations: list[Observation] = []
 
     @property
     def in_safe_state(self) -> bool:
@@ -78,20 +77,20 @@ class Told:
 
     finished = False
 
-    def aborted(self) -> tuple[Command, ...]:
+    def abort_commands(self) -> tuple[Command, ...]:
         return self.decision.commands
 
-    def step(self, seen: Observation) -> Decision:
-        self.seen.append(seen)
+    def step(self, obs: Observation) -> Decision:
+        self.observations.append(obs)
         return self.decision
 
 
-class Gate:
-    """A guard of one count a newton that answers every command with another."""
+class FakeGuard:
+    """A guard with one count per newton that replaces every command by ``LET``."""
 
     def __init__(self) -> None:
-        self.anchors: list[tuple[Counts3, Vector3]] = []
-        self.asked: list[tuple[GripperCommand, Vector3]] = []
+        self.first_grasps: list[tuple[Counts3, Vector3]] = []
+        self.requests: list[tuple[GripperCommand, Vector3]] = []
 
     def measured_n(self, sums: Vector3) -> Vector3:
         a, b, c = sums
@@ -100,68 +99,70 @@ class Gate:
     def overloaded(self, measured_n: Vector3) -> bool:
         return max(measured_n) > 10.0
 
-    def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
-        self.anchors.append((positions, measured_n))
+    def set_first_grasp(self, positions: Counts3, measured_n: Vector3) -> None:
+        self.first_grasps.append((positions, measured_n))
 
-    thumb_end = 61
+    thumb_limit_counts = 61
 
-    def reach(self, state: GripperState, measured_n: Vector3) -> Counts3:
+    def safe_travel(self, state: GripperState, measured_n: Vector3) -> Counts3:
         return (state.positions[0] + 3, 60, round(measured_n[0]))
 
     def admit(
         self, command: GripperCommand, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
-        self.asked.append((command, measured_n))
+        self.requests.append((command, measured_n))
         return LET
 
 
 class Bench:
-    def __init__(self, controller: Told | None = None, ears: Ears | None = None) -> None:
-        self.controller = controller or Told()
-        self.ears = ears or Ears()
-        self.gate = Gate()
+    def __init__(
+        self, controller: FakeController | None = None, detector: FakeDetector | None = None
+    ) -> None:
+        self.controller = controller or FakeController()
+        self.detector = detector or FakeDetector()
+        self.guard = FakeGuard()
         self.step = GraspStep(
-            self.ears,
+            self.detector,
             cast(GraspController, self.controller),
-            cast(ForceGuard, self.gate),
+            cast(ForceGuard, self.guard),
         )
 
     def decide(self, of: TactileFrame | None, **changes: Any) -> Observation:
-        return self.step.decide(told(of, **changes)).observation
+        return self.step.decide(step_input(of, **changes)).observation
 
 
-def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
+def test_detector_gets_the_counts_and_the_controller_its_output() -> None:
     b = Bench()
-    seen = b.decide(frame(-1))
-    assert [np.unique(h).tolist() for h in b.ears.inputs] == [[-1]]
-    assert seen.probabilities.tolist() == SURE.tolist()
-    assert seen is b.controller.seen[0]
-    assert (seen.measured_n, seen.overloaded, seen.faults) == ((6.0, 6.0, 6.0), False, ())
-    assert seen.felt_n == seen.measured_n
-    assert (seen.reach_counts, seen.thumb_end) == ((58, 60, 6), 61)
+    obs = b.decide(frame(-1))
+    assert [np.unique(h).tolist() for h in b.detector.inputs] == [[-1]]
+    assert obs.probabilities.tolist() == SURE.tolist()
+    assert obs is b.controller.observations[0]
+    assert (obs.measured_n, obs.overloaded, obs.faults) == ((6.0, 6.0, 6.0), False, ())
+    assert obs.responsive_n == obs.measured_n
+    assert (obs.safe_travel_counts, obs.thumb_limit_counts) == ((58, 60, 6), 61)
 
 
 @pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])
-def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase: State) -> None:
-    b = Bench(Told(phase))
+def test_counts_relative_to_an_earlier_tare_are_ignored(phase: State) -> None:
+    b = Bench(FakeController(phase))
     assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
-    b.controller.state = State.FAULT  # before this run took its own
-    seen = b.decide(frame(-9))
-    assert (seen.measured_n, seen.felt_n, b.ears.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
-    assert not seen.overloaded
+    b.controller.state = State.FAULT  # before this run has taken rest counts
+    obs = b.decide(frame(-9))
+    assert (obs.measured_n, obs.responsive_n, b.detector.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
+    assert not obs.overloaded
 
 
 @pytest.mark.parametrize("end", [State.FAULT, State.STOPPED, State.LOST])
-def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: State) -> None:
-    b = Bench(Told(State.TARE))
+def test_force_is_still_estimated_in_the_safe_state_after_a_tare(end: State) -> None:
+    b = Bench(FakeController(State.TARE))
     b.decide(frame(-9))
     b.controller.state = end
     assert b.decide(frame(-1)).measured_n == (6.0, 6.0, 6.0)
 
 
-def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
-    seen = Bench().decide(railed(frame(-1)))
-    assert (seen.measured_n, seen.felt_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
+def test_saturated_taxels_count_in_measured_but_not_in_responsive_force() -> None:
+    obs = Bench().decide(railed(frame(-1)))
+    assert (obs.measured_n, obs.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
 
 
 def railed(of: TactileFrame) -> TactileFrame:
@@ -170,8 +171,8 @@ def railed(of: TactileFrame) -> TactileFrame:
     return msgspec.structs.replace(of, raw=raw)
 
 
-class Stubborn(Ears):
-    """Cannot forget before it is asked so often."""
+class UnresettableDetector(FakeDetector):
+    """A detector whose first ``refusals`` resets fail."""
 
     def __init__(self, refusals: int) -> None:
         super().__init__()
@@ -180,25 +181,23 @@ class Stubborn(Ears):
     def reset(self) -> None:
         self.refusals -= 1
         if self.refusals >= 0:
-            raise ZeroDivisionError("nothing to forget")
+            raise ZeroDivisionError("no state")
 
 
-def test_a_detector_that_cannot_forget_is_a_fault_and_not_asked_until_it_can() -> None:
-    b = Bench(ears=Stubborn(2))
-    failed = "detector_failed: ZeroDivisionError: nothing to forget"
+def test_a_detector_whose_reset_fails_is_a_fault_and_unused_until_a_reset_succeeds() -> None:
+    b = Bench(detector=UnresettableDetector(2))
+    failed = "detector_failed: ZeroDivisionError: no state"
     for of in (frame(-1, stale=True), frame(-1), frame(-1, stale=True)):
-        seen = b.decide(of)
-        assert (seen.probabilities.tolist(), lines(seen.faults)) == ([0.0] * 3, failed)
-        assert seen.measured_n == (6.0, 6.0, 6.0)
-    assert b.ears.inputs == []
+        obs = b.decide(of)
+        assert (obs.probabilities.tolist(), lines(obs.faults)) == ([0.0] * 3, failed)
+        assert obs.measured_n == (6.0, 6.0, 6.0)
+    assert b.detector.inputs == []
     assert b.decide(frame(-1, stale=True)).faults == ()
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
 
 
-def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_the_next_step() -> (
-    None
-):
-    b = Bench(Told(State.TARE, reset_detector=True), Stubborn(1))
+def test_a_failed_reset_by_the_controller_is_a_fault_of_the_next_step() -> None:
+    b = Bench(FakeController(State.TARE, reset_detector=True), UnresettableDetector(1))
     assert b.decide(frame(-1)).faults == ()
     assert lines(b.decide(frame(-1)).faults).startswith("detector_failed: ZeroDivisionError")
     assert b.decide(frame(-1)).faults == ()
@@ -213,38 +212,40 @@ def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_fault_of_th
 def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
     phase: State, changes: dict[str, Any], stale: bool
 ) -> None:
-    b = Bench(Told(State.TARE))
+    b = Bench(FakeController(State.TARE))
     b.decide(frame(-1))
-    b.ears.inputs.clear()
+    b.detector.inputs.clear()
     b.controller.state = phase
     observation = b.decide(frame(-2, stale=stale), t_ns=2 * TICK, **changes)
-    assert b.ears.inputs == []
+    assert b.detector.inputs == []
     assert observation.probabilities.tolist() == [0.0] * 3
     assert observation.measured_n == (12.0,) * 3
 
 
 def guarded_step(driver: Driver) -> GraspStep:
-    return GraspStep(Ears(), driver.controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
+    return GraspStep(
+        FakeDetector(), driver.controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25))
+    )
 
 
-def test_without_a_further_step_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
+def test_fallback_of_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
     step = guarded_step(Driver().lift())
     fallback = step.fallback(gripper())
     assert isinstance(fallback, CloseFast)
     assert (fallback.force_cap_n, fallback.closing) == (10.0, (True, False, False))
     assert step.last_close is None, "it has not been sent"
-    step.decide(told(frame(-420)))  # 15.75 N measured
+    step.decide(step_input(frame(-420)))  # 15.75 N measured
     assert step.fallback(gripper()) == HoldFingers()
 
 
 @pytest.mark.parametrize("phase", [State.SHAPE, State.BRACE, State.CLOSE, State.SETTLE])
-def test_without_a_further_step_a_hand_with_the_object_on_the_table_stays(phase: State) -> None:
+def test_fallback_with_the_object_on_the_table_holds(phase: State) -> None:
     driver = Driver()
     driver.until(phase)
     assert guarded_step(driver).fallback(gripper()) == HoldFingers()
 
 
-def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() -> None:
+def test_no_fallback_before_and_after_a_run() -> None:
     driver = Driver(keep=True, hold_s=0.1)
     assert guarded_step(driver).fallback(gripper()) is None
     driver.lift()
@@ -255,109 +256,116 @@ def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() ->
 
 def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     b = Bench()
-    seen = b.decide(frame(-1, stale=True))
-    assert b.ears.inputs == ["reset"]
-    assert seen.probabilities.tolist() == [0.0] * 3
-    assert seen.frame is not None and seen.frame.stale
+    obs = b.decide(frame(-1, stale=True))
+    assert b.detector.inputs == ["reset"]
+    assert obs.probabilities.tolist() == [0.0] * 3
+    assert obs.frame is not None and obs.frame.stale
 
 
-def test_before_the_first_frame_nothing_is_heard_or_felt_and_nothing_fails() -> None:
-    b = Bench(Told(State.START))
-    seen = b.decide(None)
-    assert b.ears.inputs == []
-    assert seen.probabilities.tolist() == [0.0] * 3
-    assert (seen.frame, seen.measured_n, seen.faults) == (None, (0.0,) * 3, ())
-    assert seen.felt_n == (0.0,) * 3
+def test_before_the_first_frame_there_is_no_slip_no_force_and_no_fault() -> None:
+    b = Bench(FakeController(State.START))
+    obs = b.decide(None)
+    assert b.detector.inputs == []
+    assert obs.probabilities.tolist() == [0.0] * 3
+    assert (obs.frame, obs.measured_n, obs.faults) == (None, (0.0,) * 3, ())
+    assert obs.responsive_n == (0.0,) * 3
 
 
 def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
-    b = Bench(Told(reset_detector=True))
+    b = Bench(FakeController(reset_detector=True))
     b.decide(frame(-1))
-    assert len(b.ears.inputs) == 2
-    assert b.ears.inputs[1] == "reset"
-    assert b.gate.anchors == []
+    assert len(b.detector.inputs) == 2
+    assert b.detector.inputs[1] == "reset"
+    assert b.guard.first_grasps == []
 
 
-def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so() -> None:
-    b = Bench(Told(anchor=True))
+def test_first_grasp_of_the_guard_has_the_force_just_measured() -> None:
+    b = Bench(FakeController(first_grasp=True))
     b.decide(frame(-1))
     b.decide(frame(-2))
-    assert b.gate.anchors == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
-    assert not any(isinstance(heard, str) for heard in b.ears.inputs)
+    assert b.guard.first_grasps == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
+    assert not any(isinstance(slip_likely, str) for slip_likely in b.detector.inputs)
 
 
-def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_to_be() -> None:
-    b = Bench(Told(anchor=True))
+def test_first_grasp_of_the_guard_has_the_actual_positions() -> None:
+    b = Bench(FakeController(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(51, 55, 54), requested=(55, 55, 55)))
-    assert b.gate.anchors == [((51, 55, 54), (6.0,) * 3)]
+    assert b.guard.first_grasps == [((51, 55, 54), (6.0,) * 3)]
 
 
-def test_guard_is_anchored_no_further_than_fingers_were_told_but_for_a_count_beside_it() -> None:
-    b = Bench(Told(anchor=True))
+def test_first_grasp_is_at_most_one_count_beyond_the_commanded_positions() -> None:
+    b = Bench(FakeController(first_grasp=True))
     b.decide(frame(-1), gripper=gripper(positions=(60, 56, 57), requested=(55, 55, 55)))
-    assert b.gate.anchors == [((55, 56, 55), (6.0,) * 3)]
+    assert b.guard.first_grasps == [((55, 56, 55), (6.0,) * 3)]
 
 
-def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -> None:
+def test_implausible_codes_do_not_change_the_measured_force() -> None:
     b = Bench()
     b.decide(frame(-1))
     dead = frame(-2)
     raw = dead.raw.copy()
     raw[1] = 0
-    seen = b.decide(msgspec.structs.replace(dead, raw=raw), t_ns=2 * TICK)
-    assert seen.measured_n == (6.0,) * 3
+    obs = b.decide(msgspec.structs.replace(dead, raw=raw), t_ns=2 * TICK)
+    assert obs.measured_n == (6.0,) * 3
 
 
-def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
-    controller = cast(GraspController, Told(State.LIFT, CloseFast(60.0, *ANY_CLOSE)))
-    step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
-    assert step.decide(told(frame(-1))).observation.last_close is None
-    closed = step.decide(told(frame(-1), 2 * TICK)).observation.last_close
+def test_last_close_is_the_admitted_closing() -> None:
+    controller = cast(GraspController, FakeController(State.LIFT, CloseFast(60.0, *ANY_CLOSE)))
+    step = GraspStep(FakeDetector(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
+    assert step.decide(step_input(frame(-1))).observation.last_close is None
+    closed = step.decide(step_input(frame(-1), 2 * TICK)).observation.last_close
     assert closed is not None
     assert (closed.force_cap_n, closed.closing) == (10.0, (True, False, False))
 
 
-def test_checks_are_those_that_the_step_was_given() -> None:
+def test_step_uses_the_given_checks() -> None:
     inactive = msgspec.structs.replace(gripper(), active=False)
-    guard, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
+    guard, controller = cast(ForceGuard, FakeGuard()), cast(GraspController, FakeController())
     for checks, found in ((CHECKS, True), ({}, False)):
-        step = GraspStep(Ears(), controller, guard, Monitors(MonitorSettings(), checks))
-        assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.faults) is found
+        step = GraspStep(FakeDetector(), controller, guard, Monitors(MonitorSettings(), checks))
+        assert (
+            bool(step.decide(step_input(frame(-1), gripper=inactive)).observation.faults) is found
+        )
 
 
 def test_report_mode_records_an_implausible_value_and_stops_for_a_lost_link() -> None:
-    controller, guard = cast(GraspController, Told(State.LIFT)), cast(ForceGuard, Gate())
+    controller, guard = (
+        cast(GraspController, FakeController(State.LIFT)),
+        cast(ForceGuard, FakeGuard()),
+    )
     monitors = Monitors(MonitorSettings(mode="report"))
-    step = GraspStep(Ears(), controller, guard, monitors)
-    step.decide(told(frame(-1)))
-    leapt = gripper(positions=(200, 55, 55))
-    seen = step.decide(told(frame(-1), gripper=leapt, errors=LOST)).observation
-    assert seen.faults == LOST
-    assert [fault.code for fault in seen.reported] == ["gripper_impossible"]
-    inactive = msgspec.structs.replace(leapt, active=False)
-    seen = step.decide(told(frame(-1), gripper=inactive)).observation
-    assert [fault.code for fault in seen.faults] == ["gripper_inactive"]
+    step = GraspStep(FakeDetector(), controller, guard, monitors)
+    step.decide(step_input(frame(-1)))
+    jumped = gripper(positions=(200, 55, 55))
+    obs = step.decide(step_input(frame(-1), gripper=jumped, errors=LOST)).observation
+    assert obs.faults == LOST
+    assert [fault.code for fault in obs.reported] == ["gripper_impossible"]
+    inactive = msgspec.structs.replace(jumped, active=False)
+    obs = step.decide(step_input(frame(-1), gripper=inactive)).observation
+    assert [fault.code for fault in obs.faults] == ["gripper_inactive"]
 
 
-def test_monitors_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
-    heard: list[object] = []
+def test_monitors_get_the_admitted_commands_and_the_arm_state() -> None:
+    slip_likely: list[object] = []
 
     class Noting(Monitors):
         def sent(self, commands: Sequence[Command], arm: ArmState) -> None:
-            heard.append((commands, arm))
+            slip_likely.append((commands, arm))
 
-    controller = cast(GraspController, Told(State.LIFT, CLOSE, RISE))
-    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(MonitorSettings()))
-    given = told(frame(-1))
+    controller = cast(GraspController, FakeController(State.LIFT, CLOSE, RISE))
+    step = GraspStep(
+        FakeDetector(), controller, cast(ForceGuard, FakeGuard()), Noting(MonitorSettings())
+    )
+    given = step_input(frame(-1))
     step.decide(given)
-    assert heard == [((LET, RISE), given.arm)]
+    assert slip_likely == [((LET, RISE), given.arm)]
 
 
-def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:
-    b = Bench(Told(State.LIFT, CLOSE, RISE))
+def test_gripper_commands_are_admitted_by_the_force_just_measured() -> None:
+    b = Bench(FakeController(State.LIFT, CLOSE, RISE))
     b.decide(frame(-1))
-    result = b.step.decide(told(frame(-2), 2 * TICK))
-    assert b.gate.asked == [(CLOSE, (6.0,) * 3), (CLOSE, (12.0,) * 3)]
+    result = b.step.decide(step_input(frame(-2), 2 * TICK))
+    assert b.guard.requests == [(CLOSE, (6.0,) * 3), (CLOSE, (12.0,) * 3)]
     assert result.decision.commands == (CLOSE, RISE)
     assert result.admitted == (LET, RISE)
     assert result.observation.measured_n == (12.0,) * 3
@@ -365,37 +373,37 @@ def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measur
 
 
 def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
-    b, states = Bench(Told(State.LIFT, CLOSE)), list[GripperState]()
-    admit = b.gate.admit
+    b, states = Bench(FakeController(State.LIFT, CLOSE)), list[GripperState]()
+    admit = b.guard.admit
 
     def noted(command: GripperCommand, state: GripperState, measured_n: Vector3) -> GripperCommand:
         states.append(state)
         return admit(command, state, measured_n)
 
-    monkeypatch.setattr(b.gate, "admit", noted)
-    given = told(frame(-1))
+    monkeypatch.setattr(b.guard, "admit", noted)
+    given = step_input(frame(-1))
     b.step.decide(given)
     later = gripper(positions=(60, 61, 62))
     assert b.step.fallback(later) == LET
     assert states == [given.gripper, later]
 
 
-def test_without_a_further_step_a_hand_of_which_nothing_is_asked_is_left_alone() -> None:
+def test_no_fallback_if_the_safe_state_does_not_command_the_hand() -> None:
     assert Bench().step.fallback(gripper()) is None
 
 
 @pytest.mark.parametrize("command", [RISE, StopArm(2.0)])
-def test_arm_commands_pass_as_they_are(command: Command) -> None:
+def test_arm_commands_pass_unchanged(command: Command) -> None:
     b = Bench()
     assert b.step.admit(command, gripper()) is command
-    assert b.gate.asked == []
+    assert b.guard.requests == []
 
 
 def test_command_from_outside_a_step_is_admitted_by_the_force_measured_last() -> None:
     b = Bench()
     b.decide(frame(-2))
     assert b.step.admit(CLOSE, gripper()) == LET
-    assert b.gate.asked == [(CLOSE, (12.0,) * 3)]
+    assert b.guard.requests == [(CLOSE, (12.0,) * 3)]
 
 
 def broken() -> None:
@@ -403,74 +411,76 @@ def broken() -> None:
 
 
 def refused() -> None:
-    raise Refused("no samples; no answer", "give it samples")
+    raise Refused("no samples; no output", "give it samples")
 
 
 FAILURES = [
-    pytest.param(refused, "no samples; no answer", id="its own words"),
+    pytest.param(refused, "no samples; no output", id="its message"),
     pytest.param(broken, "ZeroDivisionError: no samples", id="raises"),
     pytest.param(lambda: np.array([0.9, np.nan, 0.1]), "no probabilities", id="no number"),
     pytest.param(lambda: np.array([0.9, 1.5, 0.1]), "no probabilities", id="above one"),
     pytest.param(lambda: np.zeros(6), "shape (6,)", id="wrong shape"),
-    pytest.param(lambda: None, "shape NoneType", id="no answer"),
+    pytest.param(lambda: None, "shape NoneType", id="no output"),
 ]
 
 
-@pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_is_silent_and_a_fault_by_name(
-    answer: Callable[[], Any], says: str
+@pytest.mark.parametrize(("output", "expected"), FAILURES)
+def test_failing_detector_gives_zeros_and_a_named_fault(
+    output: Callable[[], Any], expected: str
 ) -> None:
-    seen = Bench(ears=Ears(answer)).decide(frame(-1))
-    assert seen.probabilities.tolist() == [0.0] * 3
-    (fault,) = seen.faults
+    obs = Bench(detector=FakeDetector(output)).decide(frame(-1))
+    assert obs.probabilities.tolist() == [0.0] * 3
+    (fault,) = obs.faults
     assert fault.code == "detector_failed"
-    assert says in fault.message
+    assert expected in fault.message
 
 
 @pytest.mark.parametrize("phase", [State.OPEN, State.RETREAT, State.SET_DOWN])
-@pytest.mark.parametrize(("answer", "says"), FAILURES)
-def test_detector_that_fails_with_the_hand_open_is_silent_and_no_fault(
-    answer: Callable[[], Any], says: str, phase: State
+@pytest.mark.parametrize(("output", "expected"), FAILURES)
+def test_failing_detector_with_an_open_hand_gives_zeros_and_no_fault(
+    output: Callable[[], Any], expected: str, phase: State
 ) -> None:
-    b = Bench(Told(phase), Ears(answer))
-    seen = b.decide(frame(-1))
-    assert len(b.ears.inputs) == 1  # it was asked
-    assert (seen.probabilities.tolist(), seen.faults) == ([0.0] * 3, ())
+    b = Bench(FakeController(phase), FakeDetector(output))
+    obs = b.decide(frame(-1))
+    assert len(b.detector.inputs) == 1  # it was asked
+    assert (obs.probabilities.tolist(), obs.faults) == ([0.0] * 3, ())
 
 
 MOTION = Motion([0.01] * 3, [90] * 3, [0.2] * 3)
 
 
-def motion_after(answer: NDArray[np.float64], tell: Callable[[], Motion | None]) -> Observation:
-    """What is observed of a frame by a detector with heads."""
-    gate, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
-    step = GraspStep(Ears(lambda: answer), controller, gate, motion=tell)
-    return step.decide(told(frame(-1))).observation
+def motion_after(output: NDArray[np.float64], motion: Callable[[], Motion | None]) -> Observation:
+    """Kind of slip observed in a frame by a detector with auxiliary outputs."""
+    guard, controller = cast(ForceGuard, FakeGuard()), cast(GraspController, FakeController())
+    step = GraspStep(FakeDetector(lambda: output), controller, guard, motion=motion)
+    return step.decide(step_input(frame(-1))).observation
 
 
-def test_kind_of_slip_is_asked_for_only_where_slip_is_heard() -> None:
+def test_kind_of_slip_is_read_only_when_slip_is_likely() -> None:
     assert motion_after(SURE, lambda: MOTION).motion == MOTION
     assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
-    assert Bench().decide(frame(-1)).motion is None  # of a detector that cannot tell
+    assert Bench().decide(frame(-1)).motion is None  # of a detector without auxiliary outputs
 
 
-def test_controller_is_told_all_that_the_step_was_told() -> None:
+def test_controller_gets_all_inputs_of_the_step() -> None:
     changes: dict[str, Any] = {
         "pending": True, "errors": LOST, "gripper_lost": True, "set_down": True,
         "stop": STOP, "late_ns": 3, "took_ns": 4,
     }  # fmt: skip
-    given = told(frame(-1), **changes)
+    given = step_input(frame(-1), **changes)
     assert Bench().step.decide(given).observation.inputs is given
 
 
 def fresh() -> GraspStep:
-    return GraspStep(Ears(), Driver().controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
+    return GraspStep(
+        FakeDetector(), Driver().controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25))
+    )
 
 
 def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
-    inputs = [told(None)]
-    inputs += [told(frame(-k % 40, stale=k % 17 == 0), k * TICK) for k in range(2, 120)]
-    inputs.append(told(frame(-60), 120 * TICK, stop=STOP))
+    inputs = [step_input(None)]
+    inputs += [step_input(frame(-k % 40, stale=k % 17 == 0), k * TICK) for k in range(2, 120)]
+    inputs.append(step_input(frame(-60), 120 * TICK, stop=STOP))
     one, other = (
         [msgspec.json.encode(step.decide(i), enc_hook=np.ndarray.tolist) for i in inputs]
         for step in (fresh(), fresh())
@@ -480,10 +490,13 @@ def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
 
 
 @pytest.mark.parametrize(("mode", "newtons"), [("stop", 6.0), ("report", 600.0)])
-def test_report_mode_leaves_the_force_estimate_to_the_guard_as_it_is(
-    mode: Any, newtons: float
-) -> None:
+def test_report_mode_does_not_change_the_force_estimate(mode: Any, newtons: float) -> None:
     monitors = Monitors(MonitorSettings(mode=mode))
-    step = GraspStep(Ears(), cast(GraspController, Told()), cast(ForceGuard, Gate()), monitors)
-    step.decide(told(frame(-1)))
-    assert step.decide(told(frame(-100))).observation.measured_n == (newtons,) * 3  # all jump
+    step = GraspStep(
+        FakeDetector(),
+        cast(GraspController, FakeController()),
+        cast(ForceGuard, FakeGuard()),
+        monitors,
+    )
+    step.decide(step_input(frame(-1)))
+    assert step.decide(step_input(frame(-100))).observation.measured_n == (newtons,) * 3  # all jump

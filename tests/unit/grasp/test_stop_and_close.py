@@ -1,4 +1,4 @@
-"""An arm that stands while slip in the lift is answered, and goes on when it is over."""
+"""Response that stops the arm during the lift and continues when slip is over."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from tests.unit.grasp.builders import LOST, STOP, arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
-def told(d: Driver, *kinds: type) -> list[object]:
+def commands(d: Driver, *kinds: type) -> list[object]:
     return [c for c in d.commands if isinstance(c, kinds)]
 
 
@@ -26,34 +26,34 @@ def quiet(d: Driver, steps: int) -> None:
 def test_arm_stops_before_the_hand_closes() -> None:
     d = Driver(slip_stop_mps2=4.0).slip()
     assert [type(c) for c in d.commands] == [StopArm, CloseFast]
-    assert told(d, StopArm) == [StopArm(4.0)]
+    assert commands(d, StopArm) == [StopArm(4.0)]
 
 
-def test_arm_goes_on_to_the_top_gently_once_slip_has_been_over_for_a_while() -> None:
+def test_arm_continues_gently_once_slip_has_been_over_for_a_while() -> None:
     d = Driver(lift_acceleration_mps2=1.0).slip()
     d.climb(gripper=d.hand(detections=MOVING))  # still closing
     over_ns = d.t_ns
     while d.controller.state is State.COMPENSATE:
         d.climb()
-    (on,) = told(d, MoveArm)
+    (on,) = commands(d, MoveArm)
     assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, RESUME_MPS2)
     assert (d.t_ns - over_ns) * 1e-9 == pytest.approx(0.14 + 0.05, abs=0.011)
 
 
-def test_arm_that_still_moves_is_told_to_stop_again_and_does_not_go_on() -> None:
+def test_stop_is_repeated_while_the_arm_moves_and_the_lift_waits() -> None:
     d = Driver().slip()
     for _ in range(40):
         d.step(arm=on_its_way(d))
     assert d.controller.state is State.COMPENSATE
-    assert len(told(d, StopArm)) == 5
-    assert told(d, MoveArm) == []
+    assert len(commands(d, StopArm)) == 5
+    assert commands(d, MoveArm) == []
 
 
-def test_arm_that_has_come_to_the_top_all_the_same_goes_nowhere() -> None:
+def test_arm_that_has_reached_the_top_does_not_move() -> None:
     d = Driver().slip()
     d.height_m = HEIGHT
     d.until(State.HOLD)
-    assert told(d, MoveArm) == []
+    assert commands(d, MoveArm) == []
 
 
 def test_slip_at_the_top_stops_no_arm() -> None:
@@ -62,14 +62,14 @@ def test_slip_at_the_top_stops_no_arm() -> None:
     d.until(State.HOLD)
     d.until(State.COMPENSATE, 0.9)
     d.until(State.HOLD)
-    assert told(d, StopArm, MoveArm) == []
+    assert commands(d, StopArm, MoveArm) == []
 
 
 @pytest.mark.parametrize("pattern", [(3, 3), (2, 40), (3, 9)])
-def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
+def test_recurring_slip_at_the_cap_ends_the_lift(
     pattern: tuple[int, int],
 ) -> None:
-    """As of an object too heavy to be held, which stands again whenever the arm does."""
+    """An object too heavy to be held stands on the table again whenever the arm stops."""
     d = Driver().slip()
     loud, silent = pattern
     began_ns = d.t_ns
@@ -81,26 +81,24 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     assert d.controller.response.closings == 1
 
 
-def test_slow_way_down_begins_a_little_above_where_the_arm_stood_when_slip_ended() -> None:
+def test_slow_descent_begins_slightly_above_the_height_at_which_slip_ended() -> None:
     d = Driver(hold_s=0.1).slip()
     quiet(d, 40)
     d.height_m = HEIGHT
     d.until(State.DESCEND)
-    assert told(d, MoveArm)[-1] == MoveArm((0.3, 0.2, 0.453), 0.05, 0.5)
+    assert commands(d, MoveArm)[-1] == MoveArm((0.3, 0.2, 0.453), 0.05, 0.5)
 
 
 @pytest.mark.parametrize(
     ("changes", "phase"),
     [({"errors": LOST}, State.FAULT), ({"stop": STOP}, State.STOPPED)],
 )
-def test_paused_arm_that_is_to_stop_for_good_never_goes_on(
-    changes: dict[str, str], phase: State
-) -> None:
+def test_paused_arm_does_not_continue_after_a_stop(changes: dict[str, str], phase: State) -> None:
     d = Driver().slip()
     d.commands.clear()
     d.climb(**changes)
     for _ in range(60):
         d.step(arm=arm(d.t_ns + TICK, 0.05))
     assert d.controller.state is phase
-    assert told(d, MoveArm) == []
-    assert d.controller.finished and not d.controller.unreached
+    assert commands(d, MoveArm) == []
+    assert d.controller.finished and not d.controller.unconfirmed

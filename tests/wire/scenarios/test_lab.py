@@ -72,7 +72,7 @@ def test_rest_codes_are_written_to_a_settings_file_that_is_not_overwritten(
     config = load_config("can", "hardware", "energy", [lab.file, out])
     assert config.tactile.rest_reference == tuple(map(tuple, codes))
     again = lab.grasp(*words)
-    assert again.code == 2 and "is there already" in again.err
+    assert again.code == 2 and "exists already" in again.err
 
 
 def test_tactile_watch_reports_rest_codes_and_counts(lab: Lab) -> None:
@@ -207,7 +207,7 @@ def test_nothing_moves_without_an_operator(ready: Lab, tmp_path: Path) -> None:
     ):
         refused = ready.grasp(*words, *CONFIRMED)
         assert refused.code == 2, (words, refused)
-        assert "nobody is there to be asked: standard input has ended" in refused.err
+        assert "no terminal for questions: standard input has ended" in refused.err
     assert ready.positions == before
 
 

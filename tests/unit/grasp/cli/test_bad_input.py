@@ -1,4 +1,4 @@
-"""Input that makes no sense to a verb: one line with a remedy, exit code 2, nothing written."""
+"""Invalid input gives one line with a remedy and exit code 2, and nothing is written."""
 
 import json
 from collections.abc import Iterator
@@ -47,7 +47,7 @@ release --rig zzz
 
 
 def refused(words: list[str], capsys: Capture) -> str:
-    """The one line that is told."""
+    """The single line on standard error."""
     code = main(words)
     out, err = capsys.readouterr()
     assert (code, out) == (2, ""), (words, err[-500:])
@@ -56,23 +56,23 @@ def refused(words: list[str], capsys: Capture) -> str:
     return err
 
 
-def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """All settings in a type, with what they may be."""
+def leaves(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """All settings of a type, with their declarations."""
     if isinstance(kind, inspect.Metadata):
-        yield from leaves(kind.type, way)
+        yield from leaves(kind.type, path)
     elif isinstance(kind, inspect.UnionType):
         for part in kind.types:
             if isinstance(part, inspect.StructType):
-                yield from leaves(part, way)
+                yield from leaves(part, path)
     elif isinstance(kind, inspect.StructType):
         for field in kind.fields:
-            yield from leaves(field.type, (*way, field.encode_name))
-    elif not isinstance(kind, inspect.DictType) and len(way) > 1:
-        yield ".".join(way), kind
+            yield from leaves(field.type, (*path, field.encode_name))
+    elif not isinstance(kind, inspect.DictType) and len(path) > 1:
+        yield ".".join(path), kind
 
 
 def wrong(kind: Any) -> list[str]:
-    """What such a setting cannot be, as TOML: another type, no number, a number out of bounds."""
+    """Invalid values of a setting as TOML: another type, NaN, a number out of bounds."""
     found = ["{ a = 1 }", "[[[]]]", "1979-05-27", "nan"]
     if isinstance(kind, inspect.IntType | inspect.FloatType):
         step = 1 if isinstance(kind, inspect.IntType) else 1e-3
@@ -88,20 +88,20 @@ def wrong(kind: Any) -> list[str]:
 
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_a_setting_that_cannot_be_is_refused_in_one_line(
+def test_an_invalid_setting_is_refused_in_one_line(
     data: st.DataObject, tmp_path: Path, capsys: Capture
 ) -> None:
-    way, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
+    path, kind = data.draw(st.sampled_from(list(leaves(inspect.type_info(RunConfig)))))
     value = data.draw(st.sampled_from(wrong(kind)))
     if data.draw(st.booleans()):
-        words = ["--set", f"{way}={value}"]
+        words = ["--set", f"{path}={value}"]
     else:
-        (tmp_path / "lab.toml").write_text(f"{way} = {value}\n")
+        (tmp_path / "lab.toml").write_text(f"{path} = {value}\n")
         words = ["--config", str(tmp_path / "lab.toml")]
     refused(["config", *words], capsys)
 
 
-def test_files_settings_and_words_that_cannot_be_used_are_refused_before_anything_is_written(
+def test_invalid_files_settings_and_arguments_are_refused_before_anything_is_written(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     work, empty, file = tmp_path / "work", tmp_path / "empty", tmp_path / "lab.toml"
@@ -126,7 +126,7 @@ def test_a_refusal_in_json_is_one_object(capsys: Capture) -> None:
     assert set(json.loads(out)["error"]) == {"kind", "message", "remedy"}
 
 
-def test_names_that_no_file_can_have_are_refused(
+def test_invalid_file_names_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The command as a user meets it: output, exit codes, errors with their remedy."""
+"""The command line: output, exit codes, errors with their remedy."""
 
 import json
 import re
@@ -52,7 +52,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert "run" in done.stdout
 
 
-def test_taps_are_shown_counted_and_left_as_runs(
+def test_taps_are_displayed_counted_and_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = call(
@@ -78,27 +78,27 @@ def test_taps_are_shown_counted_and_left_as_runs(
 def test_safety_stop_exits_with_4_and_reports_the_result_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, answer = run_json(
+    code, result = run_json(
         capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.grip_counts=[75,75,75]",
         "--set", "controller.preshape_margin_counts=30",
     )  # fmt: skip
-    assert code == answer["exit_code"] == 4
-    assert answer["error"]["kind"] == "safety_stop"
-    assert "latched" in answer["error"]["message"]
-    assert answer["result"]["outcome"] == "fault"
+    assert code == result["exit_code"] == 4
+    assert result["error"]["kind"] == "safety_stop"
+    assert "stopped on contact" in result["error"]["message"]
+    assert result["result"]["outcome"] == "fault"
 
 
-def test_folder_that_cannot_be_made_is_told_before_the_run(
+def test_folder_that_cannot_be_made_is_refused_before_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
+    code, result = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
     assert code == 2
-    assert answer["error"]["kind"] == "usage"
-    assert "--runs" in answer["error"]["message"]
+    assert result["error"]["kind"] == "usage"
+    assert "--runs" in result["error"]["message"]
 
 
-def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+def test_full_disk_does_not_stop_the_lift_and_leaves_no_partial_file(tmp_path: Path) -> None:
     def small_files() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
@@ -114,7 +114,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_path: Path) -> None:
+def test_ctrl_c_stops_the_arm_keeps_the_grip_and_reports_their_final_state(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -137,28 +137,28 @@ def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_pat
     assert "Traceback" not in err
 
 
-def test_settings_are_shown_with_where_they_are_from(
+def test_settings_are_printed_with_their_source(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
     words = ("config", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
-    said = call(*words, capsys=capsys)[1].splitlines()
-    ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in said if " = " in line}
+    output = call(*words, capsys=capsys)[1].splitlines()
+    ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in output if " = " in line}
     assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"
     assert ends["release"] == f"from {mine}"
     assert ends["threshold"] == "from --set"
     assert ends["drift"] == "default"
 
 
-def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_moves(
+def test_invalid_options_are_refused_with_a_remedy_before_anything_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for words, says in (
+    for words, expected in (
         ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
         ("tap --trials 0", "a whole number"),
-        ("tap --set controller.keep=true", "holds one object and ends"),
+        ("tap --set controller.keep=true", "only one trial is possible"),
         ("tap --set object.mass_kg=2.9", "leaves it in the hand"),
         ("lift --object cann", "did you mean 'can'"),
         ("lift --detector oracle", "energy"),
@@ -168,11 +168,11 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
         ("lift --config /no/such/file.toml", "no such file"),
     ):
         code, _, err = call("run", *words.split(), "--runs", str(tmp_path), capsys=capsys)
-        assert (code, err.count("\n")) == (2, 1) and says in err, words
+        assert (code, err.count("\n")) == (2, 1) and expected in err, words
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_field(
+def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verdict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "no runs" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
@@ -211,7 +211,7 @@ def test_failed_trial_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture
     assert code == 1 and "FAILED: cap reached" in out
 
 
-def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_are_printed_with_their_allowed_values(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call("config", "guard", capsys=capsys)
     assert code == 0 and "force_limit_n = 10.0  # float" in out
     _, table = run_json(capsys, "config", "--set", "guard.tip_mass_kg=0.3")

@@ -21,7 +21,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def answers(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, object]]:
+def results(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, object]]:
     assert main(list(words)) == 0
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
@@ -29,7 +29,7 @@ def answers(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, o
 def test_every_detector_gets_one_json_object(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = answers(
+    found = results(
         capsys, "detector", "evaluate", "energy", "psd-fair", "--data", str(data), "--json"
     )
     assert [sheet["detector"] for sheet in found] == ["energy", "psd-fair"]
@@ -40,14 +40,14 @@ def test_every_detector_gets_one_json_object(
         assert {"accuracy", "auc", "delay_ms_p50"} <= set(sheet["intervals"])  # type: ignore[arg-type]
 
 
-def test_an_evaluation_says_which_weights_and_rule_it_is_of(
+def test_an_evaluation_states_its_weights_and_rule(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As the result of a run with them does."""
+    """The evaluation states the same as the result of a run."""
 
     def hashed(name: str, *more: str) -> object:
         words = ["detector", "evaluate", name, "--data", str(data), "--json"]
-        return answers(capsys, *words, *more)[0]["detector_hash"]
+        return results(capsys, *words, *more)[0]["detector_hash"]
 
     weights = tmp_path / "other.onnx"
     weights.write_bytes(weights_path("gru").read_bytes())
@@ -66,38 +66,36 @@ def test_an_evaluation_says_which_weights_and_rule_it_is_of(
     assert len(others) == 5
 
 
-def test_a_tuned_rule_is_toml_that_the_next_run_takes(
+def test_a_tuned_rule_is_toml_that_a_run_accepts(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "12"]) == 0
     path = tmp_path / "tuned.toml"
     path.write_text(capsys.readouterr().out)
-    assert "that is little" in path.read_text()
+    assert "few data" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
-    (sheet,) = answers(capsys, *words, "--config", str(path), "--json")
+    (sheet,) = results(capsys, *words, "--config", str(path), "--json")
     assert sheet["false_events_per_min_hand"] <= 12.0  # type: ignore[operator]
 
 
-def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
+def test_a_budget_too_small_for_the_recorded_rest_is_refused(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tune = ["detector", "tune", "energy", "--data", str(data), "--budget"]
     assert main([*tune, "2"]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in said.err
-    assert "one false event is 11.2 a minute" in said.err
-    assert "or a greater --budget)" in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in output.err
+    assert "one false event is 11.2 a minute" in output.err
+    assert "or a greater --budget)" in output.err
     assert main([*tune, "12"]) == 0
 
 
-def test_a_card_says_what_the_weights_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_card_describes_the_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_network(tmp_path, "gru", seed=7)
-    (found,) = answers(capsys, "detector", "card", str(path), "--json")
+    (found,) = results(capsys, "detector", "card", str(path), "--json")
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
     assert main(["detector", "card", "tcm"]) == 2
-    told = capsys.readouterr().err
-    assert "'tcm' is no network of this project (did you mean 'tcn'?)" in told
-    assert "one of freq-cnn-paper, gru, tcn, tcn-paper, or a file that ends in .onnx" in told
+    error = capsys.readouterr().err
+    assert "'tcm' is no packaged network (did you mean 'tcn'?)" in error
+    assert "one of freq-cnn-paper, gru, tcn, tcn-paper, or a file that ends in .onnx" in error

@@ -1,4 +1,4 @@
-"""Dry runs of a lab's verbs in JSON: one object, nobody asked, nothing written."""
+"""Dry runs of device commands in JSON: one object, no question, nothing written."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ from tests.calibrations import PRESSED
 PRESSES = "--set " + " --set ".join(PRESSED)
 
 
-def test_dry_run_without_an_address_is_refused_as_the_verb_is(
+def test_dry_run_without_an_address_is_refused_like_the_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     new = tmp_path / "new.toml"
@@ -28,27 +28,27 @@ def test_dry_run_without_an_address_is_refused_as_the_verb_is(
         ("arm stop", "ur: host"),
     ):
         assert main([*words.replace("NEW", str(new)).split(), "--dry-run"]) == 2, words
-        said = capsys.readouterr()
-        assert said.out == "" and missing in said.err, words
+        output = capsys.readouterr()
+        assert output.out == "" and missing in output.err, words
         assert not new.exists()
 
 
-def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
+def test_dry_run_of_a_stop_queries_no_device_also_with_json(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     typed = ["arm", "stop", "--dry-run", "--set", "ur.host=127.0.0.1"]
     assert main([*typed, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"would": "end any program that runs on the arm at 127.0.0.1",
+    result = json.loads(capsys.readouterr().out)
+    assert result == {"would": "end any program that runs on the arm at 127.0.0.1",
                     "exit_code": 0}  # fmt: skip
     assert main(typed) == 0
-    assert capsys.readouterr().out == f"would {told['would']}\n"
+    assert capsys.readouterr().out == f"would {result['would']}\n"
 
 
 HAND = f"--set gripper.calibration=paper {PRESSES} --set modbus.host=127.0.0.1"
 
 
-def test_refusal_without_confirmation_says_what_would_move(
+def test_refusal_without_confirmation_states_the_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, would in (
@@ -57,11 +57,14 @@ def test_refusal_without_confirmation_says_what_would_move(
         (f"gripper close --to 90 {HAND}", "close finger ABC to 90 counts at 22 mm/s, at most 10 N"),
         (f"gripper step --finger B {HAND}", "move finger B by +2 counts at 22 mm/s, at most 10 N"),
         (f"gripper activate {HAND}", "open and close all fingers fully"),
-        ("calibrate hand --up-to 16 --out NEW", "move finger A, 10 times with force byte 0"),
+        (
+            "calibrate hand --up-to 16 --out NEW",
+            "move finger A 10 times onto the scale, with force byte 0",
+        ),
     ):
         assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2, words
-        said = capsys.readouterr().err
-        assert f"would {would}" in said and "--confirm-motion" in said, words
+        output = capsys.readouterr().err
+        assert f"would {would}" in output and "--confirm-motion" in output, words
 
 
 def test_dry_run_is_refused_on_a_rig_without_real_devices(
@@ -69,11 +72,11 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
 ) -> None:
     for scenario in ("lift", "tap", "acquire"):
         assert main(["run", scenario, "--rig", "simulated", "--dry-run"]) == 2
-        assert "moves nothing real" in capsys.readouterr().err
+        assert "is for real devices" in capsys.readouterr().err
 
 
-def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first() -> None:
-    """It looks at the hand once all devices are opened."""
+def test_dry_run_has_the_exit_code_of_the_first_failure_of_the_run() -> None:
+    """The hand is checked after all devices are opened."""
     cell, hand = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
     arm = Check("arm program", "fail", "")
     for against, code in (([], 0), ([hand], 4), ([arm], 3), ([hand, arm], 3), ([cell, arm], 4)):

@@ -1,4 +1,4 @@
-"""`grasp emulate`: where it may listen, and what is typed into it becomes requests to its cell."""
+"""`grasp emulate`: allowed addresses, and typed actions as requests to the cell."""
 
 import os
 import socket
@@ -15,11 +15,11 @@ from grasp.cli import emulate
 from grasp.cli.emulate import Console, check_address
 from scenarios.campaign.config import load_config
 
-ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # nobody else's here
+ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # not used by other tests
 
 
-def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None:
-    for host, beyond, told in (
+def test_an_address_beyond_loopback_needs_its_option_and_is_numeric() -> None:
+    for host, beyond, replies in (
         *(
             (host, False, "is no loopback address")
             for host in ("0.0.0.0", "192.168.0.1", "foo", "")
@@ -30,7 +30,7 @@ def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None
         (None, True, "needs --host"),
         ("127.0.0.1", True, "ur_rtde skips a check there"),
     ):
-        with pytest.raises(UsageError, match=told):
+        with pytest.raises(UsageError, match=replies):
             check_address(host, bool(beyond))
             pytest.fail(f"listens at {host}")
     check_host("0.0.0.0", beyond_loopback=True)
@@ -38,7 +38,7 @@ def test_an_address_beyond_loopback_has_to_be_asked_for_and_is_no_name() -> None
     check_address(None, False)
 
 
-def test_a_port_that_is_taken_is_told_before_anything_is_compiled() -> None:
+def test_a_used_port_is_refused_before_anything_is_compiled() -> None:
     with socket.create_server((ADDRESS, 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(LinkLost, match="in use") as caught:
@@ -56,14 +56,14 @@ TRUTH = {
 
 
 class Cell:
-    """Takes requests; a name that it does not know is an error of its own."""
+    """Records requests; raises an error for an unknown name."""
 
     def __init__(self) -> None:
-        self.asked: list[dict[str, Any]] = []
+        self.requests: list[dict[str, Any]] = []
         self.homeward: list[dict[str, Any]] = []  # replies on the way home
 
     def execute_request(self, request: dict[str, Any]) -> dict[str, Any]:
-        self.asked.append(request)
+        self.requests.append(request)
         if request["verb"] == "fault" and request["name"] == "dance":
             raise ValueError("unknown fault 'dance'")
         if request["verb"] == "fault" and request["name"] == "unplug":
@@ -77,14 +77,14 @@ class Cell:
 
 @pytest.fixture
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Where to write what is typed."""
+    """Descriptor to which tests write typed input."""
     reading, writing = os.pipe()
     monkeypatch.setattr(emulate, "STDIN", reading)
     yield writing
     os.close(reading)
 
 
-def said(
+def printed(
     typed: int,
     lines: str,
     capsys: pytest.CaptureFixture[str],
@@ -98,31 +98,38 @@ def said(
     console.listen(cell)  # type: ignore[arg-type]
     os.write(typed, lines.encode())
     os.close(typed)  # the end of the input ends the listening, and nothing else
-    answers: list[str] = []
-    while len(answers) < len(lines.split("\n")) - 1:
+    replies: list[str] = []
+    while len(replies) < len(lines.split("\n")) - 1:
         time.sleep(0.005)
-        answers += capsys.readouterr().err.splitlines()
-    return cell, [line.removeprefix("cell: ") for line in answers]
+        replies += capsys.readouterr().err.splitlines()
+    return cell, [line.removeprefix("cell: ") for line in replies]
 
 
-def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_typed_actions_become_requests_to_the_cell(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = "place\nhome\nlook\ntap side\nfault gripper_delay seconds=0.2 times=3\n"
-    cell, answers = said(typed, lines, capsys)
-    verbs = [request["verb"] for request in cell.asked]
+    cell, replies = printed(typed, lines, capsys)
+    verbs = [request["verb"] for request in cell.requests]
     assert verbs == ["place", "home", "truth", "tap", "fault"]
-    assert cell.asked[3]["direction"] == "side" and cell.asked[3]["impulse_n_s"] > 0.0
-    assert cell.asked[4] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
-    assert answers[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
-    assert answers.count("done") == 4
+    assert cell.requests[3]["direction"] == "side" and cell.requests[3]["impulse_n_s"] > 0.0
+    assert cell.requests[4] == {
+        "verb": "fault",
+        "name": "gripper_delay",
+        "seconds": 0.2,
+        "times": 3,
+    }
+    assert replies[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
+    assert replies.count("done") == 4
 
 
-def test_what_is_not_known_is_told_with_what_is(
+def test_an_unknown_action_is_refused_with_the_known_ones(
     typed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = "dance\ntap below\nplace it\nfault dance\npress A pad\nplace\n"
-    cell, answers = said(typed, lines, capsys)
-    assert "'dance' is not known" in answers[0]
-    assert "Expected `int`" in answers[4]
-    assert all("take (it away) | home (the arm)" in answer for answer in answers[:5])
-    assert answers[5] == "done"
-    assert [request["verb"] for request in cell.asked] == ["fault", "press", "place"]
+    cell, replies = printed(typed, lines, capsys)
+    assert "'dance' is no action" in replies[0]
+    assert "Expected `int`" in replies[4]
+    assert all("take (it away) | home (the arm)" in reply for reply in replies[:5])
+    assert replies[5] == "done"
+    assert [request["verb"] for request in cell.requests] == ["fault", "press", "place"]

@@ -1,4 +1,4 @@
-"""Ctrl-C while the program's modules are imported ends it as Ctrl-C does, wherever it strikes."""
+"""Ctrl-C during the import of the program's modules ends it with exit code 130."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 # imports as a program does; strikes itself at the import of a number or a name
-STRUCK = """
+INTERRUPTED_AT = """
 import os, signal, sys
 
 class Strike:
@@ -27,13 +27,13 @@ code = main()
 print("left", Strike.left)
 sys.exit(code)
 """
-ENTRY = "import grasp.cli.entry"  # whose first lines are Python's own still
+ENTRY = "import grasp.cli.entry"  # before this module runs, Ctrl-C has Python's handler
 
 
-def struck(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
+def interrupted_at(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
     words = ("run", "lift", "--rig", "simulated", "--pace", "max", "--runs", str(runs))
     return subprocess.run(
-        [sys.executable, "-c", STRUCK.format(place=place, before=ENTRY), *words],
+        [sys.executable, "-c", INTERRUPTED_AT.format(place=place, before=ENTRY), *words],
         capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
 
@@ -45,15 +45,15 @@ def struck(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
 def test_ctrl_c_at_any_import_ends_with_130_and_no_traceback(
     place: int | str, tmp_path: Path
 ) -> None:
-    done = struck(place, tmp_path / "runs")
-    assert "left" not in done.stdout or "left -1" in done.stdout  # it was struck
+    done = interrupted_at(place, tmp_path / "runs")
+    assert "left" not in done.stdout or "left -1" in done.stdout  # the signal was raised
     assert done.returncode == 130, done.stderr
     assert "Traceback" not in done.stderr and "ignored" not in done.stderr
     assert "damaged" not in done.stderr
     assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").glob("*/recording*"))
 
 
-def test_after_the_command_ctrl_c_is_python_s_own_again() -> None:
+def test_after_the_command_ctrl_c_has_python_s_handler_again() -> None:
     code = (
         "import signal, sys; from grasp.cli.entry import main, _quit\n"
         "assert signal.getsignal(signal.SIGINT) is _quit\n"

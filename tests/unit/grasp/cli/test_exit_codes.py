@@ -1,4 +1,4 @@
-"""No failure ends with the code of success, whatever somebody's library raises."""
+"""No failure ends with the exit code of success, whatever exception a library raises."""
 
 import sys
 from asyncio import CancelledError
@@ -15,7 +15,7 @@ from scenarios.trial.result import Failure
 from tests.unit.scenarios.conftest import config
 
 
-def test_what_no_code_of_ours_may_raise_is_a_bug(
+def test_an_unexpected_exception_is_an_internal_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for raised in (
@@ -29,11 +29,11 @@ def test_what_no_code_of_ours_may_raise_is_a_bug(
         monkeypatch.setattr(recordings, "runs", raises)
         for more in ([], ["--json"]):
             assert main(["runs", *more]) == 5, raised
-            told = capsys.readouterr()
-            assert type(raised).__name__ in (told.out if more else told.err)
+            error = capsys.readouterr()
+            assert type(raised).__name__ in (error.out if more else error.err)
 
 
-def test_a_bug_in_the_judgement_leaves_no_result_and_is_told(
+def test_a_bug_in_the_scoring_leaves_no_result_and_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for raised in (ZeroDivisionError("7"), SystemExit(0), BrokenPipeError()):
@@ -61,7 +61,7 @@ class _Unread:
         raise BrokenPipeError(32, "Broken pipe")
 
 
-def test_how_arm_and_hand_were_left_is_told_though_nobody_reads_the_verdict(
+def test_final_state_is_reported_although_standard_output_is_closed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdout", _Unread(sys.stdout))

@@ -1,4 +1,4 @@
-"""Help in groups with examples that can be typed, and words that a shell completes."""
+"""Help in sections, valid examples, and shell completion."""
 
 import os
 import shlex
@@ -40,9 +40,9 @@ def test_every_command_has_its_function() -> None:
         assert callable(getattr(module_of(name), name.replace(" ", "_")))
 
 
-def test_every_verb_is_in_one_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_is_in_one_section_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     text = helped(capsys=capsys)
-    for section in ("try", "measure", "a lab's devices", "set up"):
+    for section in ("try", "measure", "real devices", "settings"):
         assert f"\n{section}:\n" in text
     for name in build_parser().commands():
         assert text.count(f"\n  {name} ") == 1
@@ -53,7 +53,7 @@ def test_every_verb_is_in_one_group_of_the_help(capsys: pytest.CaptureFixture[st
 
 
 def completed(line: str, folder: Path) -> list[str]:
-    """What a shell is offered at the end of a line."""
+    """Completions that a shell gets at the end of a line."""
     out = folder / "out"
     program = "import sys; from grasp.cli.main import main; sys.exit(main())"
     done = subprocess.run(
@@ -69,13 +69,13 @@ def completed(line: str, folder: Path) -> list[str]:
     return out.read_text().split("\n")
 
 
-def test_a_shell_completes_verbs_and_options(tmp_path: Path) -> None:
+def test_a_shell_completes_commands_and_options(tmp_path: Path) -> None:
     assert completed("grasp cam", tmp_path) == ["campaign"]
     assert {"lift", "tap", "acquire"} <= set(completed("grasp run ", tmp_path))
     assert "--confirm-motion" in completed("grasp run lift --con", tmp_path)
 
 
-def test_a_shell_completes_names_and_files_of_one_s_own(tmp_path: Path) -> None:
+def test_a_shell_completes_names_and_user_files(tmp_path: Path) -> None:
     (tmp_path / "mine.py").touch()
     (tmp_path / "mug.toml").touch()
     (tmp_path / "notes.txt").touch()

@@ -1,4 +1,4 @@
-"""Asking and listening at a terminal: nothing that is typed keeps the caller waiting."""
+"""Questions at a terminal: input never blocks the caller."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from grasp.cli.lab import TerminalOperator
 
 @pytest.fixture
 def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Where to write what is typed."""
+    """Descriptor to which tests write typed input."""
     reading, writing = os.pipe()
     with os.fdopen(reading) as standard_input:
         monkeypatch.setattr(sys, "stdin", standard_input)
@@ -20,7 +20,7 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     os.close(writing)
 
 
-def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
+def test_lines_are_returned_one_by_one_once_complete(typed: int) -> None:
     person = TerminalOperator()
     os.write(typed, b"12")
     assert person.poll() is None
@@ -28,7 +28,7 @@ def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
     assert [person.poll(), person.poll(), person.poll()] == ["12.5", "l", None]
 
 
-def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) -> None:
+def test_ended_input_is_refused_before_the_first_question(typed: int) -> None:
     person = TerminalOperator()
     person.expect()
     os.write(typed, b"early\n")
@@ -36,11 +36,11 @@ def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) ->
     nowhere = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nowhere, sys.stdin.fileno())
     os.close(nowhere)
-    with pytest.raises(UsageError, match="nobody is there to be asked"):
+    with pytest.raises(UsageError, match="no terminal for questions"):
         person.expect()
 
 
-def test_what_was_typed_before_a_question_is_no_answer(
+def test_input_before_a_question_is_discarded(
     typed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     person = TerminalOperator()

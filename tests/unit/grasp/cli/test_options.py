@@ -34,18 +34,16 @@ def test_every_number_of_the_command_line_has_bounds() -> None:
     assert {"run", "campaign", "calibrate", "emulate"} <= asked
 
 
-def test_values_that_cannot_be_are_refused_with_what_is_allowed(capsys: Capture) -> None:
-    for words, says in (
+def test_invalid_values_are_refused_with_the_allowed_range(capsys: Capture) -> None:
+    for words, expected in (
         ("run lift --trials 0", "1 to 10000"),
         ("run acquire --speed 9", "0.004 to 0.2"),
     ):
         assert main(words.split()) == 2, words
-        assert says in capsys.readouterr().err, words
+        assert expected in capsys.readouterr().err, words
 
 
-def test_a_place_that_cannot_be_written_is_refused_as_a_word_of_the_command_line(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_path_that_cannot_be_written_is_a_usage_error(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "file").write_text("")
     for name in ("a", "a.svg"):
         (tmp_path / name).mkdir()
@@ -61,14 +59,14 @@ def test_a_place_that_cannot_be_written_is_refused_as_a_word_of_the_command_line
             places += [] if kind is options.folder_to_fill else [tmp_path / name]
             for place in places:
                 assert main([*leaf.prog.split()[1:], option, str(place)]) == 2
-                told = capsys.readouterr().err
-                assert f"argument {option}: '{place}': " in told and told.count("\n") == 1
+                message = capsys.readouterr().err
+                assert f"argument {option}: '{place}': " in message and message.count("\n") == 1
                 asked += 1
     assert asked > 30
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
+def test_checking_a_writable_path_changes_nothing(tmp_path: Path) -> None:
     new, there = tmp_path / "new", tmp_path / "there"
     there.write_text("kept")
     assert options.file_to_write(str(new)) == new

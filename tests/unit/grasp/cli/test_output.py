@@ -1,4 +1,4 @@
-"""Under --json standard output holds JSON alone, whoever else prints."""
+"""With --json standard output contains only JSON, whatever else prints."""
 
 import json
 import math
@@ -26,7 +26,7 @@ NOISY = (
 )
 
 
-def test_whatever_prints_in_a_process_only_the_answer_is_on_standard_output(tmp_path: Path) -> None:
+def test_with_json_only_the_result_is_on_standard_output(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", NOISY, str(tmp_path)], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
@@ -37,14 +37,14 @@ def test_whatever_prints_in_a_process_only_the_answer_is_on_standard_output(tmp_
         assert text in done.stderr
 
 
-def test_a_number_that_is_none_is_null_wherever_it_stands() -> None:
-    said = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
-    assert json_line(said) == '{"p90":null,"all":[1,[null,2.5]],"word":"Infinity"}'
+def test_nan_and_infinity_become_null() -> None:
+    output = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
+    assert json_line(output) == '{"p90":null,"all":[1,[null,2.5]],"word":"Infinity"}'
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 @pytest.mark.parametrize("how", [["--json"], []])
-def test_a_disk_that_is_full_is_told_in_one_line(how: list[str]) -> None:
+def test_a_full_disk_is_reported_in_one_line(how: list[str]) -> None:
     start = "import sys; from grasp.cli.main import main; sys.exit(main(sys.argv[1:]))"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(

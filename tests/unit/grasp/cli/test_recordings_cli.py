@@ -1,4 +1,4 @@
-"""What is said of recordings: replays, scores of a fingertip's."""
+"""Commands for recordings: replay of runs, scores of fingertip recordings."""
 
 import re
 from pathlib import Path
@@ -14,8 +14,8 @@ def test_replay_checks_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     code, out, _ = call("replay", folder, "--check", capsys=capsys)
     assert code == 0
     assert "as recorded" in out
-    code, answer = run_json(capsys, "replay", folder)
-    assert answer["same"] is True
+    code, result = run_json(capsys, "replay", folder)
+    assert result["same"] is True
 
 
 def stroke_csv(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""`grasp report` as a user meets it: where the page goes, and what stands in its way."""
+"""`grasp report`: path of the page, and files that it must not overwrite."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ LIFT = ("run", "lift", "--rig", "simulated", "--detector", "energy", "--pace", "
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of a lift that was asked for its page."""
+    """Folder of a lift that was run with --report."""
     folder = tmp_path_factory.mktemp("runs")
     assert main([*LIFT, "--runs", str(folder), "--report"]) in (0, 1)
     return folder
@@ -35,7 +35,7 @@ def test_a_page_that_cannot_be_written_changes_no_verdict(
     assert "no page of seed 0" in capsys.readouterr().err
 
 
-def test_the_page_stands_beside_the_recording_and_is_made_again(
+def test_the_page_is_next_to_the_recording_and_can_be_rewritten(
     runs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = only(runs) / "report.html"
@@ -45,11 +45,11 @@ def test_the_page_stands_beside_the_recording_and_is_made_again(
     assert page.stat().st_mode & 0o777 == 0o600
 
 
-def test_what_is_no_page_of_ours_is_not_written_over(
+def test_other_files_are_not_overwritten_by_a_page(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "index.html"
     out.write_text("<!doctype html>mine")
     assert main(["report", str(only(runs)), "--out", str(out)]) == 2
-    assert "is there already (name another file)" in capsys.readouterr().err
+    assert "exists already (name another file)" in capsys.readouterr().err
     assert out.read_text() == "<!doctype html>mine"

@@ -1,4 +1,4 @@
-"""`grasp detector train`, without what computes: what it is asked for."""
+"""`grasp detector train` with a fake training: options, files and messages."""
 
 import sys
 from pathlib import Path
@@ -13,7 +13,7 @@ from grasp.cli.main import main
 
 
 class Card(msgspec.Struct):
-    """Of a network."""
+    """Card of a network, reduced."""
 
     parameters: int
     steps: int
@@ -22,23 +22,23 @@ class Card(msgspec.Struct):
 
 
 class Training:
-    """In place of one: what it was told."""
+    """Fake training that records its calls."""
 
     def __init__(self) -> None:
-        self.told: list[str] = []
+        self.calls: list[str] = []
         self.step, self.settings, self.stalled = 2, SimpleNamespace(steps=2), False
 
     def resume(self, checkpoint: Path) -> None:
-        self.told.append(f"resume {checkpoint.name}")
+        self.calls.append(f"resume {checkpoint.name}")
 
-    def run(self, minutes: float | None, checkpoint: Path, tell: Any) -> None:
+    def run(self, minutes: float | None, checkpoint: Path, report: Any) -> None:
         checkpoint.write_text("how far it is")
-        self.told.append("run")
+        self.calls.append("run")
 
 
 @pytest.fixture
 def training(monkeypatch: pytest.MonkeyPatch) -> Training:
-    """What `grasp detector train` runs and exports, without torch."""
+    """Fake training and export of `grasp detector train`, without torch."""
     made = Training()
     monkeypatch.setattr(train, "need", lambda *_: None)
     monkeypatch.setattr(train, "_prepare", lambda _: (made, []))
@@ -48,23 +48,23 @@ def training(monkeypatch: pytest.MonkeyPatch) -> Training:
 
 
 @pytest.mark.parametrize(
-    ("words", "told", "logged"),
+    ("words", "calls", "logged"),
     [([], ["run"], ""), (["--resume"], ["resume mine.checkpoint", "run"], "step 20\n")],
 )
-def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_checkpoint(
-    words: list[str], told: list[str], logged: str, tmp_path: Path, training: Training,
+def test_training_and_its_log_start_again_unless_resumed_and_leave_no_checkpoint(
+    words: list[str], calls: list[str], logged: str, tmp_path: Path, training: Training,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "mine.log").write_text("step 20\n")
     out = tmp_path / "mine.onnx"
     assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out), *words]) == 0
-    assert training.told == told
+    assert training.calls == calls
     assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
     assert (tmp_path / "mine.log").read_text() == logged
     assert "accuracy on validation 0.900" in capsys.readouterr().out
 
 
-def test_weights_that_are_there_are_not_written_over_unless_told_to(
+def test_existing_weights_are_overwritten_only_with_force(
     tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mine.onnx"
@@ -72,30 +72,30 @@ def test_weights_that_are_there_are_not_written_over_unless_told_to(
     (tmp_path / "mine.toml").write_text("its rule")
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(out)]
     assert main(words) == 2
-    assert f"{out} is there already" in capsys.readouterr().err
-    assert training.told == [] and out.read_text() == "of last week"
+    assert f"{out} exists already" in capsys.readouterr().err
+    assert training.calls == [] and out.read_text() == "of last week"
     assert main([*words, "--force"]) == 0
-    assert training.told == ["run"]
-    assert "mine.toml beside it is of other weights" in capsys.readouterr().err
+    assert training.calls == ["run"]
+    assert "mine.toml is for other weights" in capsys.readouterr().err
 
 
-def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_purpose(
+def test_an_unfinished_training_is_continued_or_restarted_only_on_request(
     tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "mine.checkpoint").write_text("of an hour ago")
     (tmp_path / "mine.log").write_text("its first hour")
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 2
-    assert "mine.checkpoint is of a training that did not end" in capsys.readouterr().err
-    assert training.told == [] and (tmp_path / "mine.log").read_text() == "its first hour"
+    assert "mine.checkpoint is of an unfinished training" in capsys.readouterr().err
+    assert training.calls == [] and (tmp_path / "mine.log").read_text() == "its first hour"
     assert main([*words, "--force"]) == 0
 
 
-def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on(
+def test_an_interrupted_training_states_its_checkpoint_and_how_to_continue(
     tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    def run(minutes: float | None, checkpoint: Path, tell: Any) -> None:
+    def run(minutes: float | None, checkpoint: Path, report: Any) -> None:
         checkpoint.write_text("how far it is")
         training.step, training.settings.steps = 120, 2000
         raise KeyboardInterrupt
@@ -103,13 +103,15 @@ def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on
     monkeypatch.setattr(training, "run", run)
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 130
-    told = f"interrupted at step 120 of 2000, kept in {tmp_path / 'mine.checkpoint'} (the same"
-    said = capsys.readouterr().err
-    assert told in said and "with --resume goes on" in said
+    expected = (
+        f"interrupted at step 120 of 2000, saved in {tmp_path / 'mine.checkpoint'} (to continue"
+    )
+    output = capsys.readouterr().err
+    assert expected in output and "with --resume" in output
     assert (tmp_path / "mine.checkpoint").is_file() and not (tmp_path / "mine.onnx").exists()
 
 
-def test_no_network_is_trained_on_a_data_set_that_is_not_all_there(
+def test_no_network_is_trained_on_an_incomplete_data_set(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(train, "need", lambda *_: None)

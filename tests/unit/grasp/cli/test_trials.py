@@ -1,4 +1,4 @@
-"""What a series of trials says with its exit code, and at its end."""
+"""Messages and exit codes at the end of a series of trials."""
 
 import signal
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
 CLOSED = FinalState("the arm is stationary", "the hand is closed", "to let go, run `grasp release`")
 
 
-def test_series_that_was_complete_says_so_and_why_it_failed(
+def test_resuming_a_complete_series_reports_its_failure(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["run", "lift", "--rig", "simulated", "--trials", "1", *DEAF]
@@ -28,16 +28,20 @@ def test_series_that_was_complete_says_so_and_why_it_failed(
     assert main(words) == 1
     capsys.readouterr()
     assert main([*words, "--resume"]) == 1
-    said = capsys.readouterr().err
-    assert "1 trial is in" in said and "none is left to run" in said and "--resume" not in said
-    assert "1 of 1 trials did not succeed: exit code 1" in said
+    output = capsys.readouterr().err
+    assert (
+        "1 trial is in" in output
+        and "the series is complete" in output
+        and "--resume" not in output
+    )
+    assert "1 of 1 trials did not succeed: exit code 1" in output
 
 
 def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
-    """Has the first trial of a series be its last, as the hardware rig tells it."""
+    """Make the first trial the last one, with results as from the hardware rig."""
     run = trial_series.run
 
-    def told(experiment: Any, *rest: Any) -> Iterator[Any]:
+    def run_once(experiment: Any, *rest: Any) -> Iterator[Any]:
         finished, row = next(iter(run(experiment, *rest)))
         failure = changes.get("failure")
         result = msgspec.structs.replace(finished.result, rig="hardware", end=changes.get("end"))
@@ -45,22 +49,22 @@ def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
         if changes.get("signalled"):
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(trial_series, "run", told)
+    monkeypatch.setattr(trial_series, "run", run_once)
 
 
-def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_on(
+def test_trial_that_leaves_a_closed_hand_is_reported_with_release_and_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     altered(monkeypatch, end=CLOSED)
     out = tmp_path / "rows.sqlite"
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 1
-    said = [line.strip() for line in capsys.readouterr().err.splitlines()]
-    assert said[-4:] == [
+    output = [line.strip() for line in capsys.readouterr().err.splitlines()]
+    assert output[-4:] == [
         "the arm is stationary; the hand is closed", CLOSED.advice,
-        f"1 trial is in {out}: go on with --out {out} --resume",
+        f"1 trial is in {out}: continue with --out {out} --resume",
         "grasp: 1 of 1 trials did not succeed: exit code 1",
     ]  # fmt: skip
-    assert said[-5].startswith("grasp: seed 0: ")
+    assert output[-5].startswith("grasp: seed 0: ")
 
 
 def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
@@ -70,5 +74,5 @@ def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
     altered(monkeypatch, failure=failure, signalled=True)
     out = tmp_path / "rows.sqlite"
     assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 4
-    said = capsys.readouterr().err
-    assert CLOSED.advice in said and "--resume" in said and "interrupted" not in said
+    output = capsys.readouterr().err
+    assert CLOSED.advice in output and "--resume" in output and "interrupted" not in output

@@ -1,4 +1,4 @@
-"""What a person sees of a run fits the terminal."""
+"""The terminal view of a run: panel, lines and verdict."""
 
 from types import SimpleNamespace
 
@@ -10,23 +10,23 @@ from grasp.fault import Fault
 from scenarios.report.run_view import facts
 from scenarios.trial.final_state import FinalState
 
-SLIPPING = view.Glimpse(
-    t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, news=True,
+SLIPPING = view.TickView(
+    t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, event=True,
     measured_n=(10.0, 5.0, 5.0), probabilities=[0.93, 0.5, 0.02], positions=(155, 100, 100),
     arm_m=0.312,
 )  # fmt: skip
 
 
-def drawn(width: int, seen: view.Glimpse = SLIPPING) -> list[str]:
+def output(width: int, shown_view: view.TickView = SLIPPING) -> list[str]:
     console = Console(width=width, force_terminal=True, color_system=None)
     with console.capture() as capture:
-        console.print(view.panel(seen, console.width))
+        console.print(view.panel(shown_view, console.width))
     return capture.get().splitlines()
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 200])
-def test_bars_are_whole_whatever_the_width(width: int) -> None:
-    lines = drawn(width)
+def test_bars_fit_into_any_width(width: int) -> None:
+    lines = output(width)
     assert len(lines) == 5
     assert all(len(line) <= width for line in lines)
     assert not any("…" in line for line in lines[1:])
@@ -41,13 +41,13 @@ def test_bars_are_whole_whatever_the_width(width: int) -> None:
         (
             {"peak_force_n": {"A": 21.84, "B": 11.0, "C": 10.8}}, "each_motor",
             ["peak force A 21.8, B 11.0, C 10.8 N (true); commanded 10.0 N",
-             "limit 10 N, each_motor: the thumb bears what B and C press, about 20 N"],
+             "limit 10 N, each_motor: the thumb bears the sum of B and C, about 20 N"],
         ),
         (
             {"peak_force_n": None, "peak_measured_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
             "every_finger",
             ["peak force A 9.0, B 4.5, C 4.0 N (estimated by the fingertips); commanded 10.0 N",
-             "limit 10 N, every_finger: no finger shall bear more"],
+             "limit 10 N, every_finger: it applies to each finger"],
         ),
     ],
 )  # fmt: skip
@@ -58,23 +58,23 @@ def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
 
 
 def verdict(**changes: object) -> SimpleNamespace:
-    told = {
+    values = {
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
         "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
         "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip
-    return SimpleNamespace(**(told | changes))
+    return SimpleNamespace(**(values | changes))
 
 
 def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out() -> None:
     closed = FinalState(
         "the arm is stationary", "the hand is closed", "to let go, run `grasp release`"
     )
-    said = live.verdict(verdict(end=closed))
-    assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
-    assert said.endswith(
+    output = live.verdict(verdict(end=closed))
+    assert output.startswith("\nFAILED: dropped  (can, seed 3)\n")
+    assert output.endswith(
         "  lost: contact lost on the way down\n  the arm is stationary; the hand is closed\n"
         "  to let go, run `grasp release`"
     )
@@ -82,8 +82,8 @@ def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_o
     assert opened.endswith("  the arm is stationary; the hand is open")
 
 
-class Seen:
-    """In place of what draws: what it was given."""
+class FakeView:
+    """Fake viewer that records its messages."""
 
     def __init__(self) -> None:
         self.taken: list[view.Message] = []
@@ -98,17 +98,17 @@ class Seen:
 @pytest.mark.parametrize(
     ("brief", "phases", "shown"), [(True, "aaabb", 0), (False, "aaabb", 2), (False, "a" * 101, 3)]
 )
-def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registrations(
+def test_one_trial_shows_phases_and_a_series_only_registrations(
     brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = Seen()
-    monkeypatch.setattr(view, "Lines", lambda: seen)
-    monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
+    shown_view = FakeView()
+    monkeypatch.setattr(view, "Lines", lambda: shown_view)
+    monkeypatch.setattr(view, "tick_view", lambda *_: SLIPPING)
     display = live.Display("simulated", quiet=False, plain=True, brief=brief)
     for phase in phases:
         decision = SimpleNamespace(state=phase, slip=SimpleNamespace(event=None))
         display.tick(SimpleNamespace(decision=decision))
-    assert len(seen.taken) == shown
+    assert len(shown_view.taken) == shown
     event = SimpleNamespace(state=phases[-1], slip=SimpleNamespace(event="slip"))
     display.tick(SimpleNamespace(decision=event))
-    assert len(seen.taken) == shown + 1
+    assert len(shown_view.taken) == shown + 1

@@ -1,4 +1,4 @@
-"""Arm states that do not follow a command: each limit takes effect where its name says."""
+"""Plausibility checks of the arm: each limit takes effect at its value."""
 
 import math
 from typing import Any
@@ -10,7 +10,7 @@ from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmModel, ArmModelSettings
 from grasp.commands import MoveArm, StopArm
 from grasp.fault import ARM
-from grasp.monitors.arm import OFF_LINE_M, THERE_M, TURN_S, ArmHistory
+from grasp.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.settings import MonitorSettings
 from tests.unit.grasp.builders import arm
@@ -19,7 +19,7 @@ MS = 1_000_000
 X, Y, Z = arm(0).position_m
 
 
-class Watched:
+class CheckedArm:
     """The history of an arm, and the checks that fail after each state."""
 
     def __init__(self, **settings: Any) -> None:
@@ -27,7 +27,7 @@ class Watched:
         self.history = ArmHistory(self._limits)
         self.command = self.history.sent
 
-    def see(self, state: ArmState, pending: bool = False) -> str:
+    def update(self, state: ArmState, pending: bool = False) -> str:
         self.history.update(state, pending)
         checks = [(code, c.fails) for code, c in CHECKS.items() if c.device == ARM]
         found = {code: fails(self.history, self._limits) for code, fails in checks if fails}
@@ -44,70 +44,70 @@ def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0
 def up(
     by_m: float, speed_mps: float = 0.1, ramp_mps2: float = 0.5, aside_m: float = 0.0
 ) -> MoveArm:
-    """To a point so far above the one at which each arm begins."""
+    """Command to a point ``by_m`` above the start."""
     return MoveArm((X + aside_m, Y, Z + by_m), speed_mps, ramp_mps2)
 
 
-def sent_up(**settings: Any) -> Watched:
-    """Of an arm that stood at 0 s, and was told then to rise by 0.2 m."""
-    watched = Watched(**settings)
-    assert watched.see(at(0.0, 0.0)) == ""
-    watched.command(up(0.2), at(0.0, 0.0))
-    return watched
+def sent_up(**settings: Any) -> CheckedArm:
+    """Checks of an arm that is at rest at 0 s and is then commanded to rise by 0.2 m."""
+    checked = CheckedArm(**settings)
+    assert checked.update(at(0.0, 0.0)) == ""
+    checked.command(up(0.2), at(0.0, 0.0))
+    return checked
 
 
-def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
-    """Name of the last doubt; the arm stands at 0 s, and is told to rise then."""
-    watched = Watched(**settings)
-    assert watched.see(at(0.0, 0.0)) == ""
-    watched.command(up(by_m), at(0.0, 0.0))
-    said = [watched.see(state) for state in states]
-    assert not any(said[:-1])
-    return said[-1]
+def failed_while_rising(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
+    """Code that fails at the last state; the arm is commanded to rise at 0 s."""
+    checked = CheckedArm(**settings)
+    assert checked.update(at(0.0, 0.0)) == ""
+    checked.command(up(by_m), at(0.0, 0.0))
+    codes = [checked.update(state) for state in states]
+    assert not any(codes[:-1])
+    return codes[-1]
 
 
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_arm_start_s(value: float) -> None:
     def after(s: float) -> str:
-        return told_up(at(s + TURN_S, 0.00005), arm_start_s=value)
+        return failed_while_rising(at(s + TURN_S, 0.00005), arm_start_s=value)
 
     assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_noticed(told: bool) -> None:
-    """Else only the time-out of a phase would end a run in which its flag sticks."""
-    watched = Watched(arm_start_s=0.3)
+@pytest.mark.parametrize("command_sent", [True, False])
+def test_arm_at_its_target_that_reports_motion_is_detected(command_sent: bool) -> None:
+    """Otherwise only the phase time-out would end a run with a stuck motion flag."""
+    checked = CheckedArm(arm_start_s=0.3)
     moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.39, 0.41)]
-    assert watched.see(moving[0]) == ""
-    if told:
-        watched.command(MoveArm(moving[0].position_m, 0.1, 0.5), moving[0])
-    assert watched.see(moving[1]) == ""
-    assert watched.see(moving[2]) == "arm_frozen"
+    assert checked.update(moving[0]) == ""
+    if command_sent:
+        checked.command(MoveArm(moving[0].position_m, 0.1, 0.5), moving[0])
+    assert checked.update(moving[1]) == ""
+    assert checked.update(moving[2]) == "arm_frozen"
 
 
-def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
-    watched = Watched()
-    assert watched.see(at(0.0, 0.0)) == ""
-    assert watched.see(at(0.1, 0.004)) == "arm_wrong_way"
+def test_an_arm_that_moves_without_a_command_deviates() -> None:
+    checked = CheckedArm()
+    assert checked.update(at(0.0, 0.0)) == ""
+    assert checked.update(at(0.1, 0.004)) == "arm_wrong_way"
 
 
-def test_an_arm_that_must_brake_first_is_not_astray() -> None:
-    watched = sent_up()
+def test_an_arm_that_must_brake_first_does_not_deviate() -> None:
+    checked = sent_up()
     rising = at(1.0, 0.1, speed_mps=0.1)
-    assert watched.see(rising) == ""
-    watched.command(up(0.0), rising)
-    assert watched.see(at(1.2, 0.11)) == ""
-    assert watched.see(at(1.3, 0.15)) == "arm_wrong_way"
+    assert checked.update(rising) == ""
+    checked.command(up(0.0), rising)
+    assert checked.update(at(1.2, 0.11)) == ""
+    assert checked.update(at(1.3, 0.15)) == "arm_wrong_way"
 
 
 def assert_never_blamed(
     end: Vector3, speed_mps: float, ramp_mps2: float, delay_ms: int = 0, phase_ms: int = 0
 ) -> None:
-    """An arm that rises is told after 2 s to go to ``end``, from where it is then."""
+    """Assert that no check fails for a rising arm that gets a new target ``end`` after 2 s."""
     model = ArmModel(ArmModelSettings(start_m=(X, Y, Z)), 0)
-    watched = Watched()
-    goals = {(0, 0): (X, Y, Z + 0.5)}  # when told, when it is on its way
+    checked = CheckedArm()
+    goals = {(0, 0): (X, Y, Z + 0.5)}  # time of the command, time of its arrival
     for now_ms in range(phase_ms, 8000, 10):
         now_ns = now_ms * MS
         sample = model.read(now_ns)
@@ -118,22 +118,22 @@ def assert_never_blamed(
             a, b, c = sample.position_m
             goals[2000, 2000 + delay_ms] = (a + end[0], b + end[1], c + end[2])
         pending = any(due < now_ms <= sent for due, sent in goals)
-        assert watched.see(reported, pending) == "", now_ms
+        assert checked.update(reported, pending) == "", now_ms
         for (due, sent), goal_m in goals.items():
             if due == now_ms - phase_ms:
-                watched.command(MoveArm(goal_m, speed_mps, ramp_mps2), reported)
+                checked.command(MoveArm(goal_m, speed_mps, ramp_mps2), reported)
             if sent == now_ms - phase_ms:
                 model.move_l(goal_m, speed_mps, ramp_mps2, now_ns)
 
 
-def test_an_arm_that_is_turned_round_on_its_way_is_never_blamed() -> None:
+def test_an_arm_that_reverses_passes_all_checks() -> None:
     for speed_mps, ramp_mps2 in ((0.005, 0.5), (0.03, 3.0), (0.1, 0.05), (0.4, 0.5), (0.4, 3.0)):
         for delay_ms, phase_ms in ((0, 3), (280, 0), (280, 7)):
             assert_never_blamed((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
 
 
-def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_blamed() -> None:
-    """It comes nearer first, and turns round only then."""
+def test_an_arm_that_overshoots_a_target_too_near_to_brake_passes_all_checks() -> None:
+    """The arm first approaches the target and then reverses."""
     for speed_mps, ramp_mps2 in ((0.1, 0.05), (0.25, 0.3), (0.25, 3.0), (0.4, 0.5)):
         for share, aside_m in ((0.0, 0.0), (0.1, 0.02), (0.6, 0.0), (0.9, 0.002), (0.99, 0.02)):
             braking_m = speed_mps**2 / (2.0 * ramp_mps2)
@@ -141,110 +141,110 @@ def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_blamed() -> 
 
 
 @pytest.mark.parametrize("ramp_mps2", [0.3, 0.5, 3.0])
-def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_noticed(
+def test_an_arm_that_overshoots_more_than_braking_explains_is_detected(
     ramp_mps2: float,
 ) -> None:
-    """Told to go 0.1 mm further at 0.25 m/s, it may brake after 0.25 s, and stray by 2 mm."""
-    room_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + OFF_LINE_M + 0.0001
+    """A target 0.1 mm ahead at 0.25 m/s allows braking after 0.25 s plus 2 mm."""
+    limit_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + OFF_LINE_M + 0.0001
 
-    def gone(m: float) -> str:
-        watched = Watched()
+    def failed_at(m: float) -> str:
+        checked = CheckedArm()
         rising = at(0.0, 0.0, speed_mps=0.25)
-        assert watched.see(rising) == ""
-        watched.command(up(0.0001, 0.25, ramp_mps2), rising)
-        return watched.see(at(0.3, m, speed_mps=0.25))
+        assert checked.update(rising) == ""
+        checked.command(up(0.0001, 0.25, ramp_mps2), rising)
+        return checked.update(at(0.3, m, speed_mps=0.25))
 
-    assert (gone(room_m - 1e-5), gone(room_m + 1e-5)) == ("", "arm_wrong_way")
-
-
-def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
-    watched = sent_up()
-    watched.see(at(0.5, 0.05))
-    watched.command(StopArm(1.0), at(0.5, 0.05))
-    assert watched.see(at(5.0, 0.05)) == ""
+    assert (failed_at(limit_m - 1e-5), failed_at(limit_m + 1e-5)) == ("", "arm_wrong_way")
 
 
-def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
-    watched = sent_up()
-    assert watched.see(at(0.5, 0.0), True) == ""
-    assert watched.see(at(0.6, 0.0)) == ""
-    assert watched.see(at(0.9, 0.0)) == "arm_frozen"
+def test_a_stopped_arm_may_be_at_any_position() -> None:
+    checked = sent_up()
+    checked.update(at(0.5, 0.05))
+    checked.command(StopArm(1.0), at(0.5, 0.05))
+    assert checked.update(at(5.0, 0.05)) == ""
 
 
-def stopped_and_gone(m: float, moving: bool = False) -> str:
-    """Told to stop on its way up, it says that it stands, or does not, and goes on."""
-    watched = sent_up()
-    assert watched.see(at(0.1, 0.005)) == ""
-    watched.command(StopArm(1.0), at(0.1, 0.005))
-    assert watched.see(at(0.11, 0.006)) == ""
-    said = msgspec.structs.replace(at(0.15, 0.006 + m), moving=moving)
-    return watched.see(said)
+def test_a_pending_command_does_not_change_the_expected_motion() -> None:
+    checked = sent_up()
+    assert checked.update(at(0.5, 0.0), True) == ""
+    assert checked.update(at(0.6, 0.0)) == ""
+    assert checked.update(at(0.9, 0.0)) == "arm_frozen"
 
 
-def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
-    assert stopped_and_gone(THERE_M - 1e-5) == ""
-    assert stopped_and_gone(THERE_M + 1e-5) == "arm_wrong_way"
-    assert stopped_and_gone(THERE_M + 1e-5, moving=True) == ""
+def failed_after_standstill(m: float, moving: bool = False) -> str:
+    """Code that fails after a stop while rising, when the arm moves on by ``m``."""
+    checked = sent_up()
+    assert checked.update(at(0.1, 0.005)) == ""
+    checked.command(StopArm(1.0), at(0.1, 0.005))
+    assert checked.update(at(0.11, 0.006)) == ""
+    codes = msgspec.structs.replace(at(0.15, 0.006 + m), moving=moving)
+    return checked.update(codes)
 
 
-def told_to_stop(m: float) -> str:
-    """Rising at 0.1 m/s it was told to stop at 1 m/s2, and says that it moves that far away."""
-    watched = sent_up(arm_start_s=0.2)
+def test_motion_after_a_reported_standstill_is_detected() -> None:
+    assert failed_after_standstill(AT_TARGET_M - 1e-5) == ""
+    assert failed_after_standstill(AT_TARGET_M + 1e-5) == "arm_wrong_way"
+    assert failed_after_standstill(AT_TARGET_M + 1e-5, moving=True) == ""
+
+
+def failed_after_stop(m: float) -> str:
+    """Code that fails when an arm rising at 0.1 m/s ignores a stop at 1 m/s2 for ``m`` metres."""
+    checked = sent_up(arm_start_s=0.2)
     rising = at(1.0, 0.05, speed_mps=0.1)
-    assert watched.see(rising) == ""
-    watched.command(StopArm(1.0), rising)
+    assert checked.update(rising) == ""
+    checked.command(StopArm(1.0), rising)
     for step in range(1, 101):
-        seen = at(1.0 + 0.02 * step, 0.05 + step * m / 100, speed_mps=0.1)
-        moving = msgspec.structs.replace(seen, moving=True)
-        if step % 20 == 0:  # it is told so again, and gets no more room by that
-            watched.command(StopArm(1.0), moving)
-        if said := watched.see(moving):
-            return said
+        states = at(1.0 + 0.02 * step, 0.05 + step * m / 100, speed_mps=0.1)
+        moving = msgspec.structs.replace(states, moving=True)
+        if step % 20 == 0:  # a repeated stop allows no further motion
+            checked.command(StopArm(1.0), moving)
+        if codes := checked.update(moving):
+            return codes
     return ""
 
 
-def test_arm_that_obeys_no_stop_is_noticed_though_it_stays_on_its_way() -> None:
-    """0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
-    assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_wrong_way")
+def test_arm_that_ignores_a_stop_on_its_line_is_detected() -> None:
+    """Limit: 0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
+    assert (failed_after_stop(0.0259), failed_after_stop(0.0261)) == ("", "arm_wrong_way")
 
 
-def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
-    def gone(m: float) -> str:
-        watched = sent_up(arm_start_s=0.2)
-        seen = [
+def test_an_arm_may_continue_only_until_the_stop_has_arrived() -> None:
+    def failed_at(m: float) -> str:
+        checked = sent_up(arm_start_s=0.2)
+        states = [
             msgspec.structs.replace(at(t_s, height_m, speed_mps=0.1), moving=True)
             for t_s, height_m in ((1.0, 0.05), (1.5, 0.1), (1.51, 0.1), (1.6, 0.1 + m))
         ]
-        watched.see(seen[0])
-        watched.command(StopArm(1.0), seen[0])
-        said = [watched.see(state, n == 0) for n, state in enumerate(seen[1:])]
-        return "".join(said)
+        checked.update(states[0])
+        checked.command(StopArm(1.0), states[0])
+        codes = [checked.update(state, n == 0) for n, state in enumerate(states[1:])]
+        return "".join(codes)
 
-    assert (gone(0.0259), gone(0.0261)) == ("", "arm_wrong_way")
-
-
-@pytest.mark.parametrize("way", ["back", "aside"])
-def test_an_arm_keeps_to_its_line(way: str) -> None:
-    def gone(m: float) -> str:
-        return told_up(at(0.1, -m) if way == "back" else at(0.1, 0.01, aside_m=m))
-
-    assert (gone(OFF_LINE_M - 1e-5), gone(OFF_LINE_M + 1e-5)) == ("", "arm_wrong_way")
+    assert (failed_at(0.0259), failed_at(0.0261)) == ("", "arm_wrong_way")
 
 
-def test_an_arm_that_stops_on_its_way_is_noticed_and_one_at_its_target_may_stand() -> None:
+@pytest.mark.parametrize("direction", ["back", "aside"])
+def test_deviation_from_the_line_is_detected_beyond_its_limit(direction: str) -> None:
+    def failed_at(m: float) -> str:
+        return failed_while_rising(at(0.1, -m) if direction == "back" else at(0.1, 0.01, aside_m=m))
+
+    assert (failed_at(OFF_LINE_M - 1e-5), failed_at(OFF_LINE_M + 1e-5)) == ("", "arm_wrong_way")
+
+
+def test_an_arm_may_stop_only_at_its_target() -> None:
     def standing(away_m: float) -> str:
         states = (at(0.1, 0.01 - away_m), at(0.6, 0.01 - away_m))
-        return told_up(*states, by_m=0.01)
+        return failed_while_rising(*states, by_m=0.01)
 
-    assert (standing(THERE_M - 1e-5), standing(THERE_M + 1e-5)) == ("", "arm_frozen")
+    assert (standing(AT_TARGET_M - 1e-5), standing(AT_TARGET_M + 1e-5)) == ("", "arm_frozen")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_no_number_is_noticed_and_nothing_else_is_concluded_from_it(value: float) -> None:
-    watched = sent_up()
+def test_nan_is_detected_and_skips_the_other_checks(value: float) -> None:
+    checked = sent_up()
     for broken in ({"position_m": (value, Y, Z)}, {"speed_fraction": value}):
         state = msgspec.structs.replace(at(0.1, 0.0), **broken)
-        assert watched.see(state) == "arm_position_nan", broken
+        assert checked.update(state) == "arm_position_nan", broken
 
 
 def paced(fraction: float, state: ArmState) -> ArmState:
@@ -252,35 +252,35 @@ def paced(fraction: float, state: ArmState) -> ArmState:
 
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
-def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction: float) -> None:
+def test_time_until_frozen_scales_with_the_speed_slider(fraction: float) -> None:
     def begins(after_s: float) -> str:
-        watched = Watched(arm_start_s=0.25)
-        assert watched.see(paced(fraction, at(0.0, 0.0))) == ""
-        watched.command(up(0.2), at(0.0, 0.0))
+        checked = CheckedArm(arm_start_s=0.25)
+        assert checked.update(paced(fraction, at(0.0, 0.0))) == ""
+        checked.command(up(0.2), at(0.0, 0.0))
         start_s = (0.25 + TURN_S) / fraction
-        return watched.see(paced(fraction, at(start_s + after_s, 0.00005)))
+        return checked.update(paced(fraction, at(start_s + after_s, 0.00005)))
 
     assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
 
 
-def test_an_arm_whose_slider_is_turned_up_again_has_the_time_of_a_start() -> None:
-    watched = sent_up(arm_start_s=0.25)
-    assert watched.see(paced(0.0, at(0.2, 0.0))) == ""
-    assert watched.see(paced(0.0, at(1.0, 0.0))) == ""
-    assert watched.see(paced(1.0, at(1.01, 0.0))) == ""
-    assert watched.see(paced(1.0, at(1.2, 0.0))) == ""
-    assert watched.see(paced(1.0, at(1.4, 0.0))) == "arm_frozen"
+def test_an_arm_whose_slider_is_raised_again_gets_the_start_time() -> None:
+    checked = sent_up(arm_start_s=0.25)
+    assert checked.update(paced(0.0, at(0.2, 0.0))) == ""
+    assert checked.update(paced(0.0, at(1.0, 0.0))) == ""
+    assert checked.update(paced(1.0, at(1.01, 0.0))) == ""
+    assert checked.update(paced(1.0, at(1.2, 0.0))) == ""
+    assert checked.update(paced(1.0, at(1.4, 0.0))) == "arm_frozen"
 
 
-@pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is seen
-def test_arm_that_reports_motion_and_standing_by_turns_is_noticed(stopped: bool) -> None:
+@pytest.mark.parametrize("stopped", [False, True])  # a stop is repeated until it is confirmed
+def test_arm_that_alternates_between_motion_and_standstill_is_detected(stopped: bool) -> None:
     def found(every: int) -> bool:
-        watched, said = Watched(), []
+        checked, codes = CheckedArm(), []
         for i in range(120):
             if stopped:
-                watched.command(StopArm(1.0), at(0.01 * i, 0.0))
-            says = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
-            said.append(watched.see(says))
-        return "arm_flickers" in said
+                checked.command(StopArm(1.0), at(0.01 * i, 0.0))
+            state = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
+            codes.append(checked.update(state))
+        return "arm_flickers" in codes
 
     assert [found(every) for every in (2, 4, 10, 13)] == [True, True, True, False]

@@ -1,4 +1,4 @@
-"""All plausibility checks together: when each is asked, and what of it ends a run."""
+"""All plausibility checks together: the states in which they apply, and report mode."""
 
 import math
 
@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.commands import Command, HoldFingers, MoveArm
 from grasp.fault import ARM, GRIPPER, Fault
-from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, no_probabilities
+from grasp.monitors.checks import CHECKS, Monitors, failed, implausible, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import StepInput
 from grasp.states import CONTACT_STATES, SAFE_STATES, State
@@ -32,7 +32,7 @@ def found(phase: State, *states: StepInput, **settings: float) -> list[str]:
     return [[fault.code for fault in monitors.check(phase, each)] for each in states][-1]
 
 
-def test_detector_and_loop_are_late_once_they_took_longer_than_they_may() -> None:
+def test_detector_and_loop_are_late_beyond_their_limits() -> None:
     for value in (0.05, 0.4):
         for s, late in ((value - 1e-6, False), (value + 1e-6, True)):
             ns = round(s * 1e9)
@@ -44,7 +44,7 @@ def test_detector_and_loop_are_late_once_they_took_longer_than_they_may() -> Non
         assert found(phase, inputs(late_ns=10**10)) == ["loop_stood_still"]
 
 
-def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_what_nobody_saw() -> None:
+def test_after_a_standstill_of_the_loop_only_vital_checks_continue() -> None:
     monitors = Monitors(MonitorSettings())
 
     def at(t_ns: int, late_ns: int = 0, **changes: object) -> list[str]:
@@ -58,7 +58,7 @@ def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_what_nobody_saw(
     assert at(3 * 10**10, frame=None) == ["fingertips_absent"]
 
 
-def test_all_that_is_wrong_is_found() -> None:
+def test_all_failed_checks_are_reported() -> None:
     lost = msgspec.structs.replace(gripper(), active=False)
     nan = msgspec.structs.replace(arm(), position_m=(math.nan,) * 3)
     assert found(State.LIFT, inputs(frame=None, gripper=lost, arm=nan)) == [
@@ -66,7 +66,7 @@ def test_all_that_is_wrong_is_found() -> None:
     ]  # fmt: skip
 
 
-def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
+def test_a_missing_frame_is_a_fault_only_in_contact_states() -> None:
     assert {p for p in State if found(p, inputs(frame=None))} == CONTACT_STATES
 
 
@@ -74,7 +74,7 @@ def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
     ("commands", "says"),
     [((HoldFingers(), MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)), ["arm_frozen"]), ((HoldFingers(),), [])],
 )
-def test_what_a_step_commands_the_arm_is_what_it_is_judged_by(
+def test_the_arm_is_checked_against_the_commands_of_the_step(
     commands: tuple[Command, ...], says: list[str]
 ) -> None:
     monitors = Monitors(MonitorSettings())
@@ -83,7 +83,7 @@ def test_what_a_step_commands_the_arm_is_what_it_is_judged_by(
     assert [f.code for f in monitors.check(State.START, inputs(10**9))] == says
 
 
-def test_report_mode_lets_go_what_is_implausible_and_nothing_that_takes_control_away() -> None:
+def test_report_mode_ends_a_run_only_for_vital_checks() -> None:
     stop, report = (Monitors(MonitorSettings(mode=mode)) for mode in ("stop", "report"))
     lost = Fault.of(ARM, LinkLost("unplugged", "plug it in"))
     stale = Fault("stale", GRIPPER, "too old", kind="stale")
@@ -97,22 +97,22 @@ def test_report_mode_lets_go_what_is_implausible_and_nothing_that_takes_control_
     }  # fmt: skip
 
 
-def test_a_hand_without_its_activation_is_believed_and_one_that_leaps_is_not() -> None:
+def test_data_of_an_inactive_hand_are_plausible_and_of_a_jumping_one_not() -> None:
     assert not implausible([failed("gripper_inactive")], GRIPPER)
-    leapt = failed("gripper_impossible", finger="A", how="leapt")
-    assert implausible([failed("gripper_inactive"), leapt], GRIPPER)
-    assert not implausible([leapt], ARM)
+    jumped = failed("gripper_impossible", finger="A", how="jumped")
+    assert implausible([failed("gripper_inactive"), jumped], GRIPPER)
+    assert not implausible([jumped], ARM)
 
 
 @pytest.mark.parametrize(
-    "answer", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
+    "output", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
                np.array([-0.1, 0.0, 0.0]), np.array([None] * 3), np.array(["0.1"] * 3),
                np.array([0.1j] * 3)],
 )  # fmt: skip
-def test_an_answer_that_is_no_probability_a_finger_is_refused(answer: object) -> None:
-    fault = no_probabilities(answer)
+def test_output_other_than_one_probability_a_finger_is_refused(output: object) -> None:
+    fault = invalid_probabilities(output)
     assert fault is not None and fault.code == "detector_failed"
 
 
 def test_probabilities_are_accepted_up_to_their_ends() -> None:
-    assert no_probabilities(np.array([0.0, 0.5, 1.0])) is None
+    assert invalid_probabilities(np.array([0.0, 0.5, 1.0])) is None

@@ -1,4 +1,4 @@
-"""Fingertip codes that cannot be: each limit takes effect where its name says, on both sides."""
+"""Plausibility checks of the fingertips: each limit takes effect at its value."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ class Hand:
         self.limits = MonitorSettings(**settings)
         self.history = FingertipHistory(self.limits)
 
-    def see(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
+    def update(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
         self.history.update(None if raw is None else frame_of(raw, missed))
         checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
         asked = ((code, c.fails) for code, c in checks if phase in c.states)
@@ -35,13 +35,13 @@ class Hand:
 
 
 def until_wrong(samples: Any, **settings: Any) -> tuple[int, str]:
-    """How many samples it takes, and what fails then."""
+    """Number of samples until a check fails, and its code; 0 and empty if none does."""
     hand = Hand(**settings)
     for k in range(5):
-        assert hand.see(codes(k)) == ""
+        assert hand.update(codes(k)) == ""
     for n, raw in enumerate(samples, 1):
-        if said := hand.see(raw):
-            return n, said
+        if failed := hand.update(raw):
+            return n, failed
     return 0, ""
 
 
@@ -60,78 +60,78 @@ def test_a_loaded_hand_whose_codes_all_repeat_is_frozen() -> None:
 
 
 def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
-    """Codes that repeat stand 48 to 50 counts from their rest."""
-    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)])
-    assert (n, said) == (DEAD_SAMPLES + 1, "fingertip_dead A")
+    """Repeated codes are 48 to 50 counts from their rest."""
+    n, codes = until_wrong([one_finger_alive(k) for k in range(9, 99)])
+    assert (n, codes) == (DEAD_SAMPLES + 1, "fingertip_dead A")
 
 
-def test_a_quiet_fingertip_that_presses_on_nothing_is_neither_frozen_nor_dead() -> None:
+def test_an_unloaded_fingertip_with_constant_codes_is_neither_frozen_nor_dead() -> None:
     rest = np.full((3, 6), 450, np.int16)
     hand = Hand()
-    assert not any(hand.see(rest) for _ in range(300))
-    assert [hand.see(rest - np.int16(35)) for _ in range(9)][-1] == "fingertips_frozen"
+    assert not any(hand.update(rest) for _ in range(300))
+    assert [hand.update(rest - np.int16(35)) for _ in range(9)][-1] == "fingertips_frozen"
 
 
 @pytest.mark.parametrize("code", [0, 1023])
-def test_a_fingertip_wholly_at_a_rail_is_noticed_and_one_in_part_is_a_firm_grip(code: int) -> None:
+def test_only_a_completely_saturated_fingertip_is_detected(code: int) -> None:
     found = until_wrong([rails(k, code) for k in range(30)])
     assert found == (RAIL_SAMPLES, "fingertips_at_rail B")
     assert until_wrong([rails(k, code, taxels=5) for k in range(300)]) == (0, "")
 
 
 def partly_stuck(k: int, taxels: int = 2) -> Codes:
-    """So many taxels of each fingertip stand still; the others change with each sample."""
+    """Codes with ``stuck`` constant taxels per fingertip; the others change with each sample."""
     raw = codes(k)
     raw[:, :taxels] = 420
     return raw
 
 
-def test_taxels_that_have_stood_still_for_long_are_no_witnesses() -> None:
+def test_stuck_taxels_are_ignored_by_the_jump_check() -> None:
     hand = Hand()
-    assert not any(hand.see(partly_stuck(k)) for k in range(STUCK_SAMPLES + 5))
-    heard = [hand.see(partly_stuck(STUCK_SAMPLES + 4)) for _ in range(FROZEN_SAMPLES)]
-    assert heard == [""] * (FROZEN_SAMPLES - 1) + ["fingertips_frozen"]
+    assert not any(hand.update(partly_stuck(k)) for k in range(STUCK_SAMPLES + 5))
+    found = [hand.update(partly_stuck(STUCK_SAMPLES + 4)) for _ in range(FROZEN_SAMPLES)]
+    assert found == [""] * (FROZEN_SAMPLES - 1) + ["fingertips_frozen"]
 
 
-def test_a_hand_of_which_most_taxels_are_stuck_is_frozen_once_a_fingertip_is_dead() -> None:
+def test_a_hand_with_mostly_stuck_taxels_is_frozen_once_a_fingertip_is_dead() -> None:
     hand, count = Hand(), STUCK_SAMPLES + 5
-    assert not any(hand.see(partly_stuck(k, 4)) for k in range(count))
-    heard = [hand.see(partly_stuck(count - 1, 4)) for _ in range(DEAD_SAMPLES)]
-    assert heard == [""] * (DEAD_SAMPLES - 1) + ["fingertip_dead A, B, C"]
+    assert not any(hand.update(partly_stuck(k, 4)) for k in range(count))
+    found = [hand.update(partly_stuck(count - 1, 4)) for _ in range(DEAD_SAMPLES)]
+    assert found == [""] * (DEAD_SAMPLES - 1) + ["fingertip_dead A, B, C"]
 
 
-def test_a_taxel_that_stands_still_for_long_cannot_tell_until_it_changes() -> None:
+def test_a_stuck_taxel_is_unresponsive_until_it_changes() -> None:
     hand, telling = Hand(), []
     for k in range(STUCK_SAMPLES + 2):
-        hand.see(partly_stuck(k))
-        telling.append(int(hand.history.can_tell.sum()))
+        hand.update(partly_stuck(k))
+        telling.append(int(hand.history.responsive.sum()))
     assert telling == [18] * STUCK_SAMPLES + [12] * 2
-    hand.see(codes(1))
-    assert hand.history.can_tell.all() and hand.history.all_tell
+    hand.update(codes(1))
+    assert hand.history.responsive.all() and hand.history.all_responsive
 
 
-def said_of(stuck: int, phase: State, code: int = 420) -> str:
-    """Of finger B with so many taxels that stand still for longer than ``STUCK_SAMPLES``."""
+def failed_with(stuck: int, phase: State, code: int = 420) -> str:
+    """Codes that fail for finger B with this number of stuck taxels."""
     hand = Hand()
     samples = [rails(k, code, taxels=stuck) for k in range(STUCK_SAMPLES + 5)]
-    return [hand.see(raw, phase) for raw in samples][-1]
+    return [hand.update(raw, phase) for raw in samples][-1]
 
 
-def test_an_arm_does_not_lift_with_a_fingertip_of_which_more_than_half_stand_still() -> None:
+def test_no_lift_with_a_fingertip_with_more_than_half_stuck_taxels() -> None:
     few = "fingertip_few_taxels B"
-    assert (said_of(3, State.BASELINE), said_of(4, State.BASELINE)) == ("", few)
-    assert {phase for phase in State if said_of(5, phase)} == {State.SETTLE, State.BASELINE}
+    assert (failed_with(3, State.BASELINE), failed_with(4, State.BASELINE)) == ("", few)
+    assert {phase for phase in State if failed_with(5, phase)} == {State.SETTLE, State.BASELINE}
     for code in (0, 1023):  # pressed
-        assert said_of(5, State.BASELINE, code=code) == ""
+        assert failed_with(5, State.BASELINE, code=code) == ""
 
 
-def test_codes_at_the_rail_cannot_tell_and_of_a_whole_fingertip_are_no_force() -> None:
+def test_saturated_taxels_are_unresponsive_and_a_saturated_fingertip_gives_no_force() -> None:
     hand = Hand()
-    hand.see(rails(0, 0, taxels=2))
-    assert hand.history.can_tell.sum(axis=1).tolist() == [6, 4, 6]
-    assert hand.history.believable
-    hand.see(rails(1, 0))
-    assert not hand.history.believable
+    hand.update(rails(0, 0, taxels=2))
+    assert hand.history.responsive.sum(axis=1).tolist() == [6, 4, 6]
+    assert hand.history.plausible
+    hand.update(rails(1, 0))
+    assert not hand.history.plausible
 
 
 @pytest.mark.parametrize("value", [20, 60])
@@ -148,25 +148,25 @@ def test_taxels_that_change_in_both_directions_are_an_impact() -> None:
     assert until_wrong([both]) == (0, "")
 
 
-def test_a_jump_is_seen_although_one_taxel_is_at_the_rail_and_not_if_most_are() -> None:
-    for railed, said in ((1, "fingertips_jump"), (10, "")):
+def test_a_jump_is_detected_unless_most_taxels_are_saturated() -> None:
+    for railed, expected in ((1, "fingertips_jump"), (10, "")):
         before, after = codes(0), codes(0) + np.int16(100)
         before.flat[:railed] = after.flat[:railed] = 0
         hand = Hand()
-        hand.see(before)
-        assert hand.see(after) == said
+        hand.update(before)
+        assert hand.update(after) == expected
 
 
-def test_missed_samples_repeat_a_frame_and_prove_nothing() -> None:
+def test_missed_samples_are_ignored() -> None:
     hand = Hand()
-    assert not any(hand.see(codes(0), missed=missed) for missed in range(100))
+    assert not any(hand.update(codes(0), missed=missed) for missed in range(100))
 
 
-def test_after_a_gap_in_the_frames_codes_are_not_compared_with_those_from_before_it() -> None:
+def test_codes_are_not_compared_across_a_gap_in_the_frames() -> None:
     jumped, hand = codes(1) + np.int16(100), Hand()
-    hand.see(codes(0))
-    assert hand.see(jumped) == "fingertips_jump"
+    hand.update(codes(0))
+    assert hand.update(jumped) == "fingertips_jump"
     hand = Hand()
-    hand.see(codes(0), State.SHAPE)
-    hand.see(None, State.SHAPE)
-    assert hand.see(jumped) == ""
+    hand.update(codes(0), State.SHAPE)
+    hand.update(None, State.SHAPE)
+    assert hand.update(jumped) == ""

@@ -1,4 +1,4 @@
-"""Gripper status that cannot be: each limit takes effect where its name says, on both sides."""
+"""Plausibility checks of the gripper: each limit takes effect at its value."""
 
 from typing import Any
 
@@ -11,8 +11,8 @@ from grasp.monitors.checks import CHECKS
 from grasp.monitors.gripper import (
     CONTACT_COUNTS,
     FINGER_COUNTS_PS,
-    LEAP_COUNTS,
-    LOOKS,
+    JUMP_COUNTS,
+    OUTDATED_READS,
     PRESSING_MA,
     PRESSING_S,
     GripperHistory,
@@ -33,74 +33,72 @@ def codes_of(h: GripperHistory, s: MonitorSettings) -> str:
 
 
 def failed_at(states: list[GripperState], **settings: Any) -> str:
-    """Checks that fail at the last of these, and none before it."""
-    history, limits, said = GripperHistory(), MonitorSettings(**settings), []
+    """Codes that fail at the last state; asserts that none fails before."""
+    history, limits, codes = GripperHistory(), MonitorSettings(**settings), []
     for state in states:
         history.update(state)
-        said.append(codes_of(history, limits))
-    assert not any(said[:-1])
-    return said[-1]
+        codes.append(codes_of(history, limits))
+    assert not any(codes[:-1])
+    return codes[-1]
 
 
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_echo_s(value: float) -> None:
     def after(s: float) -> str:
-        looks = [round(i * s / LOOKS * 1e9) for i in range(1, LOOKS + 1)]
-        return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in looks)], echo_s=value)
+        reads = [round(i * s / OUTDATED_READS * 1e9) for i in range(1, OUTDATED_READS + 1)]
+        return failed_at([gripper(0), *(gripper(ns, fresh=False) for ns in reads)], echo_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
 
 
 def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
-    """Few looks, each a long step after the last, say nothing of a hand that needs two of them."""
+    """Few status reads far apart prove nothing about a hand that needs two of them."""
     slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(6)]
     assert failed_at(slow[:5]) == ""
     assert failed_at(slow) == "gripper_silent"
 
 
-def test_silence_and_stillness_last_longer_than_they_may_and_not_just_as_long() -> None:
+def test_limits_of_silence_and_standstill_are_exclusive() -> None:
     half = [gripper(round(i * 1e8), fresh=i == 0) for i in range(6)]
     assert failed_at(half, echo_s=0.5) == ""
     assert failed_at([moving(0.0, 55), moving(0.5, 55)], finger_start_s=0.5) == "gripper_stands"
 
 
-def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
+def test_hand_that_moves_in_the_first_status_gets_the_start_time() -> None:
     first = moving(100.0, 55)
     assert failed_at([first]) == ""
     assert failed_at([first, moving(100.19, 55)], finger_start_s=0.2) == ""
     assert failed_at([first, moving(100.2, 55)], finger_start_s=0.2) == "gripper_stands"
 
 
-def test_each_answer_begins_the_time_and_the_looks_anew() -> None:
-    answers = (0, 4, 9)  # four looks between them at most
-    looks = [gripper(i * 120_000_000, fresh=i in answers) for i in range(15)]
-    assert failed_at(looks[:14]) == ""
-    assert failed_at(looks) == "gripper_silent"
+def test_each_fresh_status_restarts_time_and_read_count() -> None:
+    fresh_reads = (0, 4, 9)  # at most four status reads between them
+    reads = [gripper(i * 120_000_000, fresh=i in fresh_reads) for i in range(15)]
+    assert failed_at(reads[:14]) == ""
+    assert failed_at(reads) == "gripper_silent"
     often = [gripper(i * 10_000_000, fresh=i < 100) for i in range(110)]
     assert failed_at(often, echo_s=0.2) == ""
 
 
-def test_finger_that_begins_to_move_from_rest_has_the_time_of_a_start() -> None:
+def test_finger_that_starts_from_rest_gets_the_start_time() -> None:
     resting = [gripper(0), gripper(TICK)]
     starting = [moving(0.02, 55), moving(0.15, 55)]
     assert failed_at([*resting, *starting]) == ""
 
 
-def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
-    looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
-    assert failed_at(looks[:5]) == ""
-    assert failed_at(looks) == "gripper_silent"
+def test_first_outdated_status_is_not_counted() -> None:
+    reads = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
+    assert failed_at(reads[:5]) == ""
+    assert failed_at(reads) == "gripper_silent"
 
 
 @pytest.mark.parametrize(
-    ("fault", "active", "said"),
+    ("fault", "active", "codes"),
     [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
 )
-def test_a_hand_that_says_that_it_refuses_is_not_called_silent(
-    fault: int, active: bool, said: str
-) -> None:
-    looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
-    assert failed_at([msgspec.structs.replace(look, active=active) for look in looks]) == said
+def test_an_inactive_hand_with_a_fault_is_not_silent(fault: int, active: bool, codes: str) -> None:
+    reads = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
+    assert failed_at([msgspec.structs.replace(look, active=active) for look in reads]) == codes
 
 
 def moving(t_s: float, position: int, asked: int = 90) -> GripperState:
@@ -123,7 +121,7 @@ def pressing(t_s: float, current_ma: int) -> GripperState:
     return msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
 
 
-def test_a_finger_that_presses_creeps_and_may_keep_its_count_for_longer() -> None:
+def test_a_pressing_finger_may_keep_its_count_for_longer() -> None:
     def after(s: float, current_ma: int = PRESSING_MA) -> str:
         return failed_at([pressing(0.0, current_ma), pressing(s, current_ma)])
 
@@ -139,10 +137,10 @@ def touching(t_s: float, position: int, fresh: bool = True) -> GripperState:
     return gripper(round(t_s * 1e9), (position, 55, 55), TOUCHING, fresh, requested=asked)
 
 
-@pytest.mark.parametrize("way", [1, -1])
-def test_a_finger_that_reports_contact_stands(way: int) -> None:
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_finger_in_contact_must_not_move(direction: int) -> None:
     def after(counts: int) -> str:
-        return failed_at([touching(0.1 * k, 55 + way * k) for k in range(counts + 1)])
+        return failed_at([touching(0.1 * k, 55 + direction * k) for k in range(counts + 1)])
 
     assert (after(CONTACT_COUNTS), after(CONTACT_COUNTS + 1)) == ("", IMPOSSIBLE)
 
@@ -153,18 +151,18 @@ def test_finger_in_contact_may_move_after_another_request() -> None:
 
 
 def test_no_finger_is_faster_than_twice_full_speed() -> None:
-    def leap(counts: int) -> str:
+    def jump(counts: int) -> str:
         return failed_at([gripper(0), gripper(TICK, (55 + counts, 55, 55))])
 
-    most = LEAP_COUNTS + round(FINGER_COUNTS_PS * 0.01)
-    assert (leap(most), leap(most + 1)) == ("", IMPOSSIBLE)
+    most = JUMP_COUNTS + round(FINGER_COUNTS_PS * 0.01)
+    assert (jump(most), jump(most + 1)) == ("", IMPOSSIBLE)
 
 
 @pytest.mark.parametrize("first_took_ns", [0, 200_000_000])
-def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one(
+def test_a_late_status_allows_more_motion_but_no_larger_jump(
     first_took_ns: int,
 ) -> None:
-    def leap(counts: int, took_s: float) -> str:
+    def jump(counts: int, took_s: float) -> str:
         first, then = gripper(0), gripper(TICK, (55 + counts, 55, 55))
         states = [
             msgspec.structs.replace(first, took_ns=first_took_ns),
@@ -172,23 +170,23 @@ def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one
         ]
         return failed_at(states)
 
-    assert (leap(-14, 0.0), leap(-14, 0.09)) == ("gripper_impossible", "")
-    assert (leap(38, 0.09), leap(39, 0.09)) == ("", "gripper_impossible")
+    assert (jump(-14, 0.0), jump(-14, 0.09)) == ("gripper_impossible", "")
+    assert (jump(38, 0.09), jump(39, 0.09)) == ("", "gripper_impossible")
 
 
-def test_leap_is_one_however_long_the_run_has_lasted() -> None:
+def test_a_jump_is_detected_at_any_time_of_a_run() -> None:
     at_ns = 10**12
     assert failed_at([gripper(at_ns), gripper(at_ns + TICK, (200, 55, 55))]) == "gripper_impossible"
 
 
-def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_own_text() -> None:
+def test_an_inactive_hand_is_a_fault_unless_it_reports_one_itself() -> None:
     lost = msgspec.structs.replace(gripper(), active=False)
     assert failed_at([lost]) == "gripper_inactive"
     assert failed_at([msgspec.structs.replace(lost, fault=14)]) == ""
 
 
 def flickering(every: int, asked_every: int = 1000) -> set[str]:
-    """What fails of a hand that reports by turns that it moves and that it stands."""
+    """Codes that fail for a hand that alternately reports motion and standstill."""
     history, found = GripperHistory(), set()
     for tick in range(120):
         says = Detection.MOVING if tick // every % 2 else Detection.AT_TARGET
@@ -198,7 +196,7 @@ def flickering(every: int, asked_every: int = 1000) -> set[str]:
     return found
 
 
-def test_hand_that_reports_motion_and_standing_by_turns_is_noticed_unless_it_is_commanded() -> None:
+def test_alternating_motion_reports_are_detected_unless_commanded() -> None:
     for every in (2, 5, 10):
         assert "gripper_flickers" in flickering(every)
     assert flickering(13) == flickering(5, asked_every=20) == {""}

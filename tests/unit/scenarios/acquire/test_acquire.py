@@ -73,7 +73,7 @@ def test_sigterm_keeps_the_recorded_data_and_stops_the_arm(tmp_path: Path) -> No
         finished = acquired(tmp_path, end, seconds=20.0)
     assert finished.outcome is AcquireOutcome.INTERRUPTED
     assert finished.failure is not None and finished.failure.end is not None
-    assert finished.failure.message == f"told to end (SIGTERM) in phase {samples[-1].phase}"
+    assert finished.failure.message == f"terminated (SIGTERM) in phase {samples[-1].phase}"
     assert finished.failure.end.arm == "the arm is stationary"
     assert finished.recording is not None
     recording = RunRecording(Path(finished.recording), CHANNELS)

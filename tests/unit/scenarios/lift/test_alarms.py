@@ -104,8 +104,8 @@ def test_every_phase_ends_in_time_for_any_output_of_the_detector(
 def closes(ticks: list[Tick]) -> int:
     """Number of closings to the force limit; a first stage counts with its second."""
     sent = [i.admitted for t in ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
-    assert sum(c.more for c in sent) <= sum(not c.more for c in sent)
-    return sum(not c.more for c in sent)
+    assert sum(c.first_stage for c in sent) <= sum(not c.first_stage for c in sent)
+    return sum(not c.first_stage for c in sent)
 
 
 def response_s(ticks: list[Tick]) -> float:
@@ -132,7 +132,7 @@ def test_repeated_alarms_get_a_response_while_force_can_rise_and_end_in_ten_seco
     assert controller.response.closings > 0
     assert closes(ticks) <= 1
     assert response_s(ticks) < 10.0
-    steps = 0 if response == "stop_and_close" else 5  # stop_and_step.STEP_TRIES
+    steps = 0 if response == "stop_and_close" else 5  # stop_and_step.MAX_STEPS
     assert controller.response.closings <= 1 + steps  # and finally to the limit
 
 

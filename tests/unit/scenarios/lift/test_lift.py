@@ -113,7 +113,7 @@ def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
 
 def test_closing_of_the_hand_is_not_registered_as_a_second_slip() -> None:
     trial = Staged(HAND_ALONE).run(in_phase(State.SET_DOWN), interrupt)
-    assert len(trial.controller.monitor.events) == 1
+    assert len(trial.controller.slip_monitor.events) == 1
 
 
 def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_path: Path) -> None:

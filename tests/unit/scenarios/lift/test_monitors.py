@@ -219,7 +219,7 @@ def test_later_fault_in_a_safe_state_is_reported_and_moves_neither_hand_nor_arm(
         assert failure is not None and failure.end is not None
         unknown = failure.end.where.endswith("at an unknown height")
         assert unknown == (name == "arm_position_nan")
-        later = trial.controller.further
+        later = trial.controller.later_faults
         assert failure.end.later_faults == later
         if name.startswith("fingertips"):  # fingertips are not checked any more
             assert not later

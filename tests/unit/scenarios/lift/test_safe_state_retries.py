@@ -27,11 +27,11 @@ def test_stop_is_repeated_until_the_arm_is_stationary(phase: State) -> None:
 
         trial = staged.run(in_phase(phase, 5), act)
         assert trial.controller.state is State.FAULT
-        later = trial.controller.further
+        later = trial.controller.later_faults
         assert all(found.code == "arm_wrong_way" for found in later)
         assert not later or lost > 1  # it moved for longer than braking takes
-        unknown = "the arm cannot be believed: whether it stands is unknown"
-        assert trial.controller.unreached == ((unknown,) if later else ())
+        unknown = "the arm's data are implausible: whether it has stopped is unknown"
+        assert trial.controller.unconfirmed == ((unknown,) if later else ())
         assert received[0]
         sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
         assert len(sent) > lost
@@ -54,7 +54,7 @@ def test_stop_is_repeated_for_an_arm_that_always_reports_to_be_stationary(end: f
         trial = staged.run(in_phase(phase, 20), act)
         rig = staged.rig
         assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
-        assert any(found.code == "arm_wrong_way" for found in trial.controller.further)
+        assert any(found.code == "arm_wrong_way" for found in trial.controller.later_faults)
         left = trial.end(staged.config)
         assert left is not None
         assert left.arm == "the arm reports that it is stationary"
@@ -64,7 +64,7 @@ def closed_again(staged: Staged, trial: Any) -> None:
     assert trial.controller.state is State.FAULT
     assert thumb_n(staged) > 8.0  # not left at 2.4 N
     assert max(fault.cell(staged.rig).truth().peak_n) < 11.0
-    assert trial.controller.unreached == ()
+    assert trial.controller.unconfirmed == ()
 
 
 def test_hand_is_closed_after_a_link_failure_at_the_time_of_the_fault() -> None:

@@ -39,7 +39,7 @@ def test_lift_ends_in_the_safe_state_below_one_half(phase: State) -> None:
         trial = staged.run(well_in(phase), turn_to(fraction))
         assert trial.controller.state is State.FAULT
         assert f"speed slider is at {100 * fraction:g} %" in trial.controller.fault_cause
-        assert not trial.controller.unreached
+        assert not trial.controller.unconfirmed
         assert staged.done_at_ns is not None and staged.ticks[-1].t_ns - staged.done_at_ns < 1e9
         assert cell(staged.rig).arm.velocity(staged.rig.clock.now_ns) == (0.0, 0.0, 0.0)
         assert trial.final is not None
@@ -54,6 +54,9 @@ def test_object_stays_held_when_the_slider_stops_the_arm_in_the_air() -> None:
     staged = Staged()
     trial = staged.run(in_phase(State.DESCEND, 30), turn_to(0.0))
     assert trial.controller.state is State.FAULT
-    assert trial.controller.fault_cause == "the arm's speed slider is at 0 %: it comes to no end"
+    assert (
+        trial.controller.fault_cause
+        == "the arm's speed slider is at 0 %, so its motion does not end"
+    )
     assert trial.final is not None and trial.final.height_m > 0.05
     assert min(trial.final.normal_n) > 1.0 and trial.final.slip_speed_mps < 1e-3

@@ -119,7 +119,7 @@ def test_hand_with_a_frozen_status_is_closed_to_the_limit_unconfirmed() -> None:
     staged = Staged()
     trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
     assert trial.controller.state is State.FAULT
-    assert trial.controller.unreached
+    assert trial.controller.unconfirmed
     assert not stages(staged.ticks)[-1].more
     assert trial.final is not None
     assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N

@@ -28,7 +28,7 @@ class FakeServer:
         self.messages.append(message)
         return True
 
-    def tell(self, message: Message) -> None:
+    def show_waiting(self, message: Message) -> None:
         self.show(message)
 
     def close(self) -> None:

@@ -57,7 +57,7 @@ def test_page_shows_the_verdict_with_its_figures(recorded: Path, page: str) -> N
     assert (HEADS.get(result["outcome"]) or spelt(result["outcome"]).capitalize()) in title
     assert f"{result['slip_distance_m'] * 1e3:.1f} mm" in title
     assert f"peak force A {result['peak_force_n']['A']:.1f}, " in title
-    assert "limit 10 N, every_finger: no finger shall bear more" in title
+    assert "limit 10 N, every_finger: it applies to each finger" in title
     assert f"the arm stopped for {result['paused_s']:.2f} s to respond to slip" in title
     assert not remarks(page)
 

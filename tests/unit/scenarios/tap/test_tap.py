@@ -83,7 +83,7 @@ def test_slip_at_the_force_limit_sends_no_command() -> None:
     staged = Staged()
     trial = staged.run()
     assert trial.sequence.motion is not None
-    assert trial.controller.monitor.events
+    assert trial.controller.slip_monitor.events
     assert sent_while_watched(staged, trial) == []
 
 
@@ -112,7 +112,7 @@ def test_replay_of_a_recorded_tap_has_no_differences(tmp_path: Path) -> None:
     assert result is not None and result.recording is not None
     replayed = replay_run(Path(result.recording))
     assert replayed.differences == []
-    assert any("asked to set down" in what for _, what in replayed.events)
+    assert any("set-down requested" in what for _, what in replayed.events)
     assert msgspec.json.decode((Path(result.recording).parent / "result.json").read_bytes())[
         "outcome"
     ] == result.outcome  # fmt: skip

@@ -61,15 +61,15 @@ def command_lost(messages: Messages) -> None:
 
 def command_added(messages: Messages) -> None:
     name, t_ns, message = messages[closing(messages)]
-    opened = replace(message, asked=OpenFingers(0.05), admitted=OpenFingers(0.05))
+    opened = replace(message, requested=OpenFingers(0.05), admitted=OpenFingers(0.05))
     messages.insert(closing(messages), (name, t_ns, opened))
 
 
 def command_weaker(messages: Messages) -> None:
     at = closing(messages)
-    asked, admitted = messages[at][2].asked, messages[at][2].admitted
+    asked, admitted = messages[at][2].requested, messages[at][2].admitted
     weak = {"force_cap_n": 5.0}
-    changed(messages, at, asked=replace(asked, **weak), admitted=replace(admitted, **weak))
+    changed(messages, at, requested=replace(asked, **weak), admitted=replace(admitted, **weak))
 
 
 def command_too_early(messages: Messages) -> None:

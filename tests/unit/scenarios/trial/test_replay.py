@@ -68,7 +68,10 @@ def only_at_first(self: StreamingNetwork) -> None:
 RESET = StreamingNetwork.reset
 INSIDE = {
     "the detector is never reset": ("detector.network.StreamingNetwork.reset", only_at_first),
-    "the guard is never anchored": ("grasp.guard.ForceGuard.anchor", lambda self, *a: None),
+    "the guard never gets the first grasp": (
+        "grasp.guard.ForceGuard.set_first_grasp",
+        lambda self, *a: None,
+    ),
     "the guard lets all through": ("grasp.guard.ForceGuard.admit", lambda self, c, *a: c),
     "closing is not masked": (
         "grasp.slip_monitor.SlipMonitor.closing",
@@ -120,7 +123,7 @@ def test_every_stroke_of_a_fingertip_recording_causes_one_closing() -> None:
     replay = replay_tactile(config(), fingertip_strokes())
     assert [finger for _, finger in replay.registered] == ["A", "A"]
     sent = [(c.t_s, c.command) for c in replay.commands if isinstance(c.command, CloseFast)]
-    assert [command.more for _, command in sent] == [True, False] * 2
-    closings = [t_s for t_s, command in sent if command.more]
+    assert [command.first_stage for _, command in sent] == [True, False] * 2
+    closings = [t_s for t_s, command in sent if command.first_stage]
     assert 1.2 < closings[0] < 1.4
     assert 2.6 < closings[1] < 2.8

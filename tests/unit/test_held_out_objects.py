@@ -1,4 +1,4 @@
-"""Objects kept for testing: graspable, named by whoever wants them, and met by nothing else."""
+"""Held-out test objects: found by name, and used by no list, default or tuning."""
 
 import re
 from pathlib import Path
@@ -12,14 +12,14 @@ from scenarios.campaign.config import load_config
 ROOT = Path(__file__).parents[2]
 UNSEEN = ("book", "bottle", "jar", "mug", "orange", "sponge")
 NAMED = re.compile(rf"\b({'|'.join(UNSEEN)})\b")
-# what may speak of them: who finds a file by its name, a page of a run among them, who keeps
-# training away from them, and who says that no figure rests on them
+# modules that may refer to the folder: they find files by name, keep training away from it, or
+# state that no result was tuned on it
 FINDERS = {"grasp/settings.py", "scenarios/acquire/datasets/random_objects.py",
            "scripts/figures.py",
            "scripts/last_draw.py", "scenarios/report/run_settings.py"}  # fmt: skip
 
 
-def test_they_are_in_no_list_and_are_found_by_name() -> None:
+def test_held_out_objects_are_in_no_list_and_are_found_by_name() -> None:
     assert tuple(names("objects/unseen")) == UNSEEN
     assert not set(UNSEEN) & set(names("objects"))
     for name in UNSEEN:
@@ -29,11 +29,11 @@ def test_they_are_in_no_list_and_are_found_by_name() -> None:
     assert not NAMED.search(str(caught.value))
 
 
-def test_no_code_or_configuration_names_them() -> None:
-    """A default, a chart, a calibration or a tuning that did would have to say so somewhere."""
+def test_held_out_objects_are_not_named_in_code_or_configuration() -> None:
+    """A default, chart, calibration or tuning that used them would have to name them."""
     sources = [
-        path for room in ("grasp", "drivers", "detector", "scenarios", "scripts", "studies")
-        for path in (ROOT / room).rglob("*.py")
+        path for package in ("grasp", "drivers", "detector", "scenarios", "scripts", "studies")
+        for path in (ROOT / package).rglob("*.py")
     ]  # fmt: skip
     tables = [p for p in config_dir().rglob("*.toml") if p.parent.name != "unseen"]
     for path in (*sources, *tables):

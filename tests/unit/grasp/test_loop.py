@@ -1,4 +1,4 @@
-"""The loop with devices, step and clock of a test: what goes where, when, and is told of it."""
+"""The control loop with fake devices, step and clock: commands, their order and their times."""
 
 import signal
 from typing import Any
@@ -28,7 +28,7 @@ CLOSE = CloseFast(9.0, (True, False, True), (4, 5, 6), 0.03)
 RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
 
 
-def test_each_command_goes_to_its_device_with_all_that_it_says_in_its_order() -> None:
+def test_each_command_reaches_its_device_with_its_arguments_in_order() -> None:
     bench = Bench()
     bench.decides = [
         (MOVE, CLOSE, OpenFingers(0.11), HoldFingers(), RISE, StopArm(3.0), BeginRest())
@@ -41,11 +41,11 @@ def test_each_command_goes_to_its_device_with_all_that_it_says_in_its_order() ->
         ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03),
         ("open", 0.11), ("hold",), ("arm", (0.1, 0.2, 0.3), 0.04, 0.6), ("stop", 3.0), ("rest",),
     ]  # fmt: skip
-    told = bench.ticks[1].issued
+    inputs = bench.ticks[1].issued
     assert bench.ticks[0].issued == ()
     step_ns = 10**9 + 10 * MS
-    assert told[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
-    assert [one.applied for one in told] == [
+    assert inputs[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
+    assert [one.applied for one in inputs] == [
         "applied move_to", "applied close_fast", "applied open", "applied hold", None, None, None
     ]  # fmt: skip
     assert bench.loop.timing.gripper_commands_ns == [(step_ns, step_ns + 2 * MS)] * 4
@@ -53,18 +53,18 @@ def test_each_command_goes_to_its_device_with_all_that_it_says_in_its_order() ->
     assert bench.ticks[2].issued == ()
 
 
-def test_gripper_is_polled_right_after_a_command_so_that_it_goes_out_at_once() -> None:
+def test_gripper_is_polled_right_after_a_command() -> None:
     bench = Bench()
     bench.decides = [(MOVE,)]
     bench.loop.tick()
     bench.loop.tick()
-    sent = bench.told.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
-    assert bench.told[sent + 1] == ("gripper poll", 10**9 + 12 * MS, 10**9 + 12 * MS)
+    sent = bench.calls.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
+    assert bench.calls[sent + 1] == ("gripper poll", 10**9 + 12 * MS, 10**9 + 12 * MS)
 
 
 @pytest.mark.parametrize(("delay_s", "polled"), [(0.001, 1), (0.001000001, 2)])
 @pytest.mark.parametrize("command", [RISE, StopArm(1.0)])
-def test_arm_is_asked_again_before_a_command_unless_it_was_just_now(
+def test_arm_is_polled_before_a_command_unless_its_state_is_new(
     delay_s: float, polled: int, command: Command
 ) -> None:
     bench = Bench(decision_delay_s=delay_s)
@@ -80,7 +80,7 @@ def test_arm_is_asked_again_before_a_command_unless_it_was_just_now(
     [("move_to", MOVE, "gripper"), ("arm", RISE, "arm"), ("stop", StopArm(1.0), "arm"),
      ("rest", BeginRest(), "fingertips")],
 )  # fmt: skip
-def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
+def test_refusal_is_passed_to_the_next_step_once_and_stored_by_device(
     verb: str, command: Command, device: str
 ) -> None:
     bench = Bench()
@@ -89,33 +89,33 @@ def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
     for _ in range(3):
         bench.loop.tick()
     said, fault = f"{refused.kind}: not now", Fault.of(device, refused)
-    assert [told.errors for told in bench.inputs] == [(), (fault,), ()]
+    assert [inputs.errors for inputs in bench.inputs] == [(), (fault,), ()]
     assert bench.ticks[1].issued[0].refused == said
     assert bench.ticks[1].issued[0].applied is None
     assert bench.loop.errors == {device: fault}
 
 
-def test_gripper_is_lost_until_it_answers_again() -> None:
+def test_gripper_is_lost_until_it_responds_again() -> None:
     bench = Bench()
     for error in (None, LinkLost("gone", "look"), Refused("hot", "wait"), None):
         bench.raises = {} if error is None else {"gripper poll": error}
         bench.loop.tick()
-    assert [told.gripper_lost for told in bench.inputs] == [False, True, True, False]
+    assert [inputs.gripper_lost for inputs in bench.inputs] == [False, True, True, False]
 
 
-def test_step_is_told_what_waits_how_late_it_is_and_how_long_the_one_before_took() -> None:
+def test_step_gets_pending_commands_lateness_and_last_duration() -> None:
     bench = Bench(decision_delay_s=0.015)
     bench.decides = [(MOVE,)]
     bench.loop.tick()
     bench.loop.tick()
     bench.loop.tick()
-    assert [told.pending for told in bench.inputs] == [False, True, False]
-    assert [told.t_ns for told in bench.inputs] == [10**9 + n * 10 * MS for n in (1, 2, 3)]
+    assert [inputs.pending for inputs in bench.inputs] == [False, True, False]
+    assert [inputs.t_ns for inputs in bench.inputs] == [10**9 + n * 10 * MS for n in (1, 2, 3)]
     decide = bench.step.decide
 
-    def slowly(told: Any) -> Any:
+    def slowly(inputs: Any) -> Any:
         bench.clock.sleep_until_ns(bench.clock.now_ns + 27 * MS)
-        return decide(told)
+        return decide(inputs)
 
     bench.step.decide = slowly
     bench.loop.tick()
@@ -128,7 +128,7 @@ def test_step_is_told_what_waits_how_late_it_is_and_how_long_the_one_before_took
     assert (bench.inputs[-1].took_ns, bench.inputs[-1].late_ns) == (0, 0)
 
 
-def test_a_loop_that_stands_still_while_it_reads_a_device_is_as_late() -> None:
+def test_blocking_device_reads_count_as_lateness() -> None:
     bench = Bench()
     bench.loop.tick()
     bench.hand.poll = lambda _: bench.clock.sleep_until_ns(bench.clock.now_ns + 400 * MS)
@@ -136,23 +136,23 @@ def test_a_loop_that_stands_still_while_it_reads_a_device_is_as_late() -> None:
     assert (bench.inputs[-1].t_ns, bench.inputs[-1].late_ns) == (10**9 + 20 * MS, 400 * MS)
 
 
-def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
+def test_run_ends_with_its_controller_or_at_its_deadline() -> None:
     bench = Bench()
     bench.controller.finished = True
     bench.loop.run(1.0)
     assert bench.inputs == []
     late = Bench(stop_s=0.2)
     late.loop.run(0.05)
-    said = [told.stop and told.stop.code for told in late.inputs]
+    said = [inputs.stop and inputs.stop.code for inputs in late.inputs]
     assert said == [None] * 5 + ["run_timeout"] * 20
-    excused = Bench(stop_s=0.2)
-    excused.controller.excused_ns = 30_000_000.0  # by an arm that is slowed down
-    excused.loop.run(0.05)
-    assert [told.stop is not None for told in excused.inputs][:9] == [False] * 8 + [True]
+    slow_arm = Bench(stop_s=0.2)
+    slow_arm.controller.arm_delay_ns = 30_000_000.0  # because of a slow arm
+    slow_arm.loop.run(0.05)
+    assert [inputs.stop is not None for inputs in slow_arm.inputs][:9] == [False] * 8 + [True]
 
 
 @pytest.mark.parametrize(("phase", "kept"), [(State.COMPENSATE, ["close_fast"]), (State.LIFT, [])])
-def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
+def test_stop_drops_queued_commands_except_a_closing_for_slip(
     phase: State, kept: list[str]
 ) -> None:
     bench = Bench(decision_delay_s=0.005, stop_s=0.2)
@@ -163,10 +163,8 @@ def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
     assert [name for name, *_ in bench.verbs()] == kept
 
 
-def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (
-    None
-):
-    bench = Bench(wall=True, decision_delay_s=0.001, spared_s=0.004)
+def test_on_a_wall_clock_commands_are_sent_and_acknowledged_before_observers_run() -> None:
+    bench = Bench(wall=True, decision_delay_s=0.001, observer_reserve_s=0.004)
     bench.hand.acknowledged = False
     bench.decides = [(MOVE,)]
     bench.loop.tick()
@@ -186,11 +184,11 @@ def test_submitted_command_is_due_at_once_and_admitted_by_the_step() -> None:
     assert bench.verbs() == [("hold",)]
     assert bench.when("hold") == [10**9]
     (issued,) = bench.ticks[0].issued
-    assert (issued.asked, issued.admitted) == (MOVE, HoldFingers())
+    assert (issued.requested, issued.admitted) == (MOVE, HoldFingers())
     assert issued.decided_ns == issued.sent_ns == 10**9
 
 
-def test_each_step_tells_the_hand_s_thread_what_to_do_without_a_further_one() -> None:
+def test_each_step_sets_the_fallback_of_the_gripper_thread() -> None:
     bench = Bench(own_thread=True)
     bench.fallback = CLOSE
     bench.loop.tick()
@@ -204,7 +202,7 @@ def test_each_step_tells_the_hand_s_thread_what_to_do_without_a_further_one() ->
 
 
 @pytest.mark.parametrize("end", ["stop", "fail", "abort"])
-def test_after_a_run_the_hand_s_thread_does_nothing_by_itself(end: str) -> None:
+def test_after_a_run_the_gripper_thread_has_no_fallback(end: str) -> None:
     bench = Bench(own_thread=True, stop_s=0.2, abort_s=0.1)
     bench.loop.tick()
     getattr(bench.loop, end)(*([] if end == "abort" else [STOP]))
@@ -216,18 +214,18 @@ def test_a_signal_ends_a_run_between_two_ticks() -> None:
     bench = Bench()
     decide = bench.step.decide
 
-    def struck(told: Any) -> Any:
+    def signalled(inputs: Any) -> Any:
         if len(bench.inputs) == 3:
             signal.raise_signal(signal.SIGTERM)
-        return decide(told)
+        return decide(inputs)
 
-    bench.step.decide = struck
+    bench.step.decide = signalled
     with signals.taken(), pytest.raises(signals.Interruption):
         bench.loop.run(1.0)
     assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"
 
 
-def test_a_safe_state_that_is_never_seen_is_pursued_for_as_long_as_a_stop_may_last() -> None:
+def test_an_unconfirmed_safe_state_ends_after_the_stop_time() -> None:
     bench = Bench(stop_s=2.0)
     bench.loop.tick()
     began_ns = bench.clock.now_ns

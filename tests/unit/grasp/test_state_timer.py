@@ -1,4 +1,4 @@
-"""An arm that its speed slider slows down is waited for, and does not lift."""
+"""Effects of the arm's speed slider: scaled time-outs, no lift below half speed."""
 
 from typing import Any
 
@@ -7,20 +7,20 @@ import pytest
 
 from drivers.interfaces import ArmState
 from grasp.commands import HoldFingers, MoveArm, StopArm
-from grasp.lift_progress import LEAST_PACE, STANDS_NS
+from grasp.state_timer import HALTED_NS, LEAST_PACE
 from grasp.states import State
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
 
 
 def slow(d: Driver, fraction: float, height_m: float, moving: bool = True) -> ArmState:
-    """The arm in the coming step."""
+    """The arm's state in the next step."""
     state = arm(d.t_ns + TICK, height_m, moving=moving)
     return msgspec.structs.replace(state, speed_fraction=fraction)
 
 
 def seconds_in(d: Driver, phase: State, fraction: float, height_m: float) -> float:
-    """Until it ends, with the arm on its way all the time."""
+    """Duration of a phase while the arm moves all the time, s."""
     assert d.controller.state is phase
     began_ns = d.t_ns
     while d.controller.state is phase:
@@ -36,28 +36,26 @@ def going_down(**settings: Any) -> Driver:
 
 
 @pytest.mark.parametrize(("fraction", "factor"), [(1.0, 1), (0.8, 1.25), (0.5, 2), (0.1, 10)])
-def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
-    fraction: float, factor: float
-) -> None:
+def test_lowering_time_out_scales_with_the_arm_speed(fraction: float, factor: float) -> None:
     d = going_down(phase_timeout_s=1.0)
     lasted_s = seconds_in(d, State.DESCEND, fraction, 0.1)
     assert lasted_s == pytest.approx(factor, abs=0.011)
     assert "phase lower.descend lasted longer" in d.controller.fault_cause
-    assert d.controller.excused_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
+    assert d.controller.arm_delay_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
 
 
-def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
+def test_slow_arm_does_not_extend_time_outs_of_the_fingers() -> None:
     d = Driver(phase_timeout_s=1.0)
     d.until(State.BRACE)
     began_ns = d.t_ns
     while d.controller.state is State.BRACE:
         d.step(gripper=d.hand(detections=MOVING), arm=slow(d, 0.2, 0.0, moving=False))
     assert (d.t_ns - began_ns) * 1e-9 == pytest.approx(1.0, abs=0.011)
-    assert d.controller.excused_ns == 0.0
+    assert d.controller.arm_delay_ns == 0.0
 
 
 @pytest.mark.parametrize("phase", [State.BASELINE, State.LIFT])
-def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> None:
+def test_no_lift_with_a_speed_slider_below_half(phase: State) -> None:
     d = Driver()
     d.until(phase)
     assert d.step(arm=slow(d, 0.5, 0.0, moving=False)).state is phase
@@ -65,15 +63,17 @@ def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: State) -> N
     d.step(arm=slow(d, 0.49, 0.0, moving=phase is State.LIFT))
     assert d.controller.state is State.FAULT
     assert d.controller.fault_cause == (
-        "the arm's speed slider is at 49 %, and no lift goes on below 50 %"
+        "the arm's speed slider is at 49 %; a lift needs at least 50 %"
     )
     assert isinstance(d.commands[0], StopArm)
     assert not any(isinstance(c, MoveArm) for c in d.commands)
     assert any(isinstance(c, HoldFingers) for c in d.commands) == (phase is State.BASELINE)
 
 
-def test_arm_that_its_slider_lets_stand_on_the_way_down_is_a_fault_that_names_it() -> None:
+def test_arm_halted_by_its_slider_while_lowering_is_a_fault() -> None:
     d = going_down()
     lasted_s = seconds_in(d, State.DESCEND, 0.9 * LEAST_PACE, 0.1)
-    assert lasted_s == pytest.approx(STANDS_NS * 1e-9, abs=0.011)
-    assert d.controller.fault_cause == "the arm's speed slider is at 4.5 %: it comes to no end"
+    assert lasted_s == pytest.approx(HALTED_NS * 1e-9, abs=0.011)
+    assert (
+        d.controller.fault_cause == "the arm's speed slider is at 4.5 %, so its motion does not end"
+    )

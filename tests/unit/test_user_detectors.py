@@ -1,4 +1,4 @@
-"""A detector of one's own runs wherever a packaged one does, and nowhere by itself."""
+"""User detectors run wherever packaged ones do, and only if they are named."""
 
 import json
 from pathlib import Path
@@ -23,15 +23,17 @@ def mine(tmp_path: Path) -> str:
     return f"{path}:Vibration"
 
 
-def told(capsys: Capture) -> dict[str, object]:
+def expected(capsys: Capture) -> dict[str, object]:
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     return found
 
 
-def test_a_lift_its_replay_and_its_page(mine: str, tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_in_a_lift_its_replay_and_its_page(
+    mine: str, tmp_path: Path, capsys: Capture
+) -> None:
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", mine, "--json"]
     assert main([*words, "--runs", str(tmp_path / "runs")]) == 0
-    result = told(capsys)
+    result = expected(capsys)
     assert result["detector"] == mine
     run = str(Path(str(result["recording"])).parent)
     assert main(["replay", run, "--check", "--detector", mine]) == 0
@@ -41,24 +43,24 @@ def test_a_lift_its_replay_and_its_page(mine: str, tmp_path: Path, capsys: Captu
     assert "mine.py:Vibration" in page.read_text()
 
 
-def test_no_recording_runs_code_that_nobody_named(
+def test_a_recording_does_not_run_code_that_was_not_named(
     mine: str, tmp_path: Path, capsys: Capture
 ) -> None:
     folder = grasp.lift(detector=mine, runs=tmp_path / "runs").folder
     Path(mine.rpartition(":")[0]).write_text("raise RuntimeError('it was run')")
     assert main(["replay", str(folder), "--check"]) == 2
-    said = capsys.readouterr().err
-    assert "code that a replay does not run unasked" in said
-    assert "it was run" not in said
+    output = capsys.readouterr().err
+    assert "code that a replay does not run unasked" in output
+    assert "it was run" not in output
     with pytest.raises(UsageError, match="a replay does not run unasked"):
         grasp.replay(folder)
 
 
-def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_scores_recordings(mine: str, tmp_path: Path, capsys: Capture) -> None:
     csv = str(stroke_csv(tmp_path / "s.csv"))
     words = ["--set", "plugin.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
-    assert told(capsys)["detector"] == mine
+    assert expected(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
     assert "Vibration on" in capsys.readouterr().out
 
@@ -66,7 +68,7 @@ def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     "setting", ["[guard]\nforce_limit_n = 15.0", "[ur]\nheartbeat_timeout_s = 5.0", "seed = 3"]
 )
-def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
+def test_settings_next_to_a_detector_set_its_rule_but_no_limit(
     mine: str, tmp_path: Path, setting: str
 ) -> None:
     beside = tmp_path / "mine.toml"
@@ -75,7 +77,7 @@ def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
         load_config("can", "simulated", mine)
 
 
-def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_path: Path) -> None:
+def test_hash_depends_on_code_and_settings_but_not_on_the_path(mine: str, tmp_path: Path) -> None:
     def hashes(word: str, *words: str) -> tuple[str, str]:
         config = load_config("can", "simulated", word, None, words)
         return config.digest(), config.detector_hash()
@@ -90,7 +92,7 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("x = = 1", "SyntaxError"),
         ("raise RuntimeError('no')", "RuntimeError: no"),
@@ -98,8 +100,8 @@ def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_p
     ],
 )
 @pytest.mark.parametrize("verb", ["run", "campaign"])
-def test_what_is_wrong_with_it_is_one_line_in_every_verb(
-    verb: str, text: str, told: str, tmp_path: Path, capsys: Capture
+def test_errors_of_a_user_detector_are_one_line_in_every_command(
+    verb: str, text: str, expected: str, tmp_path: Path, capsys: Capture
 ) -> None:
     file = tmp_path / "mine.py"
     file.write_text(text)
@@ -111,18 +113,20 @@ def test_what_is_wrong_with_it_is_one_line_in_every_verb(
         "campaign": ["campaign", "run", str(tmp_path / "c.toml"), "--out", runs],
     }
     assert main(lines[verb]) == 2
-    said = capsys.readouterr().err
-    assert told in said
-    assert "Traceback" not in said
+    output = capsys.readouterr().err
+    assert expected in output
+    assert "Traceback" not in output
     assert not any(Path(runs).glob("*"))
 
 
-def test_one_that_fails_in_the_air_ends_in_the_safe_state(tmp_path: Path, capsys: Capture) -> None:
+def test_user_detector_that_fails_in_the_air_ends_in_the_safe_state(
+    tmp_path: Path, capsys: Capture
+) -> None:
     file = tmp_path / "mine.py"
     file.write_text(WHOLE.replace("self.n += 1", "self.n += 1\n        if self.n > 60: 1 / 0"))
     words = ["run", "lift", "--rig", "simulated", "--pace", "max", "--detector", f"{file}:Mine"]
     assert main([*words, "--runs", str(tmp_path), "--json"]) == 4
-    result = told(capsys)["result"]
+    result = expected(capsys)["result"]
     assert isinstance(result, dict)
     assert result["outcome"] == "fault"
     assert result["bug"] is None

@@ -1,4 +1,4 @@
-"""Commands of a lab's devices work where nothing can be compiled, or kept once it is."""
+"""Device commands work where nothing can be compiled or cached."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[4]
-NOBODY = "127.9.8.7"  # nothing listens there
+NOBODY = "127.9.8.7"  # no server is there
 LAB = f"""\
 [gripper]
 calibration = "paper"
@@ -47,7 +47,7 @@ for command in json.loads(sys.argv[1]):
     print(">>>", flush=True, file=sys.stderr)
     try:
         code = main(command)
-    except SystemExit as left:  # argparse, once it has told its help
+    except SystemExit as left:  # argparse, after printing the help
         code = left.code
     print("exit", code, flush=True, file=sys.stderr)
 """
@@ -76,7 +76,7 @@ def python(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[
 def test_a_command_of_devices_imports_nothing_that_compiles(lab: Path) -> None:
     commands = [words_of(command, lab) for command, _, _ in COMMANDS]
     done = python(WITHOUT_COMPILER, json.dumps(commands))
-    told = done.stderr.split(">>>\n")[1:]
-    assert len(told) == len(COMMANDS), done.stderr
-    for (command, code, problem), text in zip(COMMANDS, told, strict=True):
+    outputs = done.stderr.split(">>>\n")[1:]
+    assert len(outputs) == len(COMMANDS), done.stderr
+    for (command, code, problem), text in zip(COMMANDS, outputs, strict=True):
         assert text.endswith(f"exit {code}\n") and problem in text, (command, text)

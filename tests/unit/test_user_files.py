@@ -1,4 +1,4 @@
-"""Objects and surfaces of one's own, by the path of a file."""
+"""User files for objects, surfaces, rigs and settings, given by their path."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,12 +10,12 @@ from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.campaign.config import load_config
 
-Own = Callable[..., Path]
+UserFile = Callable[..., Path]
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Own:
-    """Writes a packaged thing under a name of its own."""
+def user_file(tmp_path: Path) -> UserFile:
+    """Writes a packaged object under another name."""
 
     def write(name: str = "mine", kind: str = "objects", like: str = "can", more: str = "") -> Path:
         text = (config_dir() / kind / f"{like}.toml").read_text()
@@ -26,20 +26,20 @@ def own(tmp_path: Path) -> Own:
     return write
 
 
-def test_an_object_of_ones_own_is_named_by_its_path(own: Own) -> None:
-    config = load_config(str(own()), "simulated", "energy")
+def test_a_user_object_is_named_by_its_path(user_file: UserFile) -> None:
+    config = load_config(str(user_file()), "simulated", "energy")
     can = load_config("can", "simulated", "energy")
     assert config.object.name == "mine"
     assert config.object.grip_counts == can.object.grip_counts
-    heavier = load_config(str(own()), "simulated", "energy", None, ["object.mass_kg=0.4"])
+    heavier = load_config(str(user_file()), "simulated", "energy", None, ["object.mass_kg=0.4"])
     assert heavier.object.mass_kg == 0.4
 
 
 @pytest.mark.parametrize(
     ("text", "key", "problem"),
     [
-        ("[guard]\nforce_limit_n = 12\n[object]\n", "guard", "not of the object"),
-        ("mass_kg = 1.0\n", "mass_kg", "not of the object"),
+        ("[guard]\nforce_limit_n = 12\n[object]\n", "guard", "does not belong to the object"),
+        ("mass_kg = 1.0\n", "mass_kg", "does not belong to the object"),
         ("", "object", "missing"),
         ("object = 3\n", "object", "missing"),
         ('[object]\nname = "can"\n', "object.name", "--object can"),
@@ -56,8 +56,8 @@ def test_a_file_that_is_no_object_is_refused_by_its_path(
     file.write_text(text)
     with pytest.raises(ConfigError) as caught:
         load_config(str(file), "simulated", "energy")
-    said = f"{caught.value.message} {caught.value.remedy}"
-    assert str(file) in said and key in said and problem in said
+    output = f"{caught.value.message} {caught.value.remedy}"
+    assert str(file) in output and key in output and problem in output
 
 
 # Rigs
@@ -70,7 +70,7 @@ def rig_file(folder: Path, like: str, more: str = "") -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("", "rig: missing"),
         ('rig = "mine"\n', "rig: unknown rig 'mine'"),
@@ -79,10 +79,12 @@ def rig_file(folder: Path, like: str, more: str = "") -> str:
         ('rig = "simulated"\n[gripper]\ncalibrations = "x"\n', "did you mean 'calibration'"),
     ],
 )
-def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_rig_is_refused_by_its_path(
+    text: str, expected: str, tmp_path: Path
+) -> None:
     file = tmp_path / "cell.toml"
     file.write_text(text)
-    with pytest.raises(ConfigError, match=told) as caught:
+    with pytest.raises(ConfigError, match=expected) as caught:
         load_config("can", str(file), "energy")
     assert str(file) in caught.value.message
 
@@ -91,28 +93,32 @@ def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         (None, "an object for --object, 'mine'"),
         ('rig = "hardware"\n[modbus]\nhost = "10.0.0.7"\n', "a rig for --rig, opened as hardware"),
-        ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
+        ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 combinations"),
         ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
         ("[control]\nforce_n = 5.0\n", "settings for --config, of an acquisition: control"),
     ],
 )
-def test_a_file_is_told_by_what_is_in_it(
-    text: str | None, told: str, own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_kind_of_a_file_is_found_from_its_content(
+    text: str | None,
+    expected: str,
+    user_file: UserFile,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    file = own()
+    file = user_file()
     if text is not None:
         file.write_text(text)
     assert main(["config", str(file)]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith(f"{file}: {told}")
+    output = capsys.readouterr().out
+    assert output.startswith(f"{file}: {expected}")
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("[guard]\nforce_limit_n = 99.0\n", "guard.force_limit_n"),
         ("[gard]\nforce_limit_n = 9.0\n", "did you mean 'guard'"),
@@ -125,15 +131,15 @@ def test_a_file_is_told_by_what_is_in_it(
         ("[controller]\nmargin_steps = 2\n", "controller.margin_steps"),
     ],
 )
-def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(
-    text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_each_wrong_file_is_one_line_and_all_files_are_checked(
+    text: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wrong, right = tmp_path / "wrong.toml", tmp_path / "right.toml"
     wrong.write_text(text)
     right.write_text("[guard]\nforce_limit_n = 9.0\n")
     assert main(["config", str(wrong), str(right)]) == 2
-    said = capsys.readouterr()
-    assert told in said.err
-    assert "Traceback" not in said.err
-    assert f"{right}: settings" in said.out
+    output = capsys.readouterr()
+    assert expected in output.err
+    assert "Traceback" not in output.err
+    assert f"{right}: settings" in output.out
     assert main(["config", "can"]) == 2

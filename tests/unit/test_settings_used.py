@@ -1,4 +1,4 @@
-"""No setting is declared that nothing reads."""
+"""Every declared setting is used."""
 
 import ast
 import typing
@@ -22,7 +22,7 @@ FILES = (
 
 
 def structs(hint: object) -> Iterator[type[msgspec.Struct]]:
-    """The struct classes in a type, and in the fields of those."""
+    """The struct classes in a type, and in their fields."""
     if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
         yield hint
         for field in typing.get_type_hints(hint).values():
@@ -31,15 +31,15 @@ def structs(hint: object) -> Iterator[type[msgspec.Struct]]:
         yield from structs(part)
 
 
-class Said(typing.NamedTuple):
-    """What the product's code says: attributes it reads, texts that stand alone."""
+class Source(typing.NamedTuple):
+    """Names in the product's code: attributes that it reads, and its string constants."""
 
     attributes: set[str]
     texts: set[str]
 
 
-def said() -> Said:
-    found = Said(set(), set())
+def source() -> Source:
+    found = Source(set(), set())
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -50,17 +50,17 @@ def said() -> Said:
     return found
 
 
-def unread(file: type[msgspec.Struct], said: Said) -> list[str]:
+def unread(file: type[msgspec.Struct], source: Source) -> list[str]:
     """Settings of a file, `Section.setting`, that the code never reads."""
     found = []
     for section in dict.fromkeys(structs(file)):
-        left = set(section.__struct_fields__) - said.attributes
+        left = set(section.__struct_fields__) - source.attributes
         if section is file:  # its sections are looked up by name too
-            left -= said.texts
+            left -= source.texts
         found += [f"{section.__name__}.{name}" for name in sorted(left)]
     return found
 
 
 def test_every_setting_is_read() -> None:
-    product = said()
+    product = source()
     assert [name for file in FILES for name in unread(file, product)] == []

@@ -1,4 +1,4 @@
-"""Weights of one's own that are heard by a rule which was made for others."""
+"""Warnings of user weights with a decision rule that was tuned for other weights."""
 
 import shutil
 from pathlib import Path
@@ -19,19 +19,19 @@ def lab(tmp_path: Path) -> str:
     return str(weights(tmp_path / "lab.onnx", ["n", 6]))
 
 
-def test_settings_that_are_shown_warn_of_a_rule_of_other_weights(lab: str, capsys: Capture) -> None:
+def test_printed_settings_warn_of_a_rule_tuned_for_other_weights(lab: str, capsys: Capture) -> None:
     for more in ([], ["--json"]):
         assert main([*SHOW, "--set", f"network.weights={lab}", *more]) == 0
-        said = capsys.readouterr().err
-        assert PACKAGED in said and f"tune tcn --set network.weights={lab} --data DIR" in said
+        output = capsys.readouterr().err
+        assert PACKAGED in output and f"tune tcn --set network.weights={lab} --data DIR" in output
     assert main([*SHOW, "--detector", lab]) == 0
-    said = capsys.readouterr().err
-    assert "no rule that was tuned for it" in said and f"tune {lab} --data DIR" in said
+    output = capsys.readouterr().err
+    assert "no rule that was tuned for it" in output and f"tune {lab} --data DIR" in output
     assert main(["config", "gripper", "--set", f"network.weights={lab}"]) == 0
     assert capsys.readouterr().err == ""
 
 
-def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
+def test_no_warning_for_a_user_rule_or_packaged_weights(
     lab: str, tmp_path: Path, capsys: Capture
 ) -> None:
     rule, copied = tmp_path / "rule.toml", tmp_path / "copied.onnx"

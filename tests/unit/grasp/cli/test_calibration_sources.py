@@ -1,5 +1,4 @@
-"""Where the figures of a lab's calibrations come from: in their files, with a note, and told by
-every run on real devices."""
+"""Sources of calibrations: stored in their files with a note, and printed by every run."""
 
 from pathlib import Path
 from typing import Any
@@ -25,20 +24,20 @@ serial = "any"
 """
 
 
-def told(
+def output(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
 ) -> list[str]:
-    """What a run says of sources before it opens anything."""
-    begun: list[Any] = []
-    monkeypatch.setattr(run, "run_trials", lambda *asked: begun.append(asked) or 0)
+    """Lines about sources that a run prints before it opens a device."""
+    started: list[Any] = []
+    monkeypatch.setattr(run, "run_trials", lambda *arguments: started.append(arguments) or 0)
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     assert main([*typed, *words]) == 0
-    assert begun
+    assert started
     lines = capsys.readouterr().err.splitlines()
     return [line for line in lines if " by: " in line or "; source: " in line]
 
 
-def test_every_run_on_real_devices_tells_the_source_of_each_calibration(
+def test_every_run_on_real_devices_prints_the_source_of_each_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -48,12 +47,12 @@ def test_every_run_on_real_devices_tells_the_source_of_each_calibration(
     Path("force.toml").write_text('[source]\ncounts_per_newton = "a kitchen scale"\n')
     Path("rule.toml").write_text('[source]\nrule = "a hold of three minutes"\n')
     manual = "calibration 'hand': force byte 0 gives 16 N; source: a load cell, in May"
-    assert told(monkeypatch, capsys) == [f"grasp: {manual}"]
+    assert output(monkeypatch, capsys) == [f"grasp: {manual}"]
     both = ("--config", "force.toml", "--config", "rule.toml")
-    assert told(monkeypatch, capsys, *both)[1:] == [
+    assert output(monkeypatch, capsys, *both)[1:] == [
         "grasp: counts per newton by: a kitchen scale",
         "grasp: decision rule by: a hold of three minutes",
     ]
     Path("hand.toml").write_text(hand.format(9.0) + "pressed_bytes = [0]\npresses = 10\n")
-    (weak,) = told(monkeypatch, capsys)
+    (weak,) = output(monkeypatch, capsys)
     assert "9 N, less than the manual's 15 N; source: a load cell, in May" in weak

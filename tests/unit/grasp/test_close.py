@@ -1,4 +1,4 @@
-"""Closing to the cap, in one stage or in two, each by itself."""
+"""Closing to the cap, in one stage or in two."""
 
 from typing import Any
 
@@ -9,24 +9,27 @@ from drivers.interfaces import Counts3, Detection
 from grasp.commands import CloseFast
 from grasp.contact_estimator import Stiffness
 from grasp.controller_settings import ControllerSettings, GripPlan
-from grasp.lift_progress import LiftLine
+from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.slip_response.close import STAGE_NS, SlipResponse
-from tests.unit.grasp.builders import gripper, seen
+from tests.unit.grasp.builders import gripper, observation
 
 S = ControllerSettings(closing_speed_mps=0.1)
 CAP_N = 10.0
 REACH: Counts3 = (60, 61, 62)
-FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, more=True)
+FIRST = CloseFast(CAP_N, (True, True, True), REACH, 0.1, first_stage=True)
 SLOWLY = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.022)
 AT_ONCE = CloseFast(CAP_N, (True, True, True), (255, 255, 255), 0.1)
 MOVING = (Detection.MOVING,) * 3
 
 
 def hand(t_ns: int = 0, thumb: int = 55, first: bool = False, **changes: Any) -> Observation:
-    """At rest, told so far, and told a first stage or none."""
-    told: dict[str, Any] = {"gripper": gripper(t_ns, (thumb, 55, 55)), "reach_counts": REACH}
-    return seen(t_ns, last_close=FIRST if first else None, **told | changes)
+    """Observation of a hand at rest, after a first stage or without one."""
+    values: dict[str, Any] = {
+        "gripper": gripper(t_ns, (thumb, 55, 55)),
+        "safe_travel_counts": REACH,
+    }
+    return observation(t_ns, last_close=FIRST if first else None, **values | changes)
 
 
 def response(**settings: Any) -> SlipResponse:
@@ -35,12 +38,12 @@ def response(**settings: Any) -> SlipResponse:
     return SlipResponse(s, plan, LiftLine(s, (0.0, 0.0, 0.0)))
 
 
-def test_first_of_two_stages_goes_by_position_as_fast_as_the_hand_can() -> None:
+def test_first_stage_moves_to_a_position_at_full_speed() -> None:
     assert response().closing(hand()) == FIRST
 
 
-@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"reach_counts": None}])
-def test_where_nothing_says_where_contact_will_be_there_is_one_stage(nothing_known: Any) -> None:
+@pytest.mark.parametrize("nothing_known", [{"lost": True}, {"safe_travel_counts": None}])
+def test_unknown_contact_position_gives_one_stage(nothing_known: Any) -> None:
     lost = nothing_known.pop("lost", False)
     assert response().closing(hand(**nothing_known), lost) == AT_ONCE
 
@@ -51,12 +54,12 @@ def test_constant_closing_has_one_stage_and_one_speed() -> None:
     assert response().slow_closing() == SLOWLY
 
 
-@pytest.mark.parametrize(("thumb", "asked"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
-def test_thumb_that_is_told_as_far_as_it_reaches_has_no_first_stage(
-    thumb: int, asked: CloseFast
+@pytest.mark.parametrize(("thumb", "expected"), [(59, FIRST), (60, SLOWLY), (61, SLOWLY)])
+def test_no_first_stage_if_the_thumb_was_commanded_to_its_safe_travel(
+    thumb: int, expected: CloseFast
 ) -> None:
-    """B and C reach further."""
-    assert response().closing(hand(thumb=thumb)) == asked
+    """Fingers B and C have more travel left."""
+    assert response().closing(hand(thumb=thumb)) == expected
 
 
 def test_thumb_in_contact_has_no_first_stage() -> None:
@@ -64,28 +67,30 @@ def test_thumb_in_contact_has_no_first_stage() -> None:
     assert response().closing(hand(gripper=latched)) == SLOWLY
 
 
-@pytest.mark.parametrize(("first", "asked"), [(True, FIRST), (False, SLOWLY)])
-def test_hand_on_its_way_is_told_the_same_again(first: bool, asked: CloseFast) -> None:
+@pytest.mark.parametrize(("first", "expected"), [(True, FIRST), (False, SLOWLY)])
+def test_closing_is_repeated_unchanged_while_the_hand_moves(
+    first: bool, expected: CloseFast
+) -> None:
     moving = gripper(0, (55, 55, 55), MOVING)
-    assert response().closing(hand(gripper=moving, first=first)) == asked
+    assert response().closing(hand(gripper=moving, first=first)) == expected
 
 
-def test_second_stage_follows_when_the_first_rests_wherever_that_is() -> None:
+def test_second_stage_follows_at_any_rest_position_of_the_first() -> None:
     assert response().closing(hand(thumb=57, first=True)) == SLOWLY
 
 
-def test_first_stage_that_is_not_seen_to_rest_is_not_waited_for() -> None:
+def test_first_stage_that_does_not_end_in_time_is_not_waited_for() -> None:
     two_stage = response()
 
     def moving(t_ns: int) -> CloseFast:
         return two_stage.closing(hand(t_ns, gripper=gripper(t_ns, detections=MOVING), first=True))
 
     assert STAGE_NS == 500_000_000
-    asked_ns = 10**9
-    assert two_stage.closing(hand(asked_ns)) == FIRST
-    assert moving(asked_ns + STAGE_NS // 2) == FIRST
-    assert moving(asked_ns + STAGE_NS) == FIRST
-    assert moving(asked_ns + STAGE_NS + 1) == SLOWLY
-    later_ns = asked_ns + 3 * STAGE_NS  # another answer has its own time
+    requested_ns = 10**9
+    assert two_stage.closing(hand(requested_ns)) == FIRST
+    assert moving(requested_ns + STAGE_NS // 2) == FIRST
+    assert moving(requested_ns + STAGE_NS) == FIRST
+    assert moving(requested_ns + STAGE_NS + 1) == SLOWLY
+    later_ns = requested_ns + 3 * STAGE_NS  # another response has its own time
     assert two_stage.closing(hand(later_ns)) == FIRST
     assert moving(later_ns + STAGE_NS) == FIRST
