@@ -37,7 +37,7 @@ def test_allowed_force_must_be_within_the_range_of_the_hand(up_to_n: float) -> N
 def test_closing_is_refused_where_a_run_would_be_refused() -> None:
     with pytest.raises(ConfigError, match="cannot close with less than 15 N"):
         hand_guard(config("gripper.calibration=manual"))
-    with pytest.raises(ConfigError, match="carries the fingertip further"):
+    with pytest.raises(ConfigError, match="exceeds the force limit by more"):
         hand_guard(config("controller.grip_speed_mps=0.1"))
 
 

@@ -30,9 +30,9 @@ def test_response_closes_by_position_at_full_speed_then_slowly_to_the_force_limi
     staged = Staged()
     trial = staged.run(in_phase(State.SET_DOWN), fault.interrupt)
     first, second = stages(staged.ticks)
-    assert (first.more, first.speed_mps) == (True, 0.11)
+    assert (first.first_stage, first.speed_mps) == (True, 0.11)
     assert 55 < first.limits_counts[0] < 60
-    assert (second.more, second.speed_mps, second.limits_counts[0]) == (False, 0.022, 255)
+    assert (second.first_stage, second.speed_mps, second.limits_counts[0]) == (False, 0.022, 255)
     asked = next(t for t in staged.ticks if any(i.admitted == second for i in t.issued))
     assert asked.gripper.positions[0] == first.limits_counts[0]
     assert trial.controller.response.closings == 1
@@ -120,7 +120,7 @@ def test_hand_with_a_frozen_status_is_closed_to_the_limit_unconfirmed() -> None:
     trial = staged.run(in_phase(State.COMPENSATE, 3), fault.freeze_gripper_status)
     assert trial.controller.state is State.FAULT
     assert trial.controller.unconfirmed
-    assert not stages(staged.ticks)[-1].more
+    assert not stages(staged.ticks)[-1].first_stage
     assert trial.final is not None
     assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
 
@@ -133,7 +133,7 @@ def test_pending_closing_is_still_sent_after_an_interruption(
 
     def to_the_limit(tick: Tick) -> bool:
         closings = [c for c in tick.decision.commands if isinstance(c, CloseFast)]
-        return any(not c.more for c in closings)
+        return any(not c.first_stage for c in closings)
 
     trial = staged.run(to_the_limit, fault.interrupt)
     assert trial.controller.state is State.STOPPED
