@@ -131,8 +131,8 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
     lines = ["on the holds; the level is the CUSUM limit, or the threshold's log-odds:",
              *listing(known).splitlines()]  # fmt: skip
     if found.rule == config.rule:
-        lines.append("the configured threshold is higher and is kept: a hand at rest gives no data on "
-                     "closing, lifting or taps")  # fmt: skip
+        lines.append("the configured threshold is higher and is kept: a hand at rest gives no "
+                     "data on closing, lifting or taps")  # fmt: skip
     return show(args, found, _rule_text(lines, found.rule))
 
 
