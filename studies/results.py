@@ -183,7 +183,14 @@ def difficulty(run: Run) -> Made:
                 low, high = found if len(found) == 2 and value is not None else (None, None)
                 value = math.inf if value is None else sign * value
                 rows.append(
-                    Row(axis.title, f"below {level:.0%}{measure}", value, low, high, len(own))
+                    Row(
+                        axis.title,
+                        f"below {100 * level:.0f} % from{measure}",
+                        value,
+                        low,
+                        high,
+                        len(own),
+                    )
                 )
         for value in sorted({r.at[name][0] for r in own if r.moved}):
             at = [r.held for r in own if r.moved and r.at[name][0] == value]

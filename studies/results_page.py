@@ -168,7 +168,9 @@ def page(topics: Sequence[Topic], intro: str, kept: Kept) -> str:
 
 
 def command(*parts: str) -> str:
-    return f"python -m studies results --again --only {' '.join(parts)}"
+    """Makes these parts again."""
+    names = " ".join(parts)
+    return f'make results ONLY="{names}"' if len(parts) > 1 else f"make results ONLY={names}"
 
 
 def claims_table(claims: Sequence[Claim], kept: Kept) -> str:
@@ -220,7 +222,7 @@ def number(row: Row, value: float | None) -> str:
     if math.isinf(value):
         return "never"
     if row.measure.endswith("%"):
-        return f"{value:.1f}".removesuffix(".0")
+        return f"{value:.1f}"
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 

@@ -53,11 +53,11 @@ def test_page_is_made_from_rows(tmp_path: Path) -> None:
     text = page(msgspec.convert(TOPICS, list[Topic]), "All simulated.", found)
     lines = text.splitlines()
     assert lines[0] == "# Results" and "in 2 minutes" in lines[2] and "All simulated." in text
-    command = "`python -m studies results --again --only"
-    assert f"| lift success, % | 72.5 | 97.5 | 91.2–100 | {command} lifts` |" in lines
-    assert f"| real recording |  | not given |  | {command} real` |" in lines
-    assert f"Command: {command} lifts`" in lines
-    assert "| can | 97.5 (91.2–100) | 1 (p90 2.35) |" in lines
+    command = "`make results ONLY="
+    assert f"| lift success, % | 72.5 | 97.5 | 91.2–100.0 | {command}lifts` |" in lines
+    assert f"| real recording |  | not given |  | {command}real` |" in lines
+    assert f"Command: {command}lifts`" in lines
+    assert "| can | 97.5 (91.2–100.0) | 1 (p90 2.35) |" in lines
     assert "| object | slip p50, mm | delay p50, ms |" in lines
     assert "| ball | never (p90 never) | 1,234 |" in lines
     assert "Not measured yet." in lines
