@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import BadFile, in_words, one_line
+from drivers.errors import BadFile, describe_exception, one_line
 
 GROUP = "grasp.detectors"  # of entry points
 MARK = ".py:"  # between a file and what it calls its detector
@@ -139,7 +139,7 @@ def _found(word: str) -> Any:
         try:
             return offered()[word].load()
         except FAILURES as error:
-            raise _bad(word, f"cannot be imported: {in_words(error)}") from error
+            raise _bad(word, f"cannot be imported: {describe_exception(error)}") from error
     file, _, name = word.rpartition(":")
     module = _module(Path(file))
     with _blamed(file, name):
@@ -193,4 +193,4 @@ def _blamed(file: str, verb: str) -> Iterator[None]:
         if isinstance(error, SyntaxError):
             lines = [error.lineno]
         line = lines[-1] if lines else None
-        raise _bad(file, f"{verb} raised {in_words(error)}", line) from error
+        raise _bad(file, f"{verb} raised {describe_exception(error)}", line) from error

@@ -71,7 +71,7 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
 
     ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
     0.2 rad/s); ``slip_true`` says that the contact itself slides; ``moved_m`` is how far what is
-    touched lies from where it last rested against the fingertips (docs/datasets.md). What nobody
+    touched lies from where it last rested against the fingertips (docs/detectors.md). What nobody
     knows or measured is None.
     """
 

@@ -1,6 +1,6 @@
-"""Device drivers, one folder a device, the same names in each; what holds nothing is left out.
+"""Device drivers, one folder per device, with the same module names in each.
 
-``protocol``: bytes and nothing else. ``driver``: the client that a lab uses, a core without thread,
-clock or sleep. ``link/``: from that core to the wire. ``model``: what the device does, its time an
-argument. ``emulator/``: the model behind the real wire. The first three import neither of the last.
+``protocol``: encoding of bytes. ``driver``: the client, without thread, clock or sleep. ``link``:
+connection of the driver to the wire. ``model``: simulation of the device; time is an argument.
+``emulator``: the model behind the real wire. The first three import neither model nor emulator.
 """

@@ -1,4 +1,4 @@
-"""Where an emulator may listen, told before anything is opened or compiled."""
+"""Checks of an emulator's address, before anything is opened or compiled."""
 
 import errno
 import socket
@@ -11,24 +11,24 @@ ANOTHER = "choose another loopback address, e.g. 127.0.0.2"
 
 
 def check_host(host: str, beyond_loopback: bool) -> None:
-    """Raises UsageError for an address that no emulator is to listen on."""
+    """Raises UsageError for an address that an emulator must not listen on."""
     if host == "127.0.0.1":
-        raise UsageError("127.0.0.1 is not for a cell: ur_rtde skips a check there", ANOTHER)
+        raise UsageError("127.0.0.1 is not allowed: ur_rtde skips a check there", ANOTHER)
     what = "address" if beyond_loopback else "loopback address"
     others = f"{ANOTHER}; others with `grasp emulate --beyond-loopback`"
     try:
         address = ip_address(host)
     except ValueError:
-        told = f"{host!r} is no {what}" + (" but a name" if host else "")
-        raise UsageError(told, f"give the address itself; {others}") from None
+        problem = f"{host!r} is no {what}" + (" but a name" if host else "")
+        raise UsageError(problem, f"give the numeric address; {others}") from None
     if not isinstance(address, IPv4Address):
-        raise UsageError(f"{host!r} is an IPv6 address, and IPv4 alone is emulated", ANOTHER)
+        raise UsageError(f"{host!r} is an IPv6 address; only IPv4 is supported", ANOTHER)
     if not (address.is_loopback or beyond_loopback):
         raise UsageError(f"{host!r} is no {what}", others)
 
 
 def check_free(host: str, ports: Iterable[int]) -> None:
-    """Raises LinkLost where one of these ports cannot be listened on; 0 stands for any port."""
+    """Raises LinkLost where one of these ports cannot be listened on; 0 is any port."""
     for port in ports:
         try:
             socket.create_server((host, port)).close()

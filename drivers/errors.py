@@ -1,36 +1,36 @@
-"""The few errors of the whole project, each named for what the caller can do about it.
+"""Error classes of the whole project, each named for the remedy.
 
-Wire garbage is never raised: drivers count it and report it in their statistics.
+Malformed data from a device are never raised: drivers count them in their statistics.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-MOST_SHOWN = 400  # characters of what somebody else wrote, in a message of ours
+MAX_SHOWN_CHARS = 400  # of foreign text in a message
 
 
-def one_line(text: object, most: int = MOST_SHOWN) -> str:
-    """Foreign text fit for one line of a terminal: escaped where it cannot be printed, and cut."""
+def one_line(text: object, most: int = MAX_SHOWN_CHARS) -> str:
+    """Foreign text for one line of a terminal, truncated, with unprintable characters escaped."""
     shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text)[: most + 1])
     return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
-def text_of(error: BaseException) -> str:
-    """What an exception says, fit for a file in UTF-8; its own text may raise as well."""
-    with suppress(BaseException):  # somebody's text may even exit
+def exception_text(error: BaseException) -> str:
+    """Text of an exception, encodable in UTF-8, even where its ``__str__`` raises."""
+    with suppress(BaseException):  # a plug-in's __str__ may even exit
         return str(error).encode(errors="backslashreplace").decode()
     return "its text raises too"
 
 
-def in_words(error: BaseException) -> str:
-    """What somebody's code raised, in one line."""
-    return one_line(f"{type(error).__name__}: {text_of(error)}")
+def describe_exception(error: BaseException) -> str:
+    """Type and text of an exception, in one line."""
+    return one_line(f"{type(error).__name__}: {exception_text(error)}")
 
 
 @contextmanager
 def on_failure(undo: Callable[[], object]) -> Iterator[None]:
-    """Whatever is raised inside, Ctrl-C among it, runs ``undo`` and goes on."""
+    """Call ``undo`` when the block raises, also on Ctrl-C, and raise the exception again."""
     try:
         yield
     except BaseException:
@@ -47,7 +47,7 @@ class GraspError(Exception):
     kind = "error"
 
     def __init__(self, message: str, remedy: str) -> None:
-        super().__init__(message, remedy)  # all arguments, so that it survives another process
+        super().__init__(message, remedy)  # all arguments, so that it can be pickled
         self.message = message
         self.remedy = remedy
 
@@ -62,25 +62,25 @@ class LinkLost(GraspError):
 
 
 class DeviceFault(GraspError):
-    """The device answers and reports a fault of its own: clear it as the remedy says."""
+    """The device reports a fault: clear it as the remedy says."""
 
     kind = "device_fault"
 
 
 class Refused(GraspError):
-    """The command was not sent, because it would break a limit or make no sense now."""
+    """The command was not sent, because it would exceed a limit or is invalid in this state."""
 
     kind = "refused"
 
 
 class Stale(GraspError):
-    """Data are too old to act on: the state that they describe may be gone."""
+    """The data are too old to act on."""
 
     kind = "stale"
 
 
 class UsageError(GraspError):
-    """What was asked for does not fit together or is not installed: ask otherwise."""
+    """The options contradict each other, are invalid, or need a package that is not installed."""
 
     kind = "usage"
 
@@ -90,7 +90,7 @@ class UsageError(GraspError):
 
 
 class CouldNotRecord(GraspError):
-    """A result could not be written: free the disk or choose another place, then run again."""
+    """A result could not be written: free disk space or choose another folder, then run again."""
 
     kind = "could_not_record"
 
@@ -130,6 +130,9 @@ class ConfigError(GraspError):
         self.allowed = allowed
 
 
-class UnreadError(OSError):
-    """Nobody reads standard output any more. Not to be taken for a device's broken pipe; and no
-    BrokenPipeError, at which rich ends the process."""
+class OutputClosedError(OSError):
+    """The reader of standard output has closed it.
+
+    A class of its own, to distinguish it from a device's broken pipe. Not a BrokenPipeError, at
+    which rich ends the process.
+    """

@@ -1,8 +1,9 @@
-"""What the controller may know of a device: frozen states, physical units, three protocols.
+"""Device interfaces of the controller: frozen states and the protocols of gripper, tactile sensor
+and arm.
 
 Times are integer nanoseconds of one monotonic clock and are always passed in. Fingers are ordered
 A, B, C: finger A (the thumb) opposes B and C. Forces are newtons at a fingertip, by the gripper's
-calibration; positions are motor counts, 0 (open) to 255 (closed), which are the truth of this hand.
+calibration. Positions are motor counts, 0 (open) to 255 (closed), as the hand reports them.
 """
 
 from enum import IntEnum
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 
 FINGER_NAMES = ("A", "B", "C")
 FINGERS = len(FINGER_NAMES)
-KIT_TAXELS = 6  # of a fingertip of the Robotiq kit; a setting (`tactile.cells`) says how many
-OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
+KIT_TAXELS = 6  # of a fingertip of the Robotiq kit; the setting `tactile.cells` may differ
+OPEN_COUNTS = 20  # up to here a finger holds nothing; an opened hand rests at about 6
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
-LEAST_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; assumed
+MIN_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; assumed
 
 Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]
@@ -35,7 +36,7 @@ class Detection(IntEnum):
 
 
 class FingerState(msgspec.Struct, frozen=True):
-    """One finger as the gripper reports it."""
+    """State of one finger as the gripper reports it."""
 
     requested_counts: int  # echo of the last request that the gripper took up
     position_counts: int
@@ -43,9 +44,12 @@ class FingerState(msgspec.Struct, frozen=True):
     detection: Detection
 
     @property
-    def at_least_counts(self) -> int:
-        """How far it is closed at least: a finger goes no further than it was told, but for a count
-        beside its target that it may rest at; what says more is an encoder that is off."""
+    def min_closure_counts(self) -> int:
+        """Lower bound of the closure: the position, or the target where the position is beyond.
+
+        A finger closes no farther than its target, within one count; a position beyond that is an
+        encoder error.
+        """
         beyond = self.position_counts - self.requested_counts > 1
         return self.requested_counts if beyond else self.position_counts
 
@@ -53,19 +57,19 @@ class FingerState(msgspec.Struct, frozen=True):
 class GripperState(msgspec.Struct, frozen=True):
     """Snapshot of the gripper's status registers.
 
-    ``fresh`` is False from the moment a command is issued until the status is known to speak of
-    that command (echo matches, or two register refreshes for an unchanged request): until then the
-    detections still describe the motion before it.
+    ``fresh`` is False from the moment a command is issued until the status is known to reflect it:
+    the echo matches, or two register refreshes have passed for an unchanged request. Until then the
+    detections still describe the previous motion.
     """
 
-    t_ns: int  # when the status was asked for
+    t_ns: int  # when the status was requested
     seq: int
     active: bool  # activation complete: the gripper obeys motion commands
     fault: int  # gFLT, 0 = none
     fault_text: str  # empty when there is none
     fresh: bool
     fingers: tuple[FingerState, FingerState, FingerState]
-    took_ns: int = 0  # until it was there: a late one tells of a moment in between
+    took_ns: int = 0  # duration of the exchange; the status was sampled within it
     written: str = ""  # bytes of the last write that the device acknowledged, in hex
     written_ns: int = 0  # when it acknowledged them; 0: no write is known
 
@@ -79,19 +83,19 @@ class GripperState(msgspec.Struct, frozen=True):
 
     @property
     def is_open(self) -> bool:
-        """Whether all fingers stand so wide that they hold nothing."""
-        closed = (Detection.MOVING, Detection.CONTACT_CLOSING)
-        stand = all(f.detection not in closed for f in self.fingers)
-        return stand and max(self.positions) <= OPEN_COUNTS
+        """Whether all fingers are stopped and too wide open to hold anything."""
+        closing = (Detection.MOVING, Detection.CONTACT_CLOSING)
+        stopped = all(f.detection not in closing for f in self.fingers)
+        return stopped and max(self.positions) <= OPEN_COUNTS
 
     @property
     def thumb_latched(self) -> bool:
-        """Whether finger A has stopped on what it closed on: it obeys no further closing."""
+        """Whether finger A has stopped on contact while closing; it ignores further closing."""
         return self.fingers[0].detection is Detection.CONTACT_CLOSING
 
     @property
     def not_at_target(self) -> str:
-        """Name of the first finger that did not end where it was told to; empty if all did."""
+        """Name of the first finger that is not at its target; empty if all are."""
         named = zip(FINGER_NAMES, self.fingers, strict=True)
         return next((name for name, f in named if f.detection is not Detection.AT_TARGET), "")
 
@@ -106,19 +110,19 @@ class GripperState(msgspec.Struct, frozen=True):
         return a.position_counts, b.position_counts, c.position_counts
 
     @property
-    def at_least_counts(self) -> Counts3:
-        """How far each finger is closed at least."""
+    def min_closure_counts(self) -> Counts3:
+        """Lower bound of the closure of each finger."""
         a, b, c = self.fingers
-        return a.at_least_counts, b.at_least_counts, c.at_least_counts
+        return a.min_closure_counts, b.min_closure_counts, c.min_closure_counts
 
 
 class Applied(msgspec.Struct, frozen=True):
-    """What a gripper verb could really apply, after rounding to the device's own units.
+    """Values that a gripper verb applied, after rounding to the device's units.
 
     ``force_n`` is the calibrated static force of the force byte that goes to the gripper.
-    ``effective`` is False when the device will do nothing (latched contact); ``note``
-    says why. A verb that a busy device has not taken yet tells what it was asked, and says so in
-    ``note``; ``GripperState.written`` shows what became of it.
+    ``effective`` is False when the device will not move (latched contact); ``note`` gives the
+    reason. A verb deferred by a busy device returns the requested values with a ``note``;
+    ``GripperState.written`` shows what was written later.
     """
 
     targets_counts: Counts3
@@ -131,8 +135,8 @@ class Applied(msgspec.Struct, frozen=True):
 class Gripper(Protocol):
     """A three-finger gripper. Verbs set intent; ``poll`` does one exchange with the device.
 
-    Verbs raise ``Refused`` when the request cannot be made within the limits given; they never
-    raise on link trouble, ``poll`` does (``LinkLost``).
+    Verbs raise ``Refused`` when the request cannot be met within the given limits. Link errors
+    (``LinkLost``) are raised by ``poll`` only.
     """
 
     @property
@@ -150,13 +154,13 @@ class Gripper(Protocol):
 
     @property
     def acknowledged(self) -> bool:
-        """Whether the device has answered the write of everything that was asked for."""
+        """Whether the device has acknowledged the write of everything requested."""
         ...
 
     def poll(self, now_ns: int) -> None: ...
 
     def activate(self, dropping: bool = False) -> Applied:
-        """``dropping``: even if that drops what the fingers hold."""
+        """Activate the hand; ``dropping``: even if that drops an object."""
         ...
 
     def open(self, speed_mps: float) -> Applied: ...
@@ -175,14 +179,14 @@ class Gripper(Protocol):
 
 
 class TactileFrame(msgspec.Struct, frozen=True):
-    """One sample of all fingertips on the 100 Hz grid.
+    """Sample of all fingertips on the 100 Hz grid.
 
     All arrays are (3, taxels) int16. counts: raw minus rest, pressing is negative. raw, rest:
     10-bit codes. temperature: raw temperature codes. A missed sample repeats the last frame with
     ``missed`` counting up; when ``stale`` is True (five or more missed) it must not be used.
     """
 
-    t_ns: int  # grid time of this frame: when it was handed over
+    t_ns: int  # grid time of this frame: when it was delivered
     sampled_ns: int  # best estimate of when the pressures were converted
     seq: int
     counts: NDArray[np.int16]
@@ -209,7 +213,7 @@ class TactileSensor(Protocol):
     def begin_rest(self) -> None:
         """Start taking rest counts from the next samples; ``rest_taken`` turns True when done.
 
-        ``poll`` raises ``Refused`` when a fingertip is loaded or unsteady meanwhile.
+        ``poll`` raises ``Refused`` when a fingertip is loaded or unsteady during that time.
         """
         ...
 
@@ -217,9 +221,9 @@ class TactileSensor(Protocol):
 class ArmState(msgspec.Struct, frozen=True):
     """Tool position and velocity in the base frame, as last reported by the controller.
 
-    ``angle_rad`` is the turn about the tool's own axis (its z, right-handed) since the start.
-    ``speed_fraction`` is where the speed slider stands: the share of the speed asked for, 0 to 1,
-    that the arm moves at. ``sampled_ns`` is when, by the controller's own clock; None: it has none.
+    ``angle_rad`` is the rotation about the tool's z axis (right-handed) since the start.
+    ``speed_fraction`` is the speed slider: the fraction of the commanded speed, 0 to 1, at which
+    the arm moves. ``sampled_ns`` is the controller's own timestamp; None if it has none.
     """
 
     t_ns: int
@@ -238,7 +242,7 @@ class ArmState(msgspec.Struct, frozen=True):
 
 
 class Arm(Protocol):
-    """Moves along straight lines, or drives at a velocity that must be renewed.
+    """An arm that moves along straight lines, or drives at a velocity that must be renewed.
 
     Verbs raise ``Refused`` outside their limits, before anything is sent.
     """
@@ -251,8 +255,8 @@ class Arm(Protocol):
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None: ...
 
     def drive(self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float) -> None:
-        """Take up this velocity, and spin about the tool's own axis, at up to the acceleration
-        (of the same number in rad/s2). A drive that is not renewed in time is stopped."""
+        """Drive at this velocity and spin about the tool's z axis, within the acceleration (the
+        same number in rad/s2 for the spin). A drive that is not renewed in time is stopped."""
         ...
 
     def stop(self, deceleration_mps2: float) -> None: ...

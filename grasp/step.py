@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from detector.auxiliary_outputs import Motion
 from detector.interface import SlipDetector
-from drivers.errors import GraspError, in_words, one_line
+from drivers.errors import GraspError, describe_exception, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -66,7 +66,7 @@ class GraspStep:
         if decision.reset_detector:
             self._reset_detector()
         if decision.anchor:
-            self._guard.anchor(inputs.gripper.at_least_counts, self._measured_n)
+            self._guard.anchor(inputs.gripper.min_closure_counts, self._measured_n)
         admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
         self._monitors.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)
@@ -163,5 +163,5 @@ class GraspStep:
 
 
 def _failed(bug: BaseException) -> Fault:
-    said = one_line(bug.message) if isinstance(bug, GraspError) else in_words(bug)
+    said = one_line(bug.message) if isinstance(bug, GraspError) else describe_exception(bug)
     return failed("detector_failed", how=said)

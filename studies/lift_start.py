@@ -30,7 +30,7 @@ def at_lift(config: LiftConfig, seed: int) -> LiftStart:
             tick = loop.tick()
             if controller.state is State.LIFT and tick.arm.moving:
                 start = copy.deepcopy((cast(SimulatedCell, rig.cell), rig.devices.gripper))
-                start[0].arm.brake_unread(
+                start[0].arm.brake_when_unread(
                     None
                 )  # no loop reads the copy, and its arm must not brake for that
                 return start

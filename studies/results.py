@@ -179,19 +179,11 @@ def difficulty(run: Run) -> Made:
             for measure, i, sign in (("", 0, axis.sign), (", share of bound", 1, 1)):
                 at = [sign * r.at[name][i] for r in own]
                 value, *ends = difficulty_sweep.fall(at, [r.held for r in own], level)
-                found = sorted(sign * x for x in ends if x is not None)
-                low, high = found if len(found) == 2 and value is not None else (None, None)
+                known = sorted(sign * x for x in ends if x is not None)
+                low, high = known if len(known) == 2 and value is not None else (None, None)
                 value = math.inf if value is None else sign * value
-                rows.append(
-                    Row(
-                        axis.title,
-                        f"below {100 * level:.0f} % from{measure}",
-                        value,
-                        low,
-                        high,
-                        len(own),
-                    )
-                )
+                words = f"below {100 * level:.0f} % from{measure}"
+                rows.append(Row(axis.title, words, value, low, high, len(own)))
         for value in sorted({r.at[name][0] for r in own if r.moved}):
             at = [r.held for r in own if r.moved and r.at[name][0] == value]
             rows.append(percent(f"{axis.title}: {value:g}", "held, %", sum(at), len(at)))
@@ -240,8 +232,8 @@ def timing(run: Run) -> Made:
 
 PARTS: dict[str, Callable[[Run], Made]] = {
     part.__name__: part
-    for part in (detectors, campaign, hands, disturbances, responses, difficulty, robustness,
-                 contact, real, timing)
+    for part in (detectors, campaign, hands, disturbances, responses, robustness, contact, real,
+                 timing, difficulty)
 }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""What a byte of the gripper is worth: newtons, metres a second, metres.
+"""Gripper calibration: force, speed and travel that a byte or count of one hand stands for.
 
-The hand has no force sensor: force is set through motor current (manual p. 47). Newtons exist
-through a calibration alone, which belongs to one hand, comes from a file and has a name.
+The hand has no force sensor; force is set through motor current (manual p. 47). Only a calibration
+gives forces in newtons. It belongs to one hand, comes from a file and has a name.
 """
 
 from bisect import bisect_right
@@ -17,14 +17,16 @@ from drivers.robotiq.protocol import FULL_BYTE
 
 
 class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a byte and a count of one hand are worth. "manual": Robotiq 3-Finger manual, 2014."""
+    """Calibration of one hand. "manual": Robotiq 3-Finger manual, 2014."""
 
     name: str
-    source: Annotated[str, Meta(min_length=1, description="how these figures were come by, when")]
+    source: Annotated[
+        str, Meta(min_length=1, description="how and when these figures were measured")
+    ]
     pressed_bytes: Annotated[
-        tuple[int, ...], Meta(description="force bytes that were pressed on a scale")
+        tuple[int, ...], Meta(description="force bytes that were measured on a scale")
     ] = ()
-    presses: Annotated[int, Meta(ge=0, description="of each of them; 0: not counted")] = 0
+    presses: Annotated[int, Meta(ge=0, description="measurements per byte; 0: unknown")] = 0
     least_force_n: Annotated[float, Meta(ge=1, le=30, description="static force of byte 0, N")]
     most_force_n: Annotated[
         float, Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
@@ -70,7 +72,7 @@ class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         """Largest speed byte not faster than ``speed_mps``; byte 0 where even that is faster."""
         if not isfinite(speed_mps) or speed_mps <= 0:
             raise Refused(f"speed {speed_mps} m/s is not a speed", "ask for more than 0 m/s")
-        # The tolerance keeps a speed that came from a byte at that byte.
+        # The tolerance maps the speed of a byte back to the same byte.
         steps = (speed_mps - self.least_speed_mps) / self.speed_step_mps + 1e-6
         return max(0, min(FULL_BYTE, int(steps)))
 

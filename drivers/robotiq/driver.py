@@ -2,7 +2,7 @@
 
 No thread, no sleep, no clock of its own. Source of the rules: Robotiq 3-Finger manual, 2014/2018.
 Every register image carries, for each finger, a force byte whose calibrated force is within the cap
-of the verb that made it, or byte 0: the least force that the hand can be told.
+of the verb that made it, or byte 0, the least force of the hand.
 """
 
 import math
@@ -20,14 +20,14 @@ from drivers.robotiq.exchange import (
     RegisterTransport,
 )
 from drivers.robotiq.hand_state import (
-    STATUS_OLD_NS,
-    Step,
-    TrackedHand,
+    STATUS_UNCHANGED_NS,
+    Activation,
+    HandTracker,
     checked_counts,
     closing_targets,
-    held_targets,
-    pinches,
-    why_still,
+    hold_targets,
+    no_motion_reason,
+    scissor_in_contact,
 )
 from drivers.robotiq.protocol import (
     BASIC,
@@ -35,63 +35,68 @@ from drivers.robotiq.protocol import (
     AxisCommand,
     CommandRegisters,
     Severity,
-    check_closing,
+    check_not_scissor,
 )
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
-LATE_COUNTS = 2  # by which a position lags that was read and refreshed
+LATE_READ_COUNTS = 2  # lag of a position, by refresh and read
 
-_LOST = "the link is lost: nothing is sent until it answers again"
+_LINK_LOST = "the link is lost: nothing is sent until the gripper answers again"
 
 
-class RobotiqDriver(TrackedHand):
+class RobotiqDriver(HandTracker):
     """Implements ``drivers.interfaces.Gripper`` over registers.
 
-    Fingers are always commanded one by one (rICF), all their bytes in one write: targets left over
-    from an earlier individual request cannot come back to life.
+    Fingers are always commanded individually (rICF), all their bytes in one write. So targets of
+    an earlier individual request cannot become active again.
     """
 
     # Verbs
 
     def activate(self, dropping: bool = False) -> Applied:
-        """Make the hand ready, in basic mode. One that is so and without fault is taken over as it
-        is; one that may hold something is left alone, unless it may drop that. One that is ready in
-        another mode is told the basic one, for which it opens first."""
-        state = self._known()
+        """Make the hand ready in basic mode.
+
+        A hand that is ready in basic mode without a fault is left as it is. A hand that is ready in
+        another mode opens and changes to basic mode. Raises Refused where the hand may hold an
+        object, unless ``dropping``.
+        """
+        state = self._known_state()
         if self._exchange.lost:
-            return self._nothing(_LOST)
-        if self._step is not Step.NONE:
-            return self._nothing("activation is under way")
-        well = state.active and not state.fault
-        if well and self.mode == BASIC:
-            return self._nothing("already active: taken over as it is")
-        if self._holds(state) and not dropping:
+            return self._not_sent(_LINK_LOST)
+        if self._activation is not Activation.NONE:
+            return self._not_sent("activation is under way")
+        ready = state.active and not state.fault
+        if ready and self.mode == BASIC:
+            return self._not_sent("already active: left as it is")
+        if self._may_hold_object(state) and not dropping:
             raise Refused(
-                "activation would drop what the fingers hold",
-                "open first; switch the hand off and on if it cannot",
+                "activation would drop the object",
+                "open the hand first; switch it off and on if it cannot be opened",
             )
         status = self._status
-        begun = status is not None and status.active and status.initialization == 1
-        if well or (begun and not state.fault):
-            self._begin(Step.ACTIVATING, ACTIVATE)  # in another mode, or begun by another master
+        started = status is not None and status.active and status.initialization == 1
+        if ready or (started and not state.fault):  # another mode, or another client's activation
+            self._begin_activation(Activation.ACTIVATING, ACTIVATE)
         else:
-            self._begin(Step.RESTARTING, RESET)
-        return self._of(ACTIVATE)
+            self._begin_activation(Activation.RESTARTING, RESET)
+        return self._applied(ACTIVATE)
 
-    def _holds(self, state: GripperState) -> bool:
-        """Whether it may hold something; who holds by position feels no contact."""
-        met = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
-        met = met or (self._status is not None and pinches(self._status))
-        return met or (state.active and not state.is_open)
+    def _may_hold_object(self, state: GripperState) -> bool:
+        """Whether the hand may hold an object; a grip at the target position reports no contact."""
+        contact = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
+        contact = contact or (self._status is not None and scissor_in_contact(self._status))
+        return contact or (state.active and not state.is_open)
 
     def open(self, speed_mps: float) -> Applied:
-        """Open all fingers to their software limits, at the least force; in scissor mode spread B
-        and C too, for they may hold something between them."""
+        """Open all fingers to their software limits at the least force.
+
+        In scissor mode also spread B and C, since they may hold something between them.
+        """
         return self._move((0, 0, 0), speed_mps, (0, 0, 0), spread=True)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
-        """Send each finger to a count, at a force within ``force_n``."""
+        """Move each finger to a position in counts, with at most ``force_n``."""
         byte = self._calibration.byte_at_most(force_n)
         return self._move(checked_counts(targets_counts), speed_mps, (byte, byte, byte))
 
@@ -102,110 +107,113 @@ class RobotiqDriver(TrackedHand):
         limits_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
-        """Close some fingers to their limits, within a force; the others hold where they are.
+        """Close some fingers to their limits, with at most a force; the others keep their position.
 
-        Nothing opens: a limit behind a finger leaves it where it is. Where that is doubtful it goes
-        on to where it was told to, no faster than before.
+        No finger opens: one that is already beyond its limit keeps its position. Where positions
+        are uncertain, it continues to its last target, no faster than before.
         """
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
-        held = self._held(self._known())
+        held = self._hold_targets(self._known_state())
         targets = closing_targets(closing, limits, held)
-        if self._doubtful(self._known()):
-            speed_mps = self._no_faster(speed_mps)
+        if self._positions_uncertain(self._known_state()):
+            speed_mps = self._limited_speed_mps(speed_mps)
         return self._move(targets, speed_mps, tuple(byte if closes else 0 for closes in closing))
 
-    def _no_faster(self, speed_mps: float) -> float:
-        """Than the fingers were told last."""
-        wanted = self._exchange.wanted
-        if wanted is None or not wanted.go_to:
+    def _limited_speed_mps(self, speed_mps: float) -> float:
+        """The speed, limited to the one commanded last."""
+        requested = self._exchange.requested
+        if requested is None or not requested.go_to:
             return speed_mps
-        told_mps = self._calibration.speed_mps(max(axis.speed for axis in wanted.axes[:FINGERS]))
-        return min(speed_mps, told_mps)
+        fastest = max(axis.speed for axis in requested.axes[:FINGERS])
+        return min(speed_mps, self._calibration.speed_mps(fastest))
 
     def hold(self) -> Applied:
-        """Stay: every target becomes the position the finger has. Never refused once connected.
+        """Keep the position: every target becomes the finger's position. Never refused once
+        connected.
 
-        Where the reported positions may be old the fingers are stopped instead (rGTO cleared): a
-        target that has been passed would move them back. But that writes rACT, which activates a
-        hand that has lost power, so it is done only while the status is seen to change. Where it is
-        not, a finger goes on by what it may have moved at most.
+        Where the reported positions may be old, the fingers are stopped instead (rGTO cleared),
+        because a target that they have passed would move them back. That writes rACT, which
+        activates a hand that has lost power, so it is done only while the status changes. Otherwise
+        each target is the farthest position that the finger may have reached.
         """
-        state = self._known()
-        if not state.active or self._exchange.lost or self._step is not Step.NONE:
-            return self._nothing("the hand does not obey motion commands: nothing was sent")
-        targets: Sequence[int] = held_targets(state.fingers, self._exchange.wanted)
-        go_to = state.fresh and not self._doubtful(state)
-        if not go_to and self._now_ns - self._changed_ns > STATUS_OLD_NS:
-            targets, go_to = self._reached_at_most(state), True
-        command = self._image(targets, 0, (0, 0, 0))
+        state = self._known_state()
+        if not state.active or self._exchange.lost or self._activation is not Activation.NONE:
+            return self._not_sent("the hand does not obey motion commands: nothing was sent")
+        targets: Sequence[int] = hold_targets(state.fingers, self._exchange.requested)
+        go_to = state.fresh and not self._positions_uncertain(state)
+        if not go_to and self._now_ns - self._changed_ns > STATUS_UNCHANGED_NS:
+            targets, go_to = self._farthest_targets(state), True
+        command = self._registers(targets, 0, (0, 0, 0))
         command = msgspec.structs.replace(command, go_to=go_to)
-        self._exchange.want(command)
-        return self._of(command)
+        self._exchange.request(command)
+        return self._applied(command)
 
-    def _reached_at_most(self, state: GripperState) -> list[int]:
-        """Where each finger may be by now, on its way to what it was told last."""
-        wanted = self._exchange.wanted
-        here = list(state.positions)
-        if wanted is None or not wanted.go_to:
-            return here
-        since_s = (self._now_ns - max(self._changed_ns, self._exchange.told_ns)) * 1e-9
-        for i, axis in enumerate(wanted.axes[:FINGERS]):
+    def _farthest_targets(self, state: GripperState) -> list[int]:
+        """Farthest position that each finger may have reached on the way to its last target."""
+        requested = self._exchange.requested
+        targets = list(state.positions)
+        if requested is None or not requested.go_to:
+            return targets
+        since_s = (self._now_ns - max(self._changed_ns, self._exchange.written_ns)) * 1e-9
+        for i, axis in enumerate(requested.axes[:FINGERS]):
             speed_cps = self._calibration.speed_mps(axis.speed) / self.m_per_count
-            reach = math.ceil(since_s * speed_cps) + LATE_COUNTS
-            here[i] += min(max(axis.position - here[i], -reach), reach)
-        return here
+            reach = math.ceil(since_s * speed_cps) + LATE_READ_COUNTS
+            targets[i] += min(max(axis.position - targets[i], -reach), reach)
+        return targets
 
-    def _doubtful(self, state: GripperState) -> bool:
-        """Whether the fingers may be elsewhere: one moves, and the status has not changed lately.
-        Or one was where no motor can have brought it."""
+    def _positions_uncertain(self, state: GripperState) -> bool:
+        """Whether reported positions may be wrong: a finger moves while the status stays equal, or
+        a position has changed faster than a motor can move."""
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
-        return self._leapt or (moving and self._now_ns - self._changed_ns > STATUS_OLD_NS)
+        return self._position_jumped or (
+            moving and self._now_ns - self._changed_ns > STATUS_UNCHANGED_NS
+        )
 
-    def _held(self, state: GripperState) -> Sequence[int]:
-        """Targets of fingers that hold: where they are, or their last ones if that is doubtful."""
-        wanted = self._exchange.wanted
-        if self._doubtful(state) and wanted is not None and wanted.go_to:
-            return [axis.position for axis in wanted.axes[:FINGERS]]
-        return held_targets(state.fingers, wanted)
+    def _hold_targets(self, state: GripperState) -> Sequence[int]:
+        """Targets that keep positions; the last targets where positions are uncertain."""
+        requested = self._exchange.requested
+        if self._positions_uncertain(state) and requested is not None and requested.go_to:
+            return [axis.position for axis in requested.axes[:FINGERS]]
+        return hold_targets(state.fingers, requested)
 
-    # Images
+    # Commands
 
     def _move(
         self, targets: Sequence[int], speed_mps: float, forces: Sequence[int], spread: bool = False
     ) -> Applied:
         speed = self._calibration.speed_byte_at_most(speed_mps)
-        state = self._ready()
+        state = self._ready_state()
         if any(to > at for to, at in zip(targets, state.positions, strict=True)):
-            check_closing(self.mode)
-        command = self._image(targets, speed, forces, spread)
+            check_not_scissor(self.mode)
+        command = self._registers(targets, speed, forces, spread)
         if self._exchange.lost:
-            return self._nothing(_LOST)
-        still = [self._why_still(i, command.axes[i], state) for i in range(FINGERS)]
+            return self._not_sent(_LINK_LOST)
+        still = [self._no_motion_reason(i, command.axes[i], state) for i in range(FINGERS)]
         for i, byte in enumerate(forces):
             if not still[i]:
                 self._grip_bytes[i] = byte
-        self._exchange.want(command)
-        return self._of(command, "" if "" in still else "; ".join(sorted(set(still))))
+        self._exchange.request(command)
+        return self._applied(command, "" if "" in still else "; ".join(sorted(set(still))))
 
-    def _why_still(self, i: int, axis: AxisCommand, state: GripperState) -> str:
+    def _no_motion_reason(self, i: int, axis: AxisCommand, state: GripperState) -> str:
         if not self._fresh:
-            return ""  # stale detections prove nothing
-        wanted = self._exchange.wanted
-        asked = wanted.axes[i].position if wanted and wanted.go_to else None
-        return why_still(state.fingers[i], axis, asked, self._grip_bytes[i])
+            return ""  # stale detections are not conclusive
+        requested = self._exchange.requested
+        position = requested.axes[i].position if requested and requested.go_to else None
+        return no_motion_reason(state.fingers[i], axis, position, self._grip_bytes[i])
 
-    # Answers
+    # Results of verbs
 
-    def _known(self) -> GripperState:
+    def _known_state(self) -> GripperState:
         state = self.state
         if state is None:
             raise Refused("no status was received yet", "poll the driver first")
         return state
 
-    def _ready(self) -> GripperState:
-        state = self._known()
-        if self._step is not Step.NONE:
+    def _ready_state(self) -> GripperState:
+        state = self._known_state()
+        if self._activation is not Activation.NONE:
             raise Refused("activation is under way", "wait until the hand is active")
         if FAULTS[state.fault].severity is Severity.MAJOR:
             raise Refused(f"gripper fault: {state.fault_text}", FAULTS[state.fault].remedy)
@@ -213,8 +221,8 @@ class RobotiqDriver(TrackedHand):
             raise Refused("the hand is not activated", "activate it first")
         return state
 
-    def _of(self, command: CommandRegisters, note: str = "") -> Applied:
-        """What the bytes of an image say; a note means that nothing will move."""
+    def _applied(self, command: CommandRegisters, note: str = "") -> Applied:
+        """Targets, speed and force in these registers; a note means that nothing will move."""
         a, b, c, _ = command.axes
         return Applied(
             targets_counts=(a.position, b.position, c.position),
@@ -224,9 +232,9 @@ class RobotiqDriver(TrackedHand):
             note=note,
         )
 
-    def _nothing(self, note: str) -> Applied:
-        """Answer of a verb that sends nothing: what is wanted already, with the reason."""
-        wanted = self._exchange.wanted
-        if wanted is None:
-            wanted = self._image(self._known().positions, 0, (0, 0, 0))
-        return self._of(wanted, note)
+    def _not_sent(self, note: str) -> Applied:
+        """Result of a verb that sends nothing: the present request, with the reason."""
+        requested = self._exchange.requested
+        if requested is None:
+            requested = self._registers(self._known_state().positions, 0, (0, 0, 0))
+        return self._applied(requested, note)

@@ -1,8 +1,8 @@
-"""The emulated gripper: the model behind Modbus TCP, or RTU on a pseudo-terminal.
+"""Emulated gripper: the model behind Modbus TCP, or RTU on a pseudo-terminal.
 
-pymodbus cuts and builds the frames, as in the driver; what registers mean is written twice, in
-``model`` and in ``protocol``, so that a mistake of one cannot hide in the other. A malformed frame
-ends a connection. Sources: Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
+pymodbus parses and builds the frames, as in the driver. The register map is written twice, in
+``model`` and in ``protocol``, so that tests reveal a mistake in either. A malformed frame ends a
+connection. Sources: Robotiq 3-Finger manual, 2014 p. 59 (RTU) and p. 75 (TCP).
 """
 
 import os
@@ -30,49 +30,49 @@ from pymodbus.pdu.register_message import (
 from drivers.robotiq.model.gripper import FIRST_REGISTERS, GripperModel, HandSettings
 from drivers.robotiq.model.hand import WORDS
 
-SLAVE: Final = 9  # the one number that is answered over RTU, manual p. 59
+RTU_SLAVE: Final = 9  # the only slave number that gets a reply, manual p. 59
 _HEADER_BYTES: Final = 7  # of a TCP frame: transaction, protocol, length and unit
-_MOST_BYTES: Final = 4096
-_SILENCE_S: Final = 0.05  # ends a serial frame that is not whole; far above 3.5 characters
+_MAX_BYTES: Final = 4096
+_SILENCE_S: Final = 0.05  # ends an incomplete serial frame; far above 3.5 characters
 _JOIN_S: Final = 5.0
 
 Guard = AbstractContextManager[object]  # a lock of any kind
 OnFrame = Callable[[bytes], None]
 
 
-class Trouble(Enum):
-    """What happens to a request that is hit."""
+class FaultKind(Enum):
+    """Kind of a fault injected into a request."""
 
-    DROP = "drop"  # carried out, never answered
-    DELAY = "delay"  # carried out, answered ``seconds`` later
-    GARBLE = "garble"  # carried out, answered with a damaged frame
-    SPLIT = "split"  # answered one byte at a time, ``seconds`` apart
-    DISCONNECT = "disconnect"  # connection closed instead; RTU: not carried out, no answer
-    EXCEPTION = "exception"  # not carried out, answered with exception ``code``; RTU: no answer
-    FREEZE = "freeze"  # this and all that follow wait ``seconds``, then are carried out
+    DROP = "drop"  # executed, no reply
+    DELAY = "delay"  # executed, reply ``seconds`` later
+    GARBLE = "garble"  # executed, reply in a damaged frame
+    SPLIT = "split"  # executed, reply one byte at a time, ``seconds`` apart
+    DISCONNECT = "disconnect"  # not executed, connection closed; RTU: no reply
+    EXCEPTION = "exception"  # not executed, reply is exception ``code``; RTU: no reply
+    FREEZE = "freeze"  # this and all following requests wait ``seconds``, then are executed
     DEVICE_FAULT = "device_fault"  # the hand shows fault ``code`` from the next refresh on
 
 
 class WireFault(msgspec.Struct, frozen=True, kw_only=True):
-    """One planned trouble: it hits requests that meet all its conditions."""
+    """Fault to inject into the requests that meet all its conditions."""
 
-    trouble: Trouble | None
+    kind: FaultKind | None
     function: int | None = None  # requests with this function; None: all
     from_ns: int = 0  # not before this time of the emulator's clock
-    skip: int = 0  # spare so many requests first
-    times: int = 1  # then hit so many
+    skip: int = 0  # matching requests to leave unchanged first
+    times: int = 1  # requests to affect after those
     seconds: float = 0.0  # of a delay or a freeze, or between bytes
     code: int = 4  # of an exception, or of a fault of the hand
 
 
-_NO_FAULT: Final = WireFault(trouble=None)
+_NO_FAULT: Final = WireFault(kind=None)
 
 
 class WireFaults:
-    """The plan. Any thread may add to it; a request takes the first fault that hits it."""
+    """Planned faults. Any thread may add one; a request gets the first that matches."""
 
     def __init__(self) -> None:
-        self._planned: list[tuple[WireFault, list[int]]] = []  # with what is left to skip and hit
+        self._planned: list[tuple[WireFault, list[int]]] = []  # with remaining skip and times
         self._lock = threading.Lock()
 
     def add(self, fault: WireFault) -> None:
@@ -80,29 +80,29 @@ class WireFaults:
             self._planned.append((fault, [fault.skip, fault.times]))
 
     def take(self, function: int, now_ns: int) -> WireFault:
-        """The fault that hits a request."""
+        """The fault to inject into this request."""
         with self._lock:
-            for fault, left in self._planned:
+            for fault, remaining in self._planned:
                 if now_ns < fault.from_ns or fault.function not in (None, function):
                     continue
-                if left[0]:
-                    left[0] -= 1
+                if remaining[0]:
+                    remaining[0] -= 1
                     continue
-                left[1] -= 1
+                remaining[1] -= 1
                 self._planned = [each for each in self._planned if each[1][1]]
                 return fault
         return _NO_FAULT
 
 
 class _Disconnect(Exception):
-    """The connection is to be closed."""
+    """Closes the connection."""
 
 
 class _Emulator:
-    """A hand behind a wire, served by threads.
+    """Modbus server of a hand model; runs in threads.
 
-    ``model`` may be settings of a hand of its own, or a model that somebody else moves on: then
-    ``lock`` guards it and ``advance(now_ns)``, called with the lock held, brings it to a time.
+    ``model``: settings of a new hand model, or a model that the caller advances. In the second case
+    ``lock`` guards it and ``advance(now_ns)``, called with the lock held, advances it to a time.
     ``clock`` gives the monotonic nanoseconds of the model.
     """
 
@@ -131,18 +131,18 @@ class _Emulator:
         self._on_frame = on_frame
         self._framer = FRAMER_NAME_TO_CLASS[self.framer](DecodePDU(True))
         self._frozen_until_s = 0.0
-        self._ending = threading.Event()
+        self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="gripper-emulator")
 
     def start(self) -> Self:
-        """Returns when the wire is open. Raises OSError when the port is taken."""
+        """Start serving; returns when the port is open. Raises OSError when the port is taken."""
         self._open()
         self._thread.start()
         return self
 
     def stop(self) -> None:
         if self._thread.is_alive():
-            self._ending.set()
+            self._stopping.set()
             self._shut()
             self._thread.join(_JOIN_S)
 
@@ -153,7 +153,7 @@ class _Emulator:
         self.stop()
 
     def inject_fault(self, code: int) -> None:
-        """The hand shows a fault from the next refresh on; 0 takes it back."""
+        """Report a fault of the hand from the next refresh on; 0 clears it."""
         with self._lock:
             self._advance(self._clock())
             self.model.inject_fault(code)
@@ -164,32 +164,32 @@ class _Emulator:
 
     def _run(self) -> None: ...
 
-    def _cut(self, received: bytes) -> tuple[ModbusPDU | None, bytes, bytes]:
-        """The first request among the bytes, its frame, and the bytes that are left."""
+    def _first_request(self, received: bytes) -> tuple[ModbusPDU | None, bytes, bytes]:
+        """The first request in the bytes, its frame, and the remaining bytes."""
         used, request = self._framer.handleFrame(received, 0, 0)
         return request, received[:used], received[used:]
 
     def _serve(self, frame: bytes, request: ModbusPDU, send: OnFrame) -> None:
-        """Carry out one request and answer it, or do what is planned instead."""
+        """Execute one request and reply, with the planned fault if there is one."""
         fault = self.faults.take(request.function_code, self._clock())
-        if fault.trouble is Trouble.FREEZE:
+        if fault.kind is FaultKind.FREEZE:
             self._frozen_until_s = time.monotonic() + fault.seconds
         while (left_s := self._frozen_until_s - time.monotonic()) > 0.0:
-            if self._ending.wait(left_s):
+            if self._stopping.wait(left_s):
                 return
         self.requests += 1
         self._on_frame(frame)
-        if fault.trouble is Trouble.DISCONNECT:
+        if fault.kind is FaultKind.DISCONNECT:
             raise _Disconnect
-        if fault.trouble is Trouble.DEVICE_FAULT:
+        if fault.kind is FaultKind.DEVICE_FAULT:
             self.inject_fault(fault.code)
-        if fault.trouble is Trouble.EXCEPTION:
+        if fault.kind is FaultKind.EXCEPTION:
             reply: ModbusPDU = ExceptionResponse(request.function_code, fault.code)
         else:
-            reply = self._answer(request)
-        self._send(self._framed(reply, request.dev_id, request.transaction_id), fault, send)
+            reply = self._reply(request)
+        self._send(self._frame(reply, request.dev_id, request.transaction_id), fault, send)
 
-    def _answer(self, request: ModbusPDU) -> ModbusPDU:
+    def _reply(self, request: ModbusPDU) -> ModbusPDU:
         """The reply to a read (function 4, over RTU 3) or a write (16)."""
         function, count = request.function_code, request.count
         reads = function == self.read_reply.function_code
@@ -208,27 +208,28 @@ class _Emulator:
             self.model.write(first, request.registers, now_ns)
         return WriteMultipleRegistersResponse(address=request.address, count=count)
 
-    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+    def _frame(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
         reply.dev_id, reply.transaction_id = dev_id, transaction
         return self._framer.buildFrame(reply)
 
     def _send(self, reply: bytes, fault: WireFault, send: OnFrame) -> None:
-        if fault.trouble is Trouble.DELAY:
+        if fault.kind is FaultKind.DELAY:
             later = threading.Timer(fault.seconds, send, (reply,))
             later.daemon = True
             later.start()
-        elif fault.trouble is Trouble.SPLIT:
+        elif fault.kind is FaultKind.SPLIT:
             for at in range(len(reply)):
                 send(reply[at : at + 1])
-                self._ending.wait(fault.seconds)
-        elif fault.trouble is Trouble.GARBLE:
+                self._stopping.wait(fault.seconds)
+        elif fault.kind is FaultKind.GARBLE:
             send(bytes(255 - byte for byte in reply))
-        elif fault.trouble is not Trouble.DROP:
+        elif fault.kind is not FaultKind.DROP:
             send(reply)
 
 
 class GripperEmulator(_Emulator):
-    """On a TCP port, 0 for a free one. Every unit number is answered, as the hardware does."""
+    """Emulated gripper on a TCP port, 0 for a free one. It replies to every unit number, as the
+    hardware does."""
 
     def __init__(
         self,
@@ -237,7 +238,7 @@ class GripperEmulator(_Emulator):
         port: int = 0,
         **more: Any,
     ) -> None:
-        """``more``: the arguments of every emulator."""
+        """``more``: arguments of the base class."""
         super().__init__(model, **more)
         self.address = (host, port)
         self._clients: dict[socket.socket, threading.Thread] = {}
@@ -250,50 +251,53 @@ class GripperEmulator(_Emulator):
         self._listener.shutdown(socket.SHUT_RDWR)
 
     def disconnect(self) -> None:
-        """Drop every client, as a pulled plug that is put back at once; from any thread."""
+        """Disconnect every client, as a cable that is unplugged briefly; from any thread."""
         for client in list(self._clients):
             with suppress(OSError):
                 client.shutdown(socket.SHUT_RDWR)
 
     def _run(self) -> None:
         with self._listener:
-            while not self._ending.is_set():
+            while not self._stopping.is_set():
                 with suppress(OSError):
                     client, _ = self._listener.accept()
                     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    thread = threading.Thread(target=self._talk, args=(client,), daemon=True)
+                    thread = threading.Thread(
+                        target=self._serve_client, args=(client,), daemon=True
+                    )
                     self._clients[client] = thread
                     thread.start()
         self.disconnect()
         for thread in list(self._clients.values()):
             thread.join(_JOIN_S)
 
-    def _talk(self, client: socket.socket) -> None:
+    def _serve_client(self, client: socket.socket) -> None:
         def send(data: bytes) -> None:
             with suppress(OSError):  # gone
                 client.sendall(data)
 
         received = b""
         with client, suppress(OSError, _Disconnect, ModbusIOException):
-            while data := client.recv(_MOST_BYTES):
+            while data := client.recv(_MAX_BYTES):
                 received = self._serve_all(received + data, send)
         del self._clients[client]
 
     def _serve_all(self, received: bytes, send: OnFrame) -> bytes:
-        """Answer every whole request; returns the bytes that are left."""
+        """Reply to every complete request; returns the remaining bytes."""
         while len(received) >= _HEADER_BYTES:
             if received[2:4] != b"\0\0":
-                raise _Disconnect  # no header of Modbus: what follows cannot be told apart
-            request, frame, left = self._cut(received)
+                raise _Disconnect  # not a Modbus header, so frame boundaries are unknown
+            request, frame, remaining = self._first_request(received)
             if request is None:
                 break
             self._serve(frame, request, send)
-            received = left
+            received = remaining
         return received
 
 
 class RtuEmulator(_Emulator):
-    """On a pseudo-terminal whose name is ``port``. Errors are answered by silence, manual p. 59."""
+    """Emulated gripper on a pseudo-terminal, whose name is ``port``. It does not reply to errors
+    (manual p. 59)."""
 
     link = "rtu"
     framer = FramerType.RTU
@@ -301,29 +305,29 @@ class RtuEmulator(_Emulator):
     port = ""
 
     def _open(self) -> None:
-        self._master, self._slave = os.openpty()  # our end of the slave keeps the line open
+        self._master, self._slave = os.openpty()  # keeping the slave open keeps the line open
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
 
     def _run(self) -> None:
         received = b""
-        while not self._ending.is_set():
+        while not self._stopping.is_set():
             if not select.select([self._master], [], [], _SILENCE_S)[0]:
                 received = b""
                 continue
-            received += os.read(self._master, _MOST_BYTES)
+            received += os.read(self._master, _MAX_BYTES)
             with suppress(ModbusIOException, _Disconnect):
-                request, frame, received = self._cut(received)
-                if request is not None and request.dev_id == SLAVE:
+                request, frame, received = self._first_request(received)
+                if request is not None and request.dev_id == RTU_SLAVE:
                     self._serve(frame, request, self._write)
         os.close(self._master)
         os.close(self._slave)
 
     def _write(self, data: bytes) -> None:
-        """What nobody reads is lost, as on a line."""
+        """Send bytes; they are lost if nobody reads them, as on a serial line."""
         with suppress(BlockingIOError):
             os.write(self._master, data)
 
-    def _framed(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
-        return b"" if reply.isError() else super()._framed(reply, dev_id, transaction)
+    def _frame(self, reply: ModbusPDU, dev_id: int, transaction: int) -> bytes:
+        return b"" if reply.isError() else super()._frame(reply, dev_id, transaction)

@@ -1,6 +1,7 @@
-"""The hand as it is known, an exchange at a time: its state, its faults, resets that nobody asked
-for, and the way to an active hand; from status to fingers, and from requests to register images.
-What the hand is told to do is in ``drivers.robotiq.driver``.
+"""State of the hand, updated at each exchange: fingers, faults, unrequested resets, activation.
+
+Also converts a status to finger states, and targets to command registers. The verbs are in
+``drivers.robotiq.driver``.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +25,7 @@ from drivers.robotiq.protocol import (
     BASIC,
     FAULTS,
     FULL_BYTE,
-    LEAP_COUNTS,
+    JUMP_TOLERANCE_COUNTS,
     SCISSOR,
     AxisCommand,
     AxisStatus,
@@ -33,34 +34,35 @@ from drivers.robotiq.protocol import (
     StatusRegisters,
 )
 
-_ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
+_ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
-_OTHER_MODE = "the gripper says that it is in mode {}, and was taken over in mode {}"
+_OTHER_MODE = "the gripper reports mode {}, but was in mode {} at connection or activation"
 _CHANGED = "another client changed the gripper's registers, or they are misreported: {}"
 _END_IT = "end every other program that commands the gripper"
-_WHO_ELSE = "does anybody else command it? Switch it off and on, activate it"
+_WHO_ELSE = "end every other program that commands it; switch it off and on, activate it"
 _DETECTIONS = tuple(Detection)
 _MOVING = Detection.MOVING
-STATUS_OLD_NS = 100_000_000  # one that stands still although a finger moves tells no position any
-# more; assumed: a count takes 0.035 s at least speed
-FASTEST_COUNTS_PS = 300.0  # no finger is faster; twice full speed, manual 0.11 m/s
-_ACTIVATION_NS = 20_000_000_000  # must end within; assumed
-MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
+# A status that stays equal for so long while a finger moves gives no positions any more. Assumed: a
+# count takes 0.035 s at the lowest speed.
+STATUS_UNCHANGED_NS = 100_000_000
+MAX_SPEED_COUNTS_PS = 300.0  # no finger is faster; twice full speed, manual 0.11 m/s
+_ACTIVATION_NS = 20_000_000_000  # longest activation; assumed
+POSITION_ERROR_COUNTS = 16  # largest position error; a target farther back means opening
 
-LATCHED = "contact is latched: a close at no higher force does nothing"
-THERE = "already there"
+LATCHED_NOTE = "contact is latched: closing has no effect without a higher force"
+AT_TARGET_NOTE = "already there"
 
 
-class Step(Enum):
-    """Where ``poll`` is on the way to an active hand."""
+class Activation(Enum):
+    """Stage of an activation that ``poll`` carries out."""
 
     NONE = 0
-    RESTARTING = 1  # rACT cleared, wait for gACT = 0, then activate
-    ACTIVATING = 2  # rACT set, wait for gIMC = 3
+    RESTARTING = 1  # rACT cleared, waits for gACT = 0, then activates
+    ACTIVATING = 2  # rACT set, waits for gIMC = 3
 
 
-class TrackedHand:
-    """Everything of a driver but its verbs."""
+class HandTracker:
+    """Driver without verbs: exchange, state, faults and activation."""
 
     def __init__(
         self,
@@ -70,26 +72,25 @@ class TrackedHand:
         log: WriteLog | None = None,
         clock: Callable[[], int] | None = None,
     ) -> None:
-        """``clock`` tells how long an exchange took, where time passes meanwhile: that of the times
-        given to ``poll``."""
+        """``clock`` measures the duration of an exchange; it is the clock of ``poll``'s times."""
         self._clock = clock
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log, clock)
         self._status: StatusRegisters | None = None
-        self.mode = 0  # rMOD that it was taken over in: to be told another would open it
-        self._other_mode = False  # it says that it is in another
+        self.mode = 0  # rMOD at connection or activation: another one would open the hand
+        self._other_mode = False  # the status reports another mode
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
         self._state: GripperState | None = None
         self._now_ns = 0
         self._seq = 0
         self._changed_ns = 0  # when the status last differed from the one before
-        self._leapt = False  # a finger was where no motor can have brought it
-        self._step = Step.NONE
+        self._position_jumped = False  # a position changed faster than a motor can move
+        self._activation = Activation.NONE
         self._deadline_ns = 0
-        self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
-        self._raised = 0  # major fault that was raised already
+        self._grip_bytes = [FULL_BYTE] * FINGERS  # force byte of the grip; unknown counts as full
+        self._raised_fault = 0  # major fault that was raised already
 
-    # What is known
+    # State
 
     @property
     def state(self) -> GripperState | None:
@@ -111,150 +112,154 @@ class TrackedHand:
 
     @property
     def statistics(self) -> ExchangeStatistics:
-        """Counters so far."""
+        """Counters since the driver was made."""
         return self._exchange.statistics
 
     @property
     def acknowledged_ns(self) -> int:
-        """When the gripper answered the latest write; 0: none yet."""
+        """Time at which the gripper acknowledged the latest write; 0: none yet."""
         return self._exchange.acknowledged_ns
 
     @property
     def acknowledged(self) -> bool:
-        """Whether the gripper has answered the write of everything that was asked for."""
-        return self._exchange.written
+        """Whether the gripper has acknowledged the write of everything requested."""
+        return self._exchange.all_written
 
     @property
     def _fresh(self) -> bool:
-        return self._step is Step.NONE and self._exchange.confirmed
+        return self._activation is Activation.NONE and self._exchange.confirmed
 
     # Exchange
 
     def poll(self, now_ns: int) -> None:
-        """One exchange: at most one write, one read, one change of state.
+        """Do one exchange: at most one write, one read, one change of state.
 
-        Raises ``LinkLost`` when the device does not answer, ``DeviceFault`` once for each fault
-        that stops motion, for an activation that does not end and for registers that another client
-        changed: what was wanted last is written again then.
+        Raises ``LinkLost`` when the device does not answer. Raises ``DeviceFault`` once for each
+        fault that stops motion, for an activation that does not end and for registers that another
+        client changed; the last request is then written again.
         """
         self._now_ns = now_ns
         was_lost = self._exchange.lost
         status = self._exchange.poll(now_ns)
         if status is None:
             return
-        overwritten = self._exchange.changed
+        overwritten = self._exchange.overwritten
         changed, self._status = status is not self._status, status
-        if self._step is not Step.NONE or self._exchange.wanted is None:  # not ours to say yet
+        if self._activation is not Activation.NONE or self._exchange.requested is None:
             self.mode = status.mode
-        unasked = self._answer_reset(status, was_lost, now_ns)
-        if self._step is not Step.NONE:
-            self._proceed(status, now_ns)
+        unrequested = self._handle_reset(status, was_lost, now_ns)
+        if self._activation is not Activation.NONE:
+            self._continue_activation(status, now_ns)
         self._publish(status, now_ns, changed)
         self._raise_fault(status, now_ns)
-        if unasked:
+        if unrequested:
             raise DeviceFault(_ACTIVATES, "keep clear: the fingers may have moved; activate it")
         if overwritten:
             raise DeviceFault(_CHANGED.format(overwritten), _END_IT)
 
-    def _answer_reset(self, status: StatusRegisters, was_lost: bool, now_ns: int) -> bool:
-        """Act on a reset that nobody asked for; whether the hand activates unasked."""
-        wanted, idle = self._exchange.wanted, self._step is Step.NONE
+    def _handle_reset(self, status: StatusRegisters, was_lost: bool, now_ns: int) -> bool:
+        """Respond to an unrequested reset; returns whether the hand activates unrequested."""
+        requested, idle = self._exchange.requested, self._activation is Activation.NONE
         activating = status.active and status.initialization == 1 and idle
         stopped = FAULTS[status.fault].severity is Severity.MAJOR
-        told = wanted in (None, ACTIVATE) or (wanted == RESET and not was_lost)
-        if activating and not told and not stopped:
-            # it lost power between a read and the write after it: that write set rACT
-            self._exchange.want(RESET)
+        allowed = requested in (None, ACTIVATE) or (requested == RESET and not was_lost)
+        if activating and not allowed and not stopped:
+            # it lost power between a read and the next write, which set rACT
+            self._exchange.request(RESET)
             self._exchange.poll(now_ns)
             return True
-        reset = idle and wanted is not None and wanted.activate and not status.active
-        if was_lost or reset:  # as after a power cycle, written yet or not
-            self._resync(status)
-        elif activating and wanted == RESET and self._exchange.settled(now_ns):
-            self._exchange.again()  # it was told not to, two refreshes ago
+        reset = idle and requested is not None and requested.activate and not status.active
+        if was_lost or reset:  # as after a power cycle, whether written yet or not
+            self._resynchronize(status)
+        elif activating and requested == RESET and self._exchange.settled(now_ns):
+            self._exchange.rewrite()  # the reset was written two refreshes ago without effect
         return False
 
-    def _resync(self, status: StatusRegisters) -> None:
-        """Send nothing that moves without a new verb, and never activate by oneself."""
-        self._step, self._leapt = Step.NONE, False
+    def _resynchronize(self, status: StatusRegisters) -> None:
+        """Drop the request: no motion without a new verb, and no unrequested activation."""
+        self._activation, self._position_jumped = Activation.NONE, False
         self._grip_bytes = [FULL_BYTE] * FINGERS
-        if self._exchange.wanted is None:
+        if self._exchange.requested is None:
             return
         self.statistics.resynced += 1
-        pending = self._exchange.unproven and not status.active
-        self._exchange.want(None)
-        if pending:  # it may wait in the hand, which would take it up when it has booted
-            self._exchange.want(RESET)
+        pending = self._exchange.unconfirmed and not status.active
+        self._exchange.request(None)
+        if pending:  # a booting hand would take up the old request afterwards
+            self._exchange.request(RESET)
         if status.ready:
-            where = tuple(finger.position for finger in status.fingers)
-            self._exchange.want(self._image(where, 0, (0, 0, 0)))
+            positions = tuple(finger.position for finger in status.fingers)
+            self._exchange.request(self._registers(positions, 0, (0, 0, 0)))
 
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
         took_ns = 0 if self._clock is None else self._clock() - now_ns
         if changed or self._fingers is None:
-            self._leapt = self._leapt or self._leaps(status, now_ns + took_ns)
+            self._position_jumped = self._position_jumped or self._has_jumped(
+                status, now_ns + took_ns
+            )
             self._changed_ns = now_ns
             self._fingers = finger_states(status)
         self._seq += 1
         fault = FAULTS[status.fault]
         active = status.ready and fault.severity is not Severity.MAJOR
-        written = self._exchange.acknowledged, self._exchange.changed_ns
+        written = self._exchange.last_write_hex, self._exchange.last_write_ns
         self._state = GripperState(
             now_ns, self._seq, active, status.fault, fault.text, self._fresh, self._fingers,
             took_ns, *written,
         )  # fmt: skip
 
-    def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:
-        """Since the status before was asked for, ``now_ns`` being when this one was there."""
+    def _has_jumped(self, status: StatusRegisters, now_ns: int) -> bool:
+        """Whether a finger moved farther than a motor can since the previous status was requested;
+        ``now_ns`` is when this one arrived."""
         if self._fingers is None or self._state is None:
             return False
-        reach = LEAP_COUNTS + FASTEST_COUNTS_PS * (now_ns - self._state.t_ns) * 1e-9
-        ways = zip(self._fingers, status.fingers, strict=True)
-        return any(abs(was.position_counts - now.position) > reach for was, now in ways)
+        reach = JUMP_TOLERANCE_COUNTS + MAX_SPEED_COUNTS_PS * (now_ns - self._state.t_ns) * 1e-9
+        pairs = zip(self._fingers, status.fingers, strict=True)
+        return any(abs(was.position_counts - now.position) > reach for was, now in pairs)
 
     def _raise_fault(self, status: StatusRegisters, now_ns: int) -> None:
         fault = FAULTS[status.fault]
         major = fault.severity is Severity.MAJOR
-        onset = major and fault.code != self._raised
-        self._raised = fault.code if major else 0
+        onset = major and fault.code != self._raised_fault
+        self._raised_fault = fault.code if major else 0
         if onset:
-            if self._step is not Step.RESTARTING:
-                self._step = Step.NONE
+            if self._activation is not Activation.RESTARTING:
+                self._activation = Activation.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
         was_other, self._other_mode = self._other_mode, status.ready and status.mode != self.mode
         if self._other_mode and not was_other:
             raise DeviceFault(_OTHER_MODE.format(status.mode, self.mode), _WHO_ELSE)
-        if self._step is not Step.NONE and now_ns > self._deadline_ns:
-            self._step = Step.NONE
+        if self._activation is not Activation.NONE and now_ns > self._deadline_ns:
+            self._activation = Activation.NONE
             raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
 
     # Activation
 
-    def _begin(self, step: Step, command: CommandRegisters) -> None:
-        self._step = step
+    def _begin_activation(self, step: Activation, command: CommandRegisters) -> None:
+        self._activation = step
         self._deadline_ns = self._now_ns + _ACTIVATION_NS
-        self._exchange.want(command)
+        self._exchange.request(command)
 
-    def _proceed(self, status: StatusRegisters, now_ns: int) -> None:
+    def _continue_activation(self, status: StatusRegisters, now_ns: int) -> None:
         if not self._exchange.settled(now_ns):
             return
-        if self._step is Step.RESTARTING and not status.active and not status.fault:
-            self._step = Step.ACTIVATING
-            self._exchange.want(ACTIVATE)
-        elif self._step is Step.ACTIVATING and status.ready and status.mode == BASIC:
-            self._step, self._leapt = Step.NONE, False
+        if self._activation is Activation.RESTARTING and not status.active and not status.fault:
+            self._activation = Activation.ACTIVATING
+            self._exchange.request(ACTIVATE)
+        elif self._activation is Activation.ACTIVATING and status.ready and status.mode == BASIC:
+            self._activation, self._position_jumped = Activation.NONE, False
 
-    # Images
+    # Registers
 
-    def _image(
+    def _registers(
         self, targets: Sequence[int], speed: int, forces: Sequence[int], spread: bool = False
     ) -> CommandRegisters:
-        """``spread``: in scissor mode, B and C apart; else that motor stays where it is.
+        """Command registers for a motion. ``spread``: in scissor mode, spread B and C apart;
+        otherwise the scissor axis stays where it is.
 
-        There it always has a place of its own (rICS), at the least force: without one a hand sends
-        its scissor to finger A's place, and obeys no single finger.
+        In scissor mode that axis always gets its own target (rICS), at the least force. Without
+        one, a hand moves its scissor to finger A's target and obeys no individual finger.
         """
-        command = motion_image(self.mode, targets, speed, forces)
+        command = motion_registers(self.mode, targets, speed, forces)
         if self.mode != SCISSOR or self._status is None:
             return command
         to = AxisCommand(0, speed) if spread else AxisCommand(self._status.scissor.position)
@@ -262,7 +267,7 @@ class TrackedHand:
 
 
 def finger_states(status: StatusRegisters) -> tuple[FingerState, FingerState, FingerState]:
-    """All fingers of a status. In scissor mode B and C are moved by a motor of their own, too."""
+    """States of all fingers. In scissor mode B and C count as moving while the scissor moves."""
     a, b, c = (finger_state(axis, status) for axis in status.fingers)
     if status.mode == SCISSOR and status.go_to and _DETECTIONS[status.scissor.detection] is _MOVING:
         b, c = (msgspec.structs.replace(finger, detection=_MOVING) for finger in (b, c))
@@ -270,8 +275,8 @@ def finger_states(status: StatusRegisters) -> tuple[FingerState, FingerState, Fi
 
 
 def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
-    """One finger of a status. gDT = 0 means moving only while gGTO is set (manual, gDT): a hand
-    without it stands still, ready or reset, unless it is activating or changing its mode.
+    """State of one finger. gDT = 0 means moving only while gGTO is set (manual, gDT): otherwise a
+    hand is stationary unless it is activating or changing its mode.
     """
     detection = _DETECTIONS[axis.detection]
     busy = status.go_to or status.initialization in (1, 2)
@@ -280,25 +285,25 @@ def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
     return FingerState(axis.echo, axis.position, axis.current_ma, detection)
 
 
-def pinches(status: StatusRegisters) -> bool:
-    """Whether something was met between B and C, which in scissor mode close on each other."""
+def scissor_in_contact(status: StatusRegisters) -> bool:
+    """Whether B and C hold something between them, as they close on each other in scissor mode."""
     met = _DETECTIONS[status.scissor.detection]
     return status.mode == SCISSOR and met is Detection.CONTACT_CLOSING
 
 
 def checked_counts(targets: Sequence[int]) -> Sequence[int]:
-    """Three counts, or Refused."""
+    """The targets, if they are three counts; raises Refused otherwise."""
     if len(targets) != FINGERS or any(not 0 <= target <= FULL_BYTE for target in targets):
         raise Refused(f"targets {tuple(targets)} are not counts", "give three counts, 0 to 255")
     return targets
 
 
-def motion_image(
+def motion_registers(
     mode: int, targets: Sequence[int], speed: int, forces: Sequence[int]
 ) -> CommandRegisters:
-    """Fingers one by one (rICF), all targets given: nothing left from before can move them.
+    """Individual finger commands (rICF) with all targets, so that no earlier target stays valid.
 
-    ``mode`` must be the one that the hand is in: another one would open the fingers first.
+    ``mode`` must be the hand's present mode: another one would open the fingers first.
     """
     a, b, c = (
         AxisCommand(target, speed, byte) for target, byte in zip(targets, forces, strict=True)
@@ -308,50 +313,54 @@ def motion_image(
     )
 
 
-def held_targets(
-    fingers: Sequence[FingerState], wanted: CommandRegisters | None
+def hold_targets(
+    fingers: Sequence[FingerState], command: CommandRegisters | None
 ) -> tuple[int, ...]:
     """Targets that keep the fingers where they are: their positions.
 
-    A finger that rests at its target, by its own word, keeps that target: following the report,
-    which may be some counts off, would make it creep or press. For that no finger that has met
-    something is told further than it was; but one that was told to open since, and says still that
-    it has met something, is not to open on.
+    A finger that reports to be at its target keeps that target. Its reported position may be some
+    counts off, and following it would make the finger creep or press. For the same reason a finger
+    in contact gets no target beyond the present one. An exception is a finger that was commanded
+    to open and still reports contact: it must not continue to open.
     """
-    here = [finger.position_counts for finger in fingers]
-    if wanted is None or not wanted.go_to:
-        return tuple(here)
+    targets = [finger.position_counts for finger in fingers]
+    if command is None or not command.go_to:
+        return tuple(targets)
     for i, finger in enumerate(fingers):
-        asked = wanted.axes[i].position
+        commanded = command.axes[i].position
         if finger.detection is Detection.CONTACT_CLOSING:
-            if here[i] - asked <= MISREAD_COUNTS:
-                here[i] = min(here[i], asked)
-        elif abs(asked - here[i]) <= 1 or (
-            finger.detection is Detection.AT_TARGET and finger.requested_counts == asked
+            if targets[i] - commanded <= POSITION_ERROR_COUNTS:
+                targets[i] = min(targets[i], commanded)
+        elif abs(commanded - targets[i]) <= 1 or (
+            finger.detection is Detection.AT_TARGET and finger.requested_counts == commanded
         ):
-            here[i] = asked
-    return tuple(here)
+            targets[i] = commanded
+    return tuple(targets)
 
 
-def closing_targets(closing: Sequence[bool], limits: Sequence[int], held: Sequence[int]) -> Counts3:
-    """Targets of a closing: nothing opens, and a finger that does not close stays where it is."""
+def closing_targets(
+    closing: Sequence[bool], limits: Sequence[int], positions: Sequence[int]
+) -> Counts3:
+    """Closing targets: no finger opens, and a finger that does not close keeps its position."""
     a, b, c = (
-        max(limit, here) if closes else here
-        for closes, limit, here in zip(closing, limits, held, strict=True)
+        max(limit, position) if closes else position
+        for closes, limit, position in zip(closing, limits, positions, strict=True)
     )
     return a, b, c
 
 
-def why_still(finger: FingerState, axis: AxisCommand, asked: int | None, grip_byte: int) -> str:
-    """Why a finger will not move at a request, by a fresh status; empty when it may.
+def no_motion_reason(
+    finger: FingerState, axis: AxisCommand, requested: int | None, grip_byte: int
+) -> str:
+    """Reason why a request will not move a finger, by a fresh status; empty when it may move.
 
-    ``asked`` is the position last requested, ``grip_byte`` the force byte it closed with.
+    ``requested`` is the position last requested, ``grip_byte`` the force byte it closed with.
     """
     if finger.detection is Detection.MOVING:
         return ""
     if finger.detection is Detection.CONTACT_CLOSING and axis.force <= grip_byte:
         if axis.position > finger.position_counts:
-            return LATCHED
-    elif finger.detection is Detection.AT_TARGET and axis.position == asked:
-        return THERE
-    return THERE if axis.position == finger.position_counts else ""
+            return LATCHED_NOTE
+    elif finger.detection is Detection.AT_TARGET and axis.position == requested:
+        return AT_TARGET_NOTE
+    return AT_TARGET_NOTE if axis.position == finger.position_counts else ""

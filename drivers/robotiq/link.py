@@ -1,4 +1,4 @@
-"""A thin thread that polls the driver core in wall time, and the gripper that it makes of it."""
+"""Thread that polls the gripper driver in wall time; a ``Gripper`` whose ``poll`` does no I/O."""
 
 import logging
 import threading
@@ -18,13 +18,13 @@ _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
 _ERRORS_KEPT: Final = 8
 _ACKNOWLEDGEMENTS_KEPT: Final = 4096
-_MOST_BUGS: Final = 3  # in a row
+_MAX_BUGS: Final = 3  # unexpected exceptions in a row that end the thread
 _AFTER_BUG_S: Final = 0.01
-_PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
-# After this time the program is taken to hang. The heartbeat (0.15 s) has braked the arm, and a
-# step this late ends the run in a fault (monitors.standstill_s).
-_UNPOLLED_NS: Final = 1_000_000_000
-_NOT_YET = "the hand has not answered yet: told to it as soon as it has"
+_LOCK_WAIT_S: Final = 0.002  # longest wait of a verb for an exchange: most are over by then
+# Time without a poll after which the program is taken to hang. By then the heartbeat (0.15 s) has
+# braked the arm, and a step this late ends the run in a fault (monitors.standstill_s).
+_HANG_NS: Final = 1_000_000_000
+_DEFERRED_NOTE = "the hand has not replied yet: the command is sent as soon as it has"
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,11 +34,11 @@ _Verb = Callable[[], Applied]
 class ThreadedGripper:
     """A ``Gripper`` whose core is polled by a thread; ``poll`` of this one does no I/O.
 
-    Verbs set intent and wake the thread. While an exchange is in flight, which lasts a timeout on a
-    hand that has fallen silent, a verb waits for it for two milliseconds alone. Then the thread
-    does the verb once the exchange is over, unless another is given before, and what was asked is
-    returned, with a note, since what could really be applied is not known yet; ``poll`` raises a
-    refusal of it. ``activate`` alone waits.
+    Verbs set intent and wake the thread. An exchange lasts up to the timeout when the hand does not
+    reply, and a verb waits for it for two milliseconds at most. After that the verb is deferred:
+    the thread executes it when the exchange is over, unless another verb replaces it. A deferred
+    verb returns what was requested, with a note, since what is applied is not known yet; ``poll``
+    raises its refusal. Only ``activate`` waits for the exchange.
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class ThreadedGripper:
         close: Callable[[], None] | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """``write_interval_s`` and ``clock`` are those of the core: a command that it holds back is
-        sent as soon as it may be. ``close`` lets go of the connection after the last poll."""
+        """``write_interval_s`` and ``clock`` are those of the core; a delayed command is sent when
+        the interval is over. ``close`` closes the connection after the last poll."""
         self._core = core
         self._close = close
         self._clock = clock
@@ -65,33 +65,33 @@ class ThreadedGripper:
         self._state: GripperState | None = core.state
         self._errors: list[GraspError] = []
         self._bugs: list[BaseException] = []
-        self._ended = False  # by too many of them
+        self._thread_ended = False  # by too many bugs
         self._lost = False
         self._fallback: tuple[Callable[[Gripper], Applied], str] | None = None
-        self._fell_back = False
+        self._fallback_sent = False
         self._polled_ns = 0
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
-        self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
-        self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
+        self._deferred: tuple[int, _Verb] | None = None  # until the exchange in flight is over
+        self._deferred_lock = threading.Lock()  # guards ``_deferred``; never held for long
         self._written_ns = 0  # time of the poll that wrote last
         self.polls = 0  # exchanges so far
         self._acknowledged: deque[tuple[int, int]] = deque(maxlen=_ACKNOWLEDGEMENTS_KEPT)
 
-    # Life
+    # Start and stop
 
     def start(self, within_s: float = _JOIN_S) -> None:
-        """Start polling; returns after the first exchange, answered or not."""
+        """Start polling; returns after the first exchange, successful or not."""
         if self._thread is not None:
             return
         self._stopping.clear()
         self._refreshed.clear()
-        self._put_off = None  # given to the thread before, and not sent by it
+        self._deferred = None  # from before the last stop
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
         self._refreshed.wait(within_s)
 
     def stop(self) -> None:
-        """End the thread; what was commanded and not yet sent stays unsent."""
+        """End the thread; commands that were not sent yet are dropped."""
         thread = self._thread
         if thread is None:
             return
@@ -99,12 +99,12 @@ class ThreadedGripper:
         self._wake.set()
         thread.join(_JOIN_S)
         if thread.is_alive():
-            told = f"the gripper's thread did not end within {_JOIN_S:g} s"
-            raise LinkLost(told, "an exchange hangs: check the timeout of the link")
+            message = f"the gripper's thread did not end within {_JOIN_S:g} s"
+            raise LinkLost(message, "an exchange hangs: check the timeout of the link")
         self._thread = None
 
     def close(self) -> None:
-        """Stop, and let go of the connection."""
+        """Stop, and close the connection."""
         self.stop()
         if self._close is not None:
             self._close()
@@ -116,13 +116,13 @@ class ThreadedGripper:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # What is known
+    # State
 
     @property
     def state(self) -> GripperState | None:
-        """Latest snapshot, without waiting for anything; not fresh while a verb is put off."""
+        """Latest snapshot, without waiting; not fresh while a verb is deferred."""
         state = self._state
-        if state is not None and state.fresh and self._put_off is not None:
+        if state is not None and state.fresh and self._deferred is not None:
             return msgspec.structs.replace(state, fresh=False)
         return state
 
@@ -138,55 +138,56 @@ class ThreadedGripper:
 
     @property
     def mode(self) -> int:
-        """That the hand was taken over in."""
+        """Grasping mode (rMOD) of the hand at connection."""
         return self._core.mode
 
     @property
     def acknowledged(self) -> bool:
-        """Whether the gripper has answered the write of everything that was asked for."""
-        return self._commanded_ns is None and self._put_off is None
+        """Whether the gripper has acknowledged the write of everything requested."""
+        return self._commanded_ns is None and self._deferred is None
 
     @property
     def acknowledgements_ns(self) -> tuple[tuple[int, int], ...]:
-        """Latest pairs of times, of a verb and of the reply to its write, oldest first."""
+        """Latest pairs of times: a verb, and the acknowledgement of its write; oldest first."""
         return tuple(self._acknowledged.copy())
 
     def poll(self, now_ns: int) -> None:
-        """Raise what the thread met since the last call, each error once; no I/O.
+        """Raise the thread's errors since the last call, each once; no I/O.
 
-        A link that stays lost is one error. After a bug in the core the thread goes on, so that a
-        hand can still be made safe; three in a row end it, and every call raises the last.
+        A link that stays lost is one error. After an unexpected exception the thread continues, so
+        that the hand can still be made safe. Three in a row end it, and every call then raises the
+        oldest one that was not raised before.
         """
-        self._polled()
+        self._mark_polled()
         if self._bugs:
-            raise self._bugs[0] if self._ended else self._bugs.pop(0)
+            raise self._bugs[0] if self._thread_ended else self._bugs.pop(0)
         if self._errors:
             raise self._errors.pop(0)
 
-    def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
-        """Set the command that this thread sends by itself when neither ``poll`` nor a verb is
-        called for a second: the program hangs. ``words`` go into the log."""
-        self._fallback = None if command is None else (command, words)
-        self._polled()
+    def set_fallback(self, command: Callable[[Gripper], Applied] | None, text: str = "") -> None:
+        """Set the command that this thread sends by itself when the program hangs, that is when
+        neither ``poll`` nor a verb is called for a second. ``text`` describes it in the log."""
+        self._fallback = None if command is None else (command, text)
+        self._mark_polled()
 
-    def _polled(self) -> None:
-        self._polled_ns, self._fell_back = self._clock(), False
+    def _mark_polled(self) -> None:
+        self._polled_ns, self._fallback_sent = self._clock(), False
 
     # Verbs
 
     def activate(self, dropping: bool = False) -> Applied:
-        self._polled()
+        self._mark_polled()
         called_ns = self._clock()
         with self._lock:
-            self._put_off = None
-            return self._do(called_ns, lambda: self._core.activate(dropping))
+            self._deferred = None
+            return self._execute(called_ns, lambda: self._core.activate(dropping))
 
     def open(self, speed_mps: float) -> Applied:
-        asked = Applied((0, 0, 0), speed_mps, self.least_force_n, note=_NOT_YET)
+        asked = Applied((0, 0, 0), speed_mps, self.least_force_n, note=_DEFERRED_NOTE)
         return self._command(lambda: self._core.open(speed_mps), asked)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
-        asked = Applied(targets_counts, speed_mps, force_n, note=_NOT_YET)
+        asked = Applied(targets_counts, speed_mps, force_n, note=_DEFERRED_NOTE)
         return self._command(lambda: self._core.move_to(targets_counts, speed_mps, force_n), asked)
 
     def close_fast(
@@ -196,135 +197,141 @@ class ThreadedGripper:
         limits_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
-        targets = closing_targets(closing, limits_counts, self._here)
-        asked = Applied(targets, speed_mps, force_cap_n, note=_NOT_YET)
+        targets = closing_targets(closing, limits_counts, self._positions)
+        asked = Applied(targets, speed_mps, force_cap_n, note=_DEFERRED_NOTE)
         return self._command(
             lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), asked
         )
 
     def hold(self) -> Applied:
-        asked = Applied(self._here, 0.0, self.least_force_n, note=_NOT_YET)
+        asked = Applied(self._positions, 0.0, self.least_force_n, note=_DEFERRED_NOTE)
         return self._command(self._core.hold, asked)
 
     @property
-    def _here(self) -> Counts3:
+    def _positions(self) -> Counts3:
         """Last known finger positions."""
         return (0, 0, 0) if self._state is None else self._state.positions
 
     def _command(self, verb: _Verb, asked: Applied) -> Applied:
-        self._polled()
+        self._mark_polled()
         called_ns = self._clock()
-        if self._ended:
-            told = "nothing reaches the gripper: its thread has met too many bugs in a row"
-            raise LinkLost(told, "connect again, and report the bugs")
-        if self._lock.acquire(timeout=_PATIENCE_S):
+        if self._thread_ended:
+            message = "no command reaches the gripper: its thread ended after repeated exceptions"
+            raise LinkLost(message, "connect again, and report the exceptions as bugs")
+        if self._lock.acquire(timeout=_LOCK_WAIT_S):
             try:
-                self._put_off = None
-                return self._do(called_ns, verb)
+                self._deferred = None
+                return self._execute(called_ns, verb)
             finally:
                 self._lock.release()
-        with self._slot:
-            self._put_off = called_ns, verb
+        with self._deferred_lock:
+            self._deferred = called_ns, verb
         self._wake.set()
         return asked
 
-    def _do(self, called_ns: int, verb: _Verb) -> Applied:
-        """Who does it has the lock."""
-        answer = verb()
+    def _execute(self, called_ns: int, verb: _Verb) -> Applied:
+        """Execute a verb; the caller holds the lock."""
+        applied = verb()
         self._state = self._core.state  # no longer fresh
         if self._commanded_ns is None:
             self._commanded_ns = called_ns
         self._wake.set()
-        return answer
+        return applied
 
     # Thread
 
     def _run(self) -> None:
-        tick_ns, met = self._clock(), 0
-        while not self._stopping.is_set() and met < _MOST_BUGS:
+        tick_ns, bugs = self._clock(), 0
+        while not self._stopping.is_set() and bugs < _MAX_BUGS:
             try:
                 self._wait_until(tick_ns)
                 if self._stopping.is_set():
                     return
                 now_ns = self._clock()
                 self._exchange(now_ns)
-                tick_ns, met = self._next_tick(tick_ns, now_ns), 0
-            except BaseException as bug:  # in a thread of its own nobody else is told of it
-                met += 1
-                self._ended = met == _MOST_BUGS  # before it is told
+                tick_ns, bugs = self._next_tick(tick_ns, now_ns), 0
+            except BaseException as bug:  # ``poll`` raises it in the caller's thread
+                bugs += 1
+                self._thread_ended = bugs == _MAX_BUGS  # set before the bug can be raised
                 self._bugs.append(bug)
                 self._refreshed.set()
                 self._stopping.wait(_AFTER_BUG_S)
 
     def _wait_until(self, tick_ns: int) -> None:
-        """Until then, until a command that is held back may be sent, or until a verb is called."""
+        """Wait until the tick, until a delayed command may be sent, or until a verb is called."""
         if self._commanded_ns is not None:
             tick_ns = min(tick_ns, self._written_ns + self._interval_ns)
         self._wake.wait(max(0, tick_ns - self._clock()) / _NS)
         self._wake.clear()
 
     def _next_tick(self, tick_ns: int, now_ns: int) -> int:
-        """The first tick after now: ticks that passed meanwhile are missed, not made up for."""
+        """The first tick after now; ticks that have passed are skipped."""
         passed = (now_ns - tick_ns) // self._period_ns + 1
         return tick_ns + max(0, passed) * self._period_ns
 
     def _exchange(self, now_ns: int) -> None:
         with self._lock:
-            self._catch_up()
-            self._fall_back(now_ns)
+            self._execute_deferred()
+            self._send_fallback(now_ns)
             try:
                 self._core.poll(now_ns)
                 self._lost = False
             except LinkLost as error:
                 if not self._lost:
-                    self._note(error)
-                self._lost, self._fell_back = True, False  # the fallback command may be lost too
+                    self._keep_error(error)
+                self._lost, self._fallback_sent = (
+                    True,
+                    False,
+                )  # the fallback command may be lost too
             except GraspError as error:
-                self._note(error)
+                self._keep_error(error)
                 self._lost = False
             self._state = self._core.state
-            self._settle(now_ns)
-            self._catch_up()
+            self._update_acknowledged(now_ns)
+            self._execute_deferred()
         self.polls += 1
         self._refreshed.set()
 
-    def _catch_up(self) -> None:
-        """Do the verb that was put off, whose caller has long gone on."""
-        put_off = self._put_off
-        if put_off is None:
+    def _execute_deferred(self) -> None:
+        """Execute the deferred verb."""
+        deferred = self._deferred
+        if deferred is None:
             return
         try:
-            self._do(*put_off)
+            self._execute(*deferred)
         except GraspError as error:
-            self._note(error)
+            self._keep_error(error)
         finally:
-            with self._slot:  # one that came between question and answer would be lost
-                if self._put_off is put_off:
-                    self._put_off = None
+            with self._deferred_lock:  # keeps a verb that was deferred in the meantime
+                if self._deferred is deferred:
+                    self._deferred = None
 
-    def _fall_back(self, now_ns: int) -> None:
-        """Send the fallback command, once, if the last poll is too long ago. Needs the lock."""
+    def _send_fallback(self, now_ns: int) -> None:
+        """Send the fallback command, once, if the last poll is too long ago.
+
+        The caller holds the lock.
+        """
         fallback = self._fallback
         unpolled_ns = now_ns - self._polled_ns
-        if fallback is None or self._fell_back or self._lost or unpolled_ns < _UNPOLLED_NS:
+        if fallback is None or self._fallback_sent or self._lost or unpolled_ns < _HANG_NS:
             return
-        command, words = fallback
-        self._fell_back = True
+        command, text = fallback
+        self._fallback_sent = True
         try:
-            self._do(now_ns, lambda: command(self._core))
+            self._execute(now_ns, lambda: command(self._core))
         except GraspError as error:
-            self._note(error)
-            words = f"cannot {words}: {error.message}"
-        # a blocked terminal must not stop the exchange with the hand
-        text = f"no control step for {_UNPOLLED_NS / _NS:g} s; the gripper acts by itself: {words}"
-        threading.Thread(target=_LOG.warning, args=(f"grasp: {text}",), daemon=True).start()
+            self._keep_error(error)
+            text = f"cannot {text}: {error.message}"
+        warning = f"no control step for {_HANG_NS / _NS:g} s; the gripper acts by itself: {text}"
+        # in its own thread, since a blocked terminal must not stop the exchange with the hand
+        threading.Thread(target=_LOG.warning, args=(f"grasp: {warning}",), daemon=True).start()
 
-    def _note(self, error: GraspError) -> None:
+    def _keep_error(self, error: GraspError) -> None:
         if len(self._errors) < _ERRORS_KEPT:
             self._errors.append(error)
 
-    def _settle(self, now_ns: int) -> None:
-        """Whether the command that waits was acknowledged, has nothing to send, or still waits."""
+    def _update_acknowledged(self, now_ns: int) -> None:
+        """Note the acknowledgement of the pending command, or that it needed no write."""
         acknowledged_ns = self._core.acknowledged_ns
         if acknowledged_ns >= now_ns:
             self._written_ns = now_ns

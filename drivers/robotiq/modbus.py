@@ -1,7 +1,7 @@
-"""Registers over Modbus TCP and Modbus RTU: the one file of the driver that knows pymodbus.
+"""Registers over Modbus TCP and Modbus RTU, by pymodbus.
 
-Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46 and 55. Over TCP the gripper knows
-functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error with silence.
+Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46 and 55. Over TCP the gripper supports
+functions 16 (write) and 4 (read); over RTU 16 and 3, and it does not reply to an error.
 """
 
 import logging
@@ -20,35 +20,35 @@ from pymodbus.pdu import ModbusPDU
 from drivers.errors import LinkLost
 
 _BAUD: Final = 115200  # 8N1, manual p. 59
-UNIT: Final = 2  # over TCP, manual p. 75; the gripper answers any
+UNIT: Final = 2  # over TCP, manual p. 75; the gripper replies to any
 RECONNECT_S: Final = 0.2  # least time between attempts to connect
-_MOST_BYTES: Final = 4096
+_MAX_BYTES: Final = 4096
 _WRITE, _READ_INPUT, _READ_HOLDING = 16, 4, 3  # function codes
 
-# What pymodbus lets through: errors of its own, of the socket and of its decoder.
+# Exceptions of pymodbus calls: its own, the socket's and its decoder's.
 _FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.error)
 
-# pymodbus tells of lost links and odd replies in its own log, unasked; here they are errors.
+# pymodbus logs lost links and malformed replies; here they are raised as errors instead.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
 class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the gripper is. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
+    """Address of the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
-    host: Annotated[str, Meta(description="address, 192.168.1.11 as shipped; empty: not said")] = ""
+    host: Annotated[str, Meta(description="address, 192.168.1.11 as shipped; empty: not set")] = ""
     port: Annotated[int, Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
-    serial_port: Annotated[str, Meta(description="serial line, for RTU; empty: not said")] = ""
+    serial_port: Annotated[str, Meta(description="serial line, for RTU; empty: not set")] = ""
     slave: Annotated[int, Meta(ge=1, le=247, description="RTU slave number; manual p. 59")] = 9
     timeout_s: Annotated[
-        float, Meta(ge=0.01, le=1, description="a reply or a connection must come within, s")
+        float, Meta(ge=0.01, le=1, description="longest wait for a reply or a connection, s")
     ] = 0.1
 
 
 class ModbusTransport:
-    """A ``RegisterTransport``. Every failure is ``LinkLost``, after one timeout as a rule.
+    """``RegisterTransport`` over Modbus. Every failure is ``LinkLost``, usually after one timeout.
 
-    A lost connection is opened again by a later call, never by the one that finds it lost: the
-    caller gets ``LinkLost`` before every new connection.
+    A lost connection is opened again by a later call, never by the call that detects the loss. So
+    the caller gets ``LinkLost`` before every new connection.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ModbusTransport:
         link: Literal["tcp", "rtu"] = "tcp",
         reconnect_s: float = RECONNECT_S,
     ) -> None:
-        """Nothing is connected before the first request."""
+        """Connect at the first request, not here."""
         self._client: ModbusTcpClient | ModbusSerialClient
         how: dict[str, Any] = {"timeout": settings.timeout_s, "retries": 0}
         if link == "tcp":
@@ -65,24 +65,24 @@ class ModbusTransport:
             self._read, self._read_function = self._client.read_input_registers, _READ_INPUT
             self._name, self._unit = f"{settings.host}:{settings.port}", UNIT
             self._remedy = "check power, cable and address of the gripper"
-            # Unanswered requests in a row after which a connection counts as half open. Replies
-            # carry the number of their request: a late one is dropped by itself.
-            self._patience = 3
+            # Unanswered requests in a row after which a connection counts as half open. A late
+            # reply is recognized by its transaction number and dropped.
+            self._max_unanswered = 3
         else:
             self._client = ModbusSerialClient(settings.serial_port, baudrate=_BAUD, **how)
             self._read, self._read_function = self._client.read_holding_registers, _READ_HOLDING
             self._name, self._unit = settings.serial_port, settings.slave
             self._remedy = "check power and cable of the gripper and the name of the serial port"
-            self._patience = 1  # a late reply would pass for the next: the port is opened again
+            self._max_unanswered = 1  # a late reply would be taken for the next one
         self._serial = link == "rtu"
         self._reconnect_ns = round(reconnect_s * 1e9)
-        self._tried_ns: int | None = None
-        self._told = True  # LinkLost was raised since the last request that was answered
+        self._attempted_ns: int | None = None
+        self._loss_reported = True  # LinkLost was raised since the last reply
         self._unanswered = 0
         self.connections = 0
 
     def close(self) -> None:
-        """Let go of the connection; a later request makes a new one."""
+        """Close the connection; a later request opens a new one."""
         self._client.close()  # type: ignore[no-untyped-call]
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
@@ -94,7 +94,7 @@ class ModbusTransport:
             now_ns,
         )
         if (reply.address, reply.count) != (first_register, len(values)):
-            raise self._lost("acknowledged registers that were not written")
+            raise self._link_lost("acknowledged registers that were not written")
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
         """Read status registers: function 4 over TCP, 3 over RTU."""
@@ -106,7 +106,7 @@ class ModbusTransport:
         return reply.registers
 
     def _flush(self) -> None:
-        """Drop what came unasked. Raises OSError when the line is gone."""
+        """Discard unrequested input. Raises OSError when the line is gone."""
         line: Any = self._client.socket
         if line is None:
             return
@@ -116,9 +116,9 @@ class ModbusTransport:
             except termios.error as error:
                 raise OSError(*error.args) from error
             return
-        line.setblocking(False)  # as pymodbus has it while it waits for a reply
+        line.setblocking(False)  # as pymodbus sets it while it waits for a reply
         with suppress(BlockingIOError):
-            while line.recv(_MOST_BYTES):
+            while line.recv(_MAX_BYTES):
                 pass
             raise ConnectionResetError("closed by the gripper")
 
@@ -128,37 +128,40 @@ class ModbusTransport:
             self._flush()
             reply = request()
         except _FAILURES as error:
-            raise self._broken(error) from error
+            raise self._request_failed(error) from error
         self._unanswered = 0
         if reply.isError():
-            raise self._lost(f"answered exception {reply.exception_code} to function {function}")
+            raise self._link_lost(
+                f"replied with exception {reply.exception_code} to function {function}"
+            )
         if reply.function_code != function:
-            raise self._lost(f"answered function {reply.function_code} to function {function}")
-        self._told = False
+            what = f"replied with function {reply.function_code} to function {function}"
+            raise self._link_lost(what)
+        self._loss_reported = False
         return reply
 
     def _connect(self, now_ns: int) -> None:
         client = self._client
         if client.connected:
             return
-        if not self._told:
-            raise self._lost("closed the connection")
-        if self._tried_ns is not None and now_ns - self._tried_ns < self._reconnect_ns:
-            raise self._lost("does not answer")
-        self._tried_ns = now_ns
+        if not self._loss_reported:
+            raise self._link_lost("closed the connection")
+        if self._attempted_ns is not None and now_ns - self._attempted_ns < self._reconnect_ns:
+            raise self._link_lost("does not answer")
+        self._attempted_ns = now_ns
         if not client.connect():
-            raise self._lost("cannot be connected")
+            raise self._link_lost("cannot be connected")
         self.connections += 1
         self._unanswered = 0
 
-    def _broken(self, error: Exception) -> LinkLost:
-        """Judge a failed request; one that got no reply leaves the connection for some more."""
+    def _request_failed(self, error: Exception) -> LinkLost:
+        """Error for a failed request; closes the connection after too many without reply."""
         self._unanswered += 1
         closed = isinstance(error, OSError) or not self._client.connected
-        if closed or self._unanswered >= self._patience:
+        if closed or self._unanswered >= self._max_unanswered:
             self.close()
-        return self._lost("closed the connection" if closed else "does not answer")
+        return self._link_lost("closed the connection" if closed else "does not answer")
 
-    def _lost(self, what: str) -> LinkLost:
-        self._told = True
+    def _link_lost(self, what: str) -> LinkLost:
+        self._loss_reported = True
         return LinkLost(f"the gripper at {self._name} {what}", self._remedy)

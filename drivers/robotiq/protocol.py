@@ -1,4 +1,4 @@
-"""Registers of the Robotiq 3-Finger gripper: bytes, faults, what they say. No I/O, no time.
+"""Registers of the Robotiq 3-Finger gripper: bytes, faults, text, plausibility. No I/O, no time.
 
 Source: Robotiq 3-Finger instruction manual, 2008-2014 edition (register map p. 39-57, worked
 frames p. 67-74, register order p. 89) and 2008-2018 edition. Eight 16-bit registers go each way;
@@ -15,28 +15,30 @@ import msgspec
 
 from drivers.errors import Refused
 
-NAMES: Final = ("basic", "pinch", "wide", "scissor")
+MODE_NAMES: Final = ("basic", "pinch", "wide", "scissor")
 BASIC: Final = 0
 SCISSOR: Final = 3
-TO_BASIC: Final = "`grasp gripper activate`, with an empty hand, sets basic mode"
-SPREADS: Final = "; it is in scissor mode: B and C are spread apart too"
+SET_BASIC_MODE: Final = "`grasp gripper activate`, with an empty hand, sets basic mode"
+SCISSOR_NOTE: Final = "; it is in scissor mode: B and C are spread apart too"
 
 
-def check_closing(mode: int) -> None:
-    """Raises Refused in scissor mode, where B and C close on each other and no guard knows of it:
-    such a hand is told nothing but to open."""
+def check_not_scissor(mode: int) -> None:
+    """Raises Refused in scissor mode: fingers B and C close on each other, and no guard limits
+    that. In this mode only opening is commanded."""
     if mode == SCISSOR:
         raise Refused(
-            "the hand is in scissor mode, in which it is only opened",
-            f"support what it holds, `grasp release`; then {TO_BASIC}",
+            "the hand is in scissor mode, in which it may only be opened",
+            f"support the object, run `grasp release`; then {SET_BASIC_MODE}",
         )
 
 
-def other_than_basic(mode: int) -> str:
-    """What is to be known of a hand that is not in basic mode; empty for one that is."""
+def mode_warning(mode: int) -> str:
+    """Warning for a hand that is not in basic mode; empty in basic mode."""
     if mode == BASIC:
         return ""
-    return f"in {NAMES[mode]} mode: positions, forces and calibrations here are of basic mode"
+    return (
+        f"in {MODE_NAMES[mode]} mode: positions, forces and calibrations here apply to basic mode"
+    )
 
 
 REGISTERS: Final = 8
@@ -61,14 +63,14 @@ RTU: Final = RegisterLink(command_register=0x03E8, status_register=0x07D0)
 
 
 def to_registers(data: bytes) -> Registers:
-    """16 bytes as eight registers, even byte high."""
+    """Eight registers from 16 bytes, even byte high."""
     if len(data) != BYTES:
         raise ValueError(f"{len(data)} bytes, need {BYTES}")
     return _WORDS.unpack(data)
 
 
 def to_bytes(registers: Sequence[int]) -> bytes:
-    """Eight registers as 16 bytes, even byte high."""
+    """16 bytes from eight registers, even byte high."""
     try:
         return _WORDS.pack(*registers)
     except (struct.error, TypeError) as error:
@@ -88,7 +90,7 @@ class AxisCommand(msgspec.Struct, frozen=True):
 
 
 class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
-    """What is written to the gripper. The manual's name of each field stands beside it."""
+    """Registers written to the gripper. The comment of each field is its name in the manual."""
 
     activate: bool = False  # rACT: must be set first and stay set; clearing it resets
     mode: int = 0  # rMOD: 0 basic, 1 pinch, 2 wide, 3 scissor
@@ -132,7 +134,7 @@ class AxisStatus(msgspec.Struct, frozen=True):
 
 
 class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
-    """What is read from the gripper. The manual's name of each field stands beside it."""
+    """Registers read from the gripper. The comment of each field is its name in the manual."""
 
     active: bool = False  # gACT
     mode: int = 0  # gMOD
@@ -182,16 +184,16 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Severity(Enum):
-    """How the gripper ranks a fault (manual, GRIPPER STATUS / gFLT)."""
+    """Severity of a fault as the gripper ranks it (manual, GRIPPER STATUS / gFLT)."""
 
     NONE = "none"
-    PRIORITY = "priority"  # an action waits; passes by itself
+    PRIORITY = "priority"  # an action waits; the fault clears by itself
     MINOR = "minor"
     MAJOR = "major"  # motion has stopped; a reset is required
 
 
 class FaultCode(msgspec.Struct, frozen=True):
-    """One fault code with what it means and what to do."""
+    """Fault code with its meaning and remedy."""
 
     code: int
     severity: Severity
@@ -200,8 +202,8 @@ class FaultCode(msgspec.Struct, frozen=True):
 
 
 _RESET: Final = (
-    "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has "
-    "to be switched off and on"
+    "empty the hand and activate it again (`grasp gripper activate`); switch it off and on if it "
+    "holds something"
 )
 _KNOWN: Final = {
     0x00: (Severity.NONE, "", ""),
@@ -225,72 +227,73 @@ def _fault(code: int) -> FaultCode:
 FAULTS: Final = tuple(_fault(code) for code in range(16))
 
 
-# The status in a person's words, and what in it cannot be. Source: the manual's GRIPPER STATUS
-# registers, 2014 p. 44-57.
+# Text of a status, and its plausibility. Source: the manual's GRIPPER STATUS registers, 2014
+# p. 44-57.
 
 AXES: Final = ("A", "B", "C", "scissor")
-MOST_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA
-LEAP_COUNTS: Final = 8  # by which a position may be off, as it was read late; assumed
+MAX_CURRENT_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA
+JUMP_TOLERANCE_COUNTS: Final = 8  # error of a position that was read late; assumed
 
 _INITIALIZATION = ("reset", "activation is under way", "the mode is being changed", "ready")
 _STOPPED = (
-    "the fingers move", "stopped, some short of what was asked",
-    "stopped, all short of what was asked", "all where they were told to be",
+    "the fingers move", "stopped, some short of their targets",
+    "stopped, all short of their targets", "all at their targets",
 )  # fmt: skip
 _DETECTION = (
     "moves", "stopped on contact while opening",
-    "stopped on contact while closing", "where it was told to be",
+    "stopped on contact while closing", "at its target",
 )  # fmt: skip
 _MOVES: Final = 0  # of gSTA and gDT: "only meaningful if gGTO = 1"
-_STAND_BY: Final = "stands by, activates, changes its mode or releases"
-_NOT_SAID: Final = "says nothing while gGTO is 0"
+_STANDBY: Final = "standby, activation, mode change or automatic release"
+_NO_MEANING: Final = "no meaning while gGTO is 0"
 
 
-def lines(status: StatusRegisters) -> list[str]:
-    """Every register, a line each."""
+def status_lines(status: StatusRegisters) -> list[str]:
+    """Text of a status, one line for each field and axis."""
     fault = FAULTS[status.fault]
-    told = f"{fault.text} ({fault.severity.value})" if fault.text else "no fault"
+    fault_text = f"{fault.text} ({fault.severity.value})" if fault.text else "no fault"
     axes = zip(AXES, (*status.fingers, status.scissor), strict=True)
     return [
         f"gACT {status.active:d}: {'activated' if status.active else 'not activated'}",
-        f"gMOD {status.mode}: {NAMES[status.mode]} mode",
-        f"gGTO {status.go_to:d}: {'obeys positions' if status.go_to else _STAND_BY}",
+        f"gMOD {status.mode}: {MODE_NAMES[status.mode]} mode",
+        f"gGTO {status.go_to:d}: {'goes to the requested positions' if status.go_to else _STANDBY}",
         f"gIMC {status.initialization}: {_INITIALIZATION[status.initialization]}",
-        f"gSTA {status.stopped}: {_said(_STOPPED, status.stopped, status)}",
-        f"gFLT 0x{status.fault:02X}: {told}",
-        *(_axis(name, axis, status) for name, axis in axes),
+        f"gSTA {status.stopped}: {_motion_text(_STOPPED, status.stopped, status)}",
+        f"gFLT 0x{status.fault:02X}: {fault_text}",
+        *(_axis_line(name, axis, status) for name, axis in axes),
     ]
 
 
-def _said(texts: tuple[str, ...], value: int, status: StatusRegisters) -> str:
-    return _NOT_SAID if value == _MOVES and not status.go_to else texts[value]
+def _motion_text(texts: tuple[str, ...], value: int, status: StatusRegisters) -> str:
+    return _NO_MEANING if value == _MOVES and not status.go_to else texts[value]
 
 
-def _axis(name: str, axis: AxisStatus, status: StatusRegisters) -> str:
-    who = name if name == AXES[-1] else f"finger {name}"
+def _axis_line(name: str, axis: AxisStatus, status: StatusRegisters) -> str:
+    axis_name = name if name == AXES[-1] else f"finger {name}"
     return (
-        f"{who}: at {axis.position} counts, told {axis.echo}, {axis.current_ma} mA, "
-        f"{_said(_DETECTION, axis.detection, status)} (gDT {axis.detection})"
+        f"{axis_name}: at {axis.position} counts, requested {axis.echo}, {axis.current_ma} mA, "
+        f"{_motion_text(_DETECTION, axis.detection, status)} (gDT {axis.detection})"
     )
 
 
-def doubts(status: StatusRegisters, before: StatusRegisters) -> list[str]:
-    """What no 3-Finger hand says, in two looks a moment apart; empty where nothing is strange."""
+def implausible_values(status: StatusRegisters, before: StatusRegisters) -> list[str]:
+    """Values of two statuses, read shortly after each other, that no 3-Finger hand reports."""
     found = []
     if not status.active and (status.go_to or status.initialization in (2, 3)):
-        found.append("it says that it is not activated, and that it obeys")
+        found.append("it reports that it is not activated and yet obeys commands")
     if FAULTS[status.fault].text.startswith("unknown"):
         found.append(FAULTS[status.fault].text)
     for name, axis, was in zip(AXES, status.fingers, before.fingers, strict=False):
-        if axis.current_ma > MOST_MA:
-            found.append(f"finger {name} draws {axis.current_ma} mA, more than {MOST_MA}")
+        if axis.current_ma > MAX_CURRENT_MA:
+            found.append(f"finger {name} draws {axis.current_ma} mA, more than {MAX_CURRENT_MA}")
         if axis.position == FULL_BYTE:
             found.append(f"finger {name} is at {FULL_BYTE} counts, beyond its mechanical end")
-        if _stands(status) and _stands(before) and abs(axis.position - was.position) > LEAP_COUNTS:
+        jumped = abs(axis.position - was.position) > JUMP_TOLERANCE_COUNTS
+        if jumped and _stationary(status) and _stationary(before):
             moved = f"from {was.position} to {axis.position} counts"
-            found.append(f"finger {name} went {moved} and is said to stand")
+            found.append(f"finger {name} moved {moved} and is reported as stopped")
     return found
 
 
-def _stands(status: StatusRegisters) -> bool:
+def _stationary(status: StatusRegisters) -> bool:
     return status.initialization not in (1, 2) and (not status.go_to or status.stopped != 0)

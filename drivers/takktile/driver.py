@@ -1,7 +1,7 @@
-"""The fingertips, thread-free: implements ``TactileSensor`` on whatever link brings frames.
+"""Driver core of the fingertips: ``TactileSensor`` on any ``FrameLink``; no thread.
 
-The board is host-paced: it converts after each read, so a poll every 10 ms would get frames 10 ms
-old. Every link therefore keeps a read pending, and ``poll`` takes the newest of what has come.
+The board is host-paced: it converts after each read, so a read every 10 ms would return frames 10
+ms old. Every link therefore keeps a read pending, and ``poll`` takes the newest frame received.
 """
 
 from types import TracebackType
@@ -25,20 +25,18 @@ from drivers.takktile.settings import (
 
 
 class FrameAssembly:
-    """Turns one reading a tick into the latest frame; a tick without one repeats the last."""
+    """Makes the latest frame from one reading per tick; a tick without one repeats the frame."""
 
     def __init__(self, settings: TakkTileSettings) -> None:
         self._settings = settings
         self._max_age_ns = round(settings.max_age_ms * 1e6)
         self._cells = 0
-        self._order = np.zeros(
-            (FINGERS, settings.taxels), np.intp
-        )  # place in the frame of each taxel
+        self._order = np.zeros((FINGERS, settings.taxels), np.intp)  # of taxels in the bulk frame
         self._frame: TactileFrame | None = None
         self._latest_raw: Codes | None = None
         self._rest: Codes | None = None
-        self._resting: list[Codes] | None = None  # samples so far, while rest is being taken
-        self._rest_begun_ns = 0
+        self._rest_samples: list[Codes] | None = None  # while rest is being taken
+        self._rest_start_ns = 0
         self._seq = 0
         self._frames = 0
         self._missed = dict.fromkeys(Missed, 0)
@@ -49,7 +47,7 @@ class FrameAssembly:
 
     @property
     def latest_raw(self) -> Codes | None:
-        """(3, taxels) int16 codes of the last good sample, rest or not; None before the first."""
+        """(3, taxels) int16 codes of the last good sample, also before rest; None before that."""
         return self._latest_raw
 
     @property
@@ -66,22 +64,22 @@ class FrameAssembly:
         """Ticks without a sample so far, by cause."""
         return {cause.value: count for cause, count in self._missed.items()}
 
-    def arrange(self, layout: Layout) -> None:
-        """Take up a board's layout; ``DeviceFault`` when a mapped cell is not alive."""
+    def set_layout(self, layout: Layout) -> None:
+        """Set the board's layout; ``DeviceFault`` when a mapped cell is not alive."""
         self._order = _frame_order(layout, self._settings)
         self._cells = layout.frame_cells
 
-    def forget_rest(self) -> None:
-        self._rest = self._resting = self._frame = None
+    def clear_rest(self) -> None:
+        self._rest = self._rest_samples = self._frame = None
 
     def begin_rest(self, after_ns: int) -> None:
         """Take rest counts from samples converted after ``after_ns``."""
-        self.forget_rest()
-        self._resting = []
-        self._rest_begun_ns = after_ns
+        self.clear_rest()
+        self._rest_samples = []
+        self._rest_start_ns = after_ns
 
     def tick(self, reading: Reading | Missed, now_ns: int) -> None:
-        """One tick of the grid; ``Refused`` when it completes rest counts that cannot be right."""
+        """Advance the grid by a tick; ``Refused`` when that completes implausible rest counts."""
         self._seq += 1
         if isinstance(reading, Missed):
             self._miss(reading, now_ns)
@@ -94,9 +92,9 @@ class FrameAssembly:
         raw.flags.writeable = temperature.flags.writeable = False
         self._frames += 1
         self._latest_raw = raw
-        # The first sample after begin_rest was converted before it: the hand may still have moved.
-        if self._resting is not None and reading.sampled_ns > self._rest_begun_ns:
-            self._take_rest(raw, self._resting)
+        # The first sample after begin_rest was converted before it, while the hand may have moved.
+        if self._rest_samples is not None and reading.sampled_ns > self._rest_start_ns:
+            self._take_rest(raw, self._rest_samples)
         if self._rest is not None:
             counts = raw - self._rest
             counts.flags.writeable = False
@@ -131,7 +129,7 @@ class FrameAssembly:
         samples.append(raw)
         if len(samples) < REST_SAMPLES:
             return
-        self._resting = None
+        self._rest_samples = None
         taken = np.stack(samples)
         rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
         _check_rest(rest, taken.std(axis=0), self._settings)
@@ -140,7 +138,7 @@ class FrameAssembly:
 
 
 def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]:
-    """(3, taxels) place in the frame of each; ``DeviceFault`` when a mapped cell is not alive."""
+    """(3, taxels) places of the taxels in a frame; ``DeviceFault`` when a mapped cell is dead."""
     place = dict(zip(layout.alive, layout.places, strict=True))
     for finger, cells in zip(FINGER_NAMES, settings.cells, strict=True):
         for taxel, cell in enumerate(cells):
@@ -154,7 +152,7 @@ def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]
 
 
 def _check_rest(rest: Codes, std: NDArray[np.float64], settings: TakkTileSettings) -> None:
-    """Raise ``Refused``, naming the worst taxel, when the fingertips cannot have been at rest."""
+    """Raise ``Refused``, naming the worst taxel, when rest counts are implausible."""
     s = settings
     _refuse_worst(
         std - s.rest_max_std_counts,
@@ -192,19 +190,18 @@ def _refuse_worst(
 
 
 class FrameLink(Protocol):
-    """Brings frames of a board, by ``receiver``: ``link.thread`` in wall time, a model's link in
-    virtual time."""
+    """Source of a board's frames: ``ReadingThread`` in wall time, ``ModelLink`` in virtual time."""
 
     @property
     def counts(self) -> ReceiverCounts: ...
 
     @property
-    def converting_ns(self) -> int:
-        """What time the conversion tells of that now goes on."""
+    def next_sample_ns(self) -> int:
+        """Sample time of the running conversion."""
         ...
 
     def start(self) -> Layout:
-        """Find and open the board and begin to read; raises what stands against it."""
+        """Find and open the board and start reading; raises ``LinkLost`` or ``DeviceFault``."""
         ...
 
     def stop(self) -> None:
@@ -212,12 +209,12 @@ class FrameLink(Protocol):
         ...
 
     def take(self) -> Readings:
-        """What has come since the last time; never waits."""
+        """Readings since the last call; does not wait."""
         ...
 
 
 class TakkTileStatistics(msgspec.Struct, frozen=True):
-    """Since the driver was made."""
+    """Counts since the driver was made."""
 
     frames: int  # used: at most one a tick
     decimated: int  # good frames that a newer one of the same tick replaced
@@ -226,7 +223,7 @@ class TakkTileStatistics(msgspec.Struct, frozen=True):
     too_old: int  # converted longer ago than max_age_ms
     timeouts: int
     wrong_lengths: int
-    overruns: int  # frames lost because nobody polled
+    overruns: int  # frames lost because ``poll`` was not called in time
     restarts: int  # recoveries by stopping and starting
     reopens: int  # recoveries by opening again: the rest counts were lost
 
@@ -244,17 +241,18 @@ class TakkTileDriver:
         self._decimated = 0
 
     def start(self) -> Self:
-        """Open the board, check the map, begin to read; raises what stands against it."""
+        """Open the board, check the taxel map, start reading; raises ``LinkLost`` or
+        ``DeviceFault``."""
         layout = self._link.start()
         self._opens = self._link.take().opens
         with on_failure(self._link.stop):
-            self._fingertips.arrange(layout)
+            self._fingertips.set_layout(layout)
         return self
 
     def stop(self) -> None:
         """Stop the board; safe to call twice."""
         self._link.stop()
-        self._fingertips.forget_rest()
+        self._fingertips.clear_rest()
 
     def __enter__(self) -> Self:
         return self.start()
@@ -273,7 +271,7 @@ class TakkTileDriver:
 
     @property
     def latest_raw(self) -> Codes | None:
-        """(3, taxels) int16 codes of the last good sample, rest or not; None before the first."""
+        """(3, taxels) int16 codes of the last good sample, also before rest; None before that."""
         return self._fingertips.latest_raw
 
     @property
@@ -293,20 +291,20 @@ class TakkTileDriver:
         )
 
     def begin_rest(self) -> None:
-        # a sample whose conversion had begun before is not part of it
-        self._fingertips.begin_rest(self._link.converting_ns)
+        # excludes a sample whose conversion has already started
+        self._fingertips.begin_rest(self._link.next_sample_ns)
 
     def poll(self, now_ns: int) -> None:
         """Take the newest sample; a tick without one repeats the last frame.
 
-        Raises ``LinkLost`` or ``DeviceFault`` for as long as the board is being brought back, and
-        ``Refused`` when the sample completes rest counts that cannot be right. After the board has
-        been opened again there is no frame until the rest has been taken again.
+        Raises ``LinkLost`` or ``DeviceFault`` while the board is being recovered, and ``Refused``
+        when the sample completes implausible rest counts. After the board has been reopened there
+        is no frame until the rest has been taken again.
         """
         batch = self._link.take()
         if batch.opens != self._opens:
             self._opens = batch.opens
-            self._fingertips.forget_rest()
+            self._fingertips.clear_rest()
         self._decimated += max(0, len(batch.readings) - 1)
         self._fingertips.tick(batch.readings[-1] if batch.readings else Missed.TIMEOUT, now_ns)
         if batch.error is not None:

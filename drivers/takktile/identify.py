@@ -1,4 +1,4 @@
-"""Which taxel is being pressed: how to find out the wiring of a kit, which no document gives."""
+"""Identification of the pressed taxel, to find the undocumented wiring of a kit."""
 
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -18,7 +18,8 @@ _FIRST_FRAMES_S = 5.0
 
 
 class TaxelPress(msgspec.Struct, frozen=True):
-    """The cell whose code fell most below its rest; finger and taxel by ``settings.cells``."""
+    """The cell with the largest fall below its rest code; finger and taxel by
+    ``settings.cells``."""
 
     row: int
     column: int
@@ -36,9 +37,8 @@ def watch(
     clock: Callable[[], int] = time.monotonic_ns,
 ) -> Generator[TaxelPress, None, None]:
     """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
-    A press is a fall of a code by ``least_fall_counts`` or more.
-
-    Any live cell may answer, mapped or not. Ends after ``seconds``; stops the board in any case.
+    A press is a fall of a code by ``least_fall_counts`` or more, of any live cell, mapped or not.
+    Ends after ``seconds``; always stops the board.
     """
     board = Board(link, settings.conversion_ms)
     layout = board.open(clock())
@@ -48,10 +48,10 @@ def watch(
     try:
         board.start(clock())
         frames = _frames(board, layout, clock() + round(_FIRST_FRAMES_S * 1e9), clock)
-        resting = [pressure for pressure, _ in zip(frames, range(REST_FRAMES), strict=False)]
-        if len(resting) < REST_FRAMES:
+        samples = [pressure for pressure, _ in zip(frames, range(REST_FRAMES), strict=False)]
+        if len(samples) < REST_FRAMES:
             raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
-        rest = np.median(resting, axis=0).astype(np.int16)
+        rest = np.median(samples, axis=0).astype(np.int16)
         on_rest()
         strongest = least_fall_counts - 1
         last: Cell | None = None
@@ -60,7 +60,7 @@ def watch(
             worst = int(np.argmax(falls))
             cell, fall = layout.alive[worst], int(falls[worst])
             if fall < least_fall_counts:
-                strongest, last = least_fall_counts - 1, None  # let go
+                strongest, last = least_fall_counts - 1, None  # released
             elif cell != last or fall > strongest:
                 strongest, last = fall, cell
                 yield TaxelPress(*cell, fall, *places.get(cell, (None, None)))
@@ -79,7 +79,7 @@ def _places(layout: Layout, settings: TakkTileSettings) -> dict[Cell, tuple[str,
 def _frames(
     board: Board, layout: Layout, until_ns: int, clock: Callable[[], int]
 ) -> Iterator[Codes]:
-    """(cells,) pressure codes in frame order, frame by frame until a time."""
+    """(cells,) pressure codes of each frame until a time, in frame order."""
     while (now_ns := clock()) < until_ns:
         reading = board.read(now_ns)
         if isinstance(reading, Missed):

@@ -1,7 +1,7 @@
-"""Real boards: found on this machine's USB, opened through pyusb, read in a thread.
+"""Link to a board through pyusb: USB discovery, transfers, and the reading thread.
 
-Everything that libusb can answer is translated here: a time-out is None, the rest is an error that
-names its remedy. After a replug the old pyusb ``Device`` is useless: find the board again.
+A USB time-out becomes None; every other libusb error becomes a ``GraspError`` with a remedy. After
+a replug the pyusb ``Device`` is invalid, and the board has to be found again.
 """
 
 import contextlib
@@ -25,11 +25,11 @@ from drivers.takktile.receiver import Connect, Readings, Receiver, ReceiverCount
 from drivers.takktile.settings import TakkTileSettings
 
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
-_JOIN_S = 4.0  # some control requests to a hung board, each with its time-out
+_JOIN_S = 4.0  # several control requests to a hung board, each with its time-out
 _INTERFACE = 0
-EMULATED = "; usb.url is of an emulated board, whose lab prints a new one each time it starts"
-_UNCONFIGURED = "Configuration not set"  # of pyusb, which gives it no number
-_GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
+EMULATED = "; usb.url is an emulated board's: the emulator prints a new one at each start"
+_UNCONFIGURED = "Configuration not set"  # message of pyusb, without an errno
+_UNPLUGGED_ERRNOS = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
 
 DEVICES = Path("/sys/bus/usb/devices")
 IDS = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
@@ -54,7 +54,7 @@ class UsbLink:
         read_timeout_ms: int = READ_TIMEOUT_MS,
         control_timeout_ms: int = CONTROL_TIMEOUT_MS,
     ) -> None:
-        """``device``: a pyusb ``Device``, which the link owns from now on; see ``find``."""
+        """``device``: a pyusb ``Device``, which the link will close; see ``find``."""
         self._device = device
         self._clock = clock
         self._read_timeout_ms = read_timeout_ms
@@ -78,8 +78,8 @@ class UsbLink:
     ) -> "UsbLink":
         """The board with this serial number, or the first one; ``LinkLost`` when there is none.
 
-        ``backend``: a pyusb back end, whose ``url``, if it has one, is told; None is the machine's
-        libusb.
+        ``backend``: a pyusb back end, whose ``url``, if any, appears in error messages; None is the
+        machine's libusb.
         """
         device = _find(serial, backend)
         return cls(device, clock, read_timeout_ms, control_timeout_ms)
@@ -100,9 +100,9 @@ class UsbLink:
         return bytes(reply)
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
-        """One transfer; None when it timed out without a byte.
+        """Data of one transfer; None when it timed out without a byte.
 
-        When it timed out with some, pyusb returns those and does not say so: compare the length.
+        After a time-out with some bytes pyusb returns those without notice: compare the length.
         """
         try:
             data = self._opened().read(protocol.ENDPOINT_IN, size, self._read_timeout_ms)
@@ -120,12 +120,12 @@ class UsbLink:
             raise self._explain(error) from error
 
     def close(self) -> None:
-        """Give the board back to the system; safe to call twice."""
+        """Release the board; safe to call twice."""
         self._closed = True
         _dispose(self._device)
 
     def _opened(self) -> Any:
-        """The device; pyusb would open it again without being asked."""
+        """The device; ``LinkLost`` once closed, since pyusb would reopen it silently."""
         if self._closed:
             raise LinkLost("the tactile board has been closed", "find it again")
         return self._device
@@ -157,7 +157,7 @@ def _find(serial: str | None, backend: Any) -> Any:
             return device
         _dispose(device)
     what = "" if serial is None else f" with serial number {serial}"
-    there = f"; there is {', '.join(serials)}" if serials else ""
+    there = f"; found: {', '.join(serials)}" if serials else ""
     url = getattr(backend, "url", "")
     raise LinkLost(
         f"no TakkTile board{what} ({IDS}) {f'at {url}' if url else 'on the USB bus'}{there}",
@@ -173,12 +173,12 @@ def _serial_of(device: Any) -> str:
 
 
 def _dispose(device: Any) -> None:
-    with contextlib.suppress(usb.core.USBError):  # gone, and so is what there was to release
+    with contextlib.suppress(usb.core.USBError):  # an unplugged board has nothing to release
         usb.util.dispose_resources(device)
 
 
 def _explain(error: usb.core.USBError, device: Any) -> GraspError:
-    if error.errno in _GONE:
+    if error.errno in _UNPLUGGED_ERRNOS:
         return unplugged()
     match error.errno:
         case errno.EPIPE:
@@ -197,9 +197,9 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
     why = error.strerror or str(error)
     if error.errno is None and _UNCONFIGURED in why:
         return DeviceFault(
-            "the system has not set the tactile board up (no USB configuration), as where its port "
-            "cannot supply it",
-            "replug it, into a port of the computer or a hub with a supply of its own",
+            "the system has not set up the tactile board (no USB configuration); its port may not "
+            "supply enough power",
+            "replug it into a port of the computer or a hub with its own power supply",
         )
     return DeviceFault(
         f"a USB transfer of the tactile board failed: {why}", "replug it, open it again"
@@ -207,7 +207,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
 
 
 def users_of(device: Any, proc: Path = Path("/proc")) -> str:
-    """Who holds the device's node open, as far as this user may see: name and process id."""
+    """Program that has the device's node open, as far as this user may see: name, process id."""
     node = f"/dev/bus/usb/{device.bus:03}/{device.address:03}"
     for entry in proc.glob("[0-9]*/fd/*"):
         process = entry.parent.parent
@@ -220,11 +220,11 @@ def users_of(device: Any, proc: Path = Path("/proc")) -> str:
 
 
 class ReadingThread:
-    """A ``FrameLink`` in wall time: keeps a read pending, so that each frame is drained the moment
-    it is ready, at about 200 Hz; a tick takes the newest.
+    """``FrameLink`` in wall time. Keeps a read pending, so that each frame is read as soon as it is
+    ready, at about 200 Hz.
 
-    ``connect`` gives the board with a serial number, or any board for None, for example
-    ``UsbLink.find``. ``clock`` must be the one that ``poll`` is told the time of.
+    ``connect`` returns the board with a serial number, or any board for None, for example
+    ``UsbLink.find``. ``clock`` must be the clock of the times given to ``poll``.
     """
 
     def __init__(
@@ -242,8 +242,8 @@ class ReadingThread:
         return self._receiver.counts
 
     @property
-    def converting_ns(self) -> int:
-        return self._receiver.converting_ns
+    def next_sample_ns(self) -> int:
+        return self._receiver.next_sample_ns
 
     def take(self) -> Readings:
         return self._receiver.take()
@@ -280,7 +280,7 @@ class ReadingThread:
 
 
 class BoardNode(msgspec.Struct, frozen=True):
-    """One board: its node, its serial number (empty: none), and whether this user may open it."""
+    """Device node of a board, serial number (empty: none), and whether this user may open it."""
 
     node: str
     serial: str
@@ -288,7 +288,7 @@ class BoardNode(msgspec.Struct, frozen=True):
 
 
 def boards(devices: Path = DEVICES) -> Iterator[BoardNode]:
-    """Those that are plugged in."""
+    """The boards that are plugged in."""
     for entry in sorted(devices.glob("*")):
         try:
             ids = ":".join((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))

@@ -1,4 +1,4 @@
-"""Bytes of the TakkTile USB board as a host sees them; nothing here keeps state or does I/O.
+"""Byte encoding of the TakkTile USB board as a host sees it. No state, no I/O.
 
 Source: TakkTile-usb firmware (main.c, TakkI2C.c, Descriptors.c) and, for boards that answer a scan
 with 40 bytes, the takkfast firmware of takktile-boards; NXP AN3785 for the MPL115A2 conversion.
@@ -17,7 +17,7 @@ PACKET_BYTES = 64  # full-speed bulk packet: a transfer ends with the first shor
 READ_BYTES = 512  # multiple of the packet size, so that no packet can overflow the buffer
 
 REQUEST_TYPE = 0xC0  # IN | vendor | device: every request, even a command, is a read
-SCAN_BYTES = 64  # ask for more than either firmware line answers (8 or 40)
+SCAN_BYTES = 64  # more than the scan reply of either firmware (8 or 40)
 
 ROWS = 8
 COLUMNS = 6
@@ -44,10 +44,10 @@ class UsbRequest(IntEnum):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Where each live cell sits in a bulk frame, as the scan reply implies it.
+    """Place of each live cell in a bulk frame, derived from the scan reply.
 
-    A board of the main line sends its live cells only, so that a frame shrinks with each dead one;
-    a takkfast board always sends every place.
+    TakkTile-usb firmware sends live cells only, so that a frame shrinks with each dead one.
+    takkfast firmware always sends every place.
     """
 
     alive: tuple[Cell, ...]
@@ -60,7 +60,7 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 def timer_ticks(conversion_ms: float) -> int:
-    """Ticks of 8 us for wValue of the timer request, rounded up: never less than asked for."""
+    """Ticks of 8 us for wValue of the timer request, rounded up."""
     return min(MAX_TICKS, -int(-conversion_ms * 1e6 // TICK_NS))
 
 

@@ -1,4 +1,4 @@
-"""Settings of the TakkTile driver, and where its board is."""
+"""Settings of the TakkTile driver and of its connection."""
 
 from typing import Annotated
 
@@ -8,10 +8,10 @@ from msgspec import Meta
 from drivers.interfaces import KIT_TAXELS
 from drivers.takktile.protocol import COLUMNS, ROWS, Cell
 
-MOST_TAXELS = ROWS * COLUMNS // 3  # of a finger: three share a board
-REST_SAMPLES = 50  # whose median is the rest code
-REST_REFERENCE_TOLERANCE_COUNTS = 20.0  # assumed: 10 K of warming (1.6 counts/K) and some weather
-FingerCells = Annotated[tuple[Cell, ...], Meta(min_length=1, max_length=MOST_TAXELS)]
+MAX_TAXELS = ROWS * COLUMNS // 3  # of a finger: three share a board
+REST_SAMPLES = 50  # the rest code is their median
+REST_REFERENCE_TOLERANCE_COUNTS = 20.0  # assumed: 10 K of warming (1.6 counts/K), air pressure
+FingerCells = Annotated[tuple[Cell, ...], Meta(min_length=1, max_length=MAX_TAXELS)]
 FingerRest = tuple[int, ...]
 
 
@@ -20,33 +20,33 @@ def _row(row: int) -> FingerCells:
 
 
 class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How the fingertips are wired to the board, and what the driver accepts from it."""
+    """Wiring of the fingertips to the board, and limits of valid data."""
 
     cells: Annotated[
         tuple[FingerCells, FingerCells, FingerCells],
         Meta(
-            description="(row, column) of every taxel of fingers A, B, C, as many of each; "
+            description="(row, column) of every taxel of fingers A, B, C, equally many of each; "
             "assumed: row r is finger r in column order, the kit's wiring is not documented"
         ),
     ] = (_row(0), _row(1), _row(2))
     rest_reference: Annotated[
         tuple[FingerRest, FingerRest, FingerRest] | None,
-        Meta(description="rest codes of this hand on a known unloaded day, fingers A, B, C"),
+        Meta(description="rest codes of this hand, measured unloaded, fingers A, B, C"),
     ] = None
     conversion_ms: Annotated[
         float,
         Meta(
             ge=3, le=7, description="ms from the start of a conversion to its reading; MPL115A2: 3"
         ),
-    ] = 3.0  # with 18 cells to read it must fit into 10 ms
+    ] = 3.0  # conversion and reading of 18 cells must fit into 10 ms
     stale_after_missed: Annotated[
         int, Meta(ge=1, le=100, description="missed samples in a row that make the sensor stale")
     ] = 5
     max_age_ms: Annotated[
         float, Meta(ge=15, le=1000, description="older samples count as missed; assumed, 5 periods")
-    ] = 50.0  # the board holds a frame for as long as nobody reads it
+    ] = 50.0  # the board keeps a frame until it is read
     rest_max_std_counts: Annotated[
-        float, Meta(gt=0, le=20, description="counts, deviation of a taxel at rest; Grover: 0.8")
+        float, Meta(gt=0, le=20, description="counts, std of a taxel at rest; Grover 2022: 0.8")
     ] = 1.5
     rest_min_counts: Annotated[
         int, Meta(ge=0, le=1023, description="lowest rest code, counts; Grover et al. 2022: 420")
@@ -57,13 +57,13 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
     @property
     def taxels(self) -> int:
-        """Of a fingertip."""
+        """Number of taxels of a fingertip."""
         return len(self.cells[0])
 
     def __post_init__(self) -> None:
         counts = {len(finger) for finger in (*self.cells, *(self.rest_reference or ()))}
         if len(counts) > 1:
-            raise ValueError("cells, rest_reference: every finger must have as many taxels")
+            raise ValueError("cells, rest_reference: all fingers must have equally many taxels")
         mapped = [cell for finger in self.cells for cell in finger]
         if any(row not in range(ROWS) or column not in range(COLUMNS) for row, column in mapped):
             raise ValueError(f"cells: a row is 0 to {ROWS - 1}, a column 0 to {COLUMNS - 1}")
@@ -78,7 +78,7 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which board to open."""
+    """USB board to open."""
 
     serial: Annotated[str, Meta(description="serial number; any: the first board found")] = ""
     url: Annotated[

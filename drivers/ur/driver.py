@@ -1,4 +1,4 @@
-"""Thread-free core of the arm driver: limits before anything is sent, typed trouble afterwards."""
+"""Core of the arm driver, without thread: checks limits before sending, raises typed errors."""
 
 import math
 from collections.abc import Sequence
@@ -10,20 +10,20 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
 
-_NOT_TAKEN = "the arm controller did not take the move", "look at the teach pendant"
-_SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
+_NOT_ACCEPTED = "the arm controller did not accept the move", "look at the teach pendant"
+_SLACK_M = 1e-9  # rounding of a pose computed from the start pose and a limit
 
 
-MAX_SPIN_RADPS = 1.5  # about the tool's axis; paper: 1 rad/s
-MAX_TURN_RAD = 1.6  # either way from the start: cables; assumed
-DRIVE_TIMEOUT_S = 0.1  # without renewal that stop a drive; assumed
+MAX_SPIN_RADPS = 1.5  # about the tool's z axis; paper: 1 rad/s
+MAX_TURN_RAD = 1.6  # in either direction from the start, for the cables; assumed
+DRIVE_TIMEOUT_S = 0.1  # a drive that is not renewed for so long is stopped; assumed
 MAX_PAYLOAD_KG = 10.0  # gripper included; UR10 user manual
-_ARRIVED_WITHIN_M = 0.0005  # from the target at which a move is over; assumed
-_ARRIVED_BELOW_MPS = 0.001  # below which it is; what the link reports as standing
+_ARRIVED_WITHIN_M = 0.0005  # a move ends within this distance of its target; assumed
+_ARRIVED_BELOW_MPS = 0.001  # a move ends below this speed, which the link reports as stationary
 
 
 class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits on what this driver will send. The workspace is a box around the pose at start."""
+    """Limits of commands. The workspace is a box around the start position."""
 
     max_speed_mps: Annotated[
         float, Meta(gt=0, le=1, description="m/s, of the tool; 0.25 is ISO 10218's reduced speed")
@@ -53,31 +53,31 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class ArmSample(msgspec.Struct, frozen=True):
-    """What the controller reports of one cycle; t_ns is its own timestamp."""
+    """State of one controller cycle; t_ns is the controller's timestamp."""
 
     t_ns: int
     position_m: Vector3
     velocity_mps: Vector3
     moving: bool
     protective_stop: bool
-    angle_rad: float = 0.0  # turn of the tool about its own axis since the start
+    angle_rad: float = 0.0  # rotation about the tool's z axis since the start
     spin_radps: float = 0.0
     speed_fraction: float = 1.0  # of the speed slider
 
 
 class ArmLink(Protocol):
-    """The robot as the driver reaches it; every call may raise LinkLost."""
+    """Link to the robot; every call may raise LinkLost."""
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """Start a straight move and return at once; False when the controller does not take it."""
+        """Start a straight move and return at once; False when the controller rejects it."""
         ...
 
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """Take up a velocity and return at once; False when the controller does not take it."""
+        """Drive at a velocity and return at once; False when the controller rejects it."""
         ...
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None: ...
@@ -95,36 +95,36 @@ class ArmDriver:
         self._settings = settings
         self._stale_ns = round(settings.stale_after_s * 1e9)
         self._start_m: Vector3 | None = None
-        self._target_m: Vector3 | None = None  # of a move that has not arrived yet
+        self._target_m: Vector3 | None = None  # of an unfinished move
         self._state: ArmState | None = None
         self._sample_ns: int | None = None
-        self._fresh_ns = 0
+        self._sample_changed_ns = 0
         self._now_ns = 0
         self._seq = 0
-        self._tripped = False
-        self._driven_ns: int | None = None  # when the drive under way was last renewed
+        self._was_stopped = False
+        self._drive_renewed_ns: int | None = None  # last renewal of the current drive
         self._acceleration_mps2 = settings.max_acceleration_mps2  # of that drive
 
     @property
     def state(self) -> ArmState | None:
-        """Latest state; its time is when the controller's timestamp was last seen to change."""
+        """Latest state; its time is when the controller's timestamp last changed."""
         return self._state
 
     def poll(self, now_ns: int) -> None:
         """Read one sample.
 
-        Raises ``Stale`` for as long as the controller's own timestamp stands still, and
-        ``DeviceFault`` once for each onset of a protective stop.
+        Raises ``Stale`` while the controller's timestamp does not change, and ``DeviceFault`` once
+        for each onset of a protective stop.
         """
         self._now_ns = now_ns
         sample = self._link.read(now_ns)
         if sample.t_ns != self._sample_ns:
-            self._sample_ns, self._fresh_ns = sample.t_ns, now_ns
+            self._sample_ns, self._sample_changed_ns = sample.t_ns, now_ns
         if self._start_m is None:
             self._start_m = sample.position_m
         self._seq += 1
         self._state = ArmState(
-            t_ns=self._fresh_ns,
+            t_ns=self._sample_changed_ns,
             seq=self._seq,
             position_m=sample.position_m,
             velocity_mps=sample.velocity_mps,
@@ -135,54 +135,60 @@ class ArmDriver:
             speed_fraction=sample.speed_fraction,
             sampled_ns=sample.t_ns,
         )
-        self._stop_forgotten_drive(now_ns)
+        self._stop_expired_drive(now_ns)
         self._check(now_ns, sample)
 
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
-        """Straight line; raises ``Refused`` outside any limit, before anything is sent."""
+        """Start a straight move; raises ``Refused`` outside any limit, before anything is sent."""
         s = self._settings
-        state = self._ready(acceleration_mps2)
+        state = self._ready_state(acceleration_mps2)
         _require_up_to("arm.max_speed_mps", speed_mps, s.max_speed_mps, "m/s")
         jump_m = math.dist(position_m, state.position_m)
         _require("arm.max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
         self._require_inside(position_m)
         if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
-            raise Refused(*_NOT_TAKEN)
-        self._target_m, self._driven_ns = position_m, None
+            raise Refused(*_NOT_ACCEPTED)
+        self._target_m, self._drive_renewed_ns = position_m, None
         self._state = msgspec.structs.replace(state, moving=True)
 
     def drive(self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float) -> None:
-        """Raises ``Refused`` outside any limit, and where the tool could leave the workspace or
-        turn too far before the drive times out and has braked."""
+        """Drive at a velocity; raises ``Refused`` outside any limit, before anything is sent.
+
+        Also refused where the tool could leave the workspace or turn too far before an unrenewed
+        drive has timed out and braked.
+        """
         s = self._settings
-        state = self._ready(acceleration_mps2)
+        state = self._ready_state(acceleration_mps2)
         _require("arm.max_speed_mps", math.hypot(*velocity_mps), 0.0, s.max_speed_mps, "m/s")
         _require("the limit of spin", abs(spin_radps), 0.0, MAX_SPIN_RADPS, "rad/s")
-        self._require_inside(_at_worst(state.position_m, velocity_mps, acceleration_mps2))
-        (turned_rad,) = _at_worst((state.angle_rad,), (spin_radps,), acceleration_mps2)
+        self._require_inside(_drive_end(state.position_m, velocity_mps, acceleration_mps2))
+        (turned_rad,) = _drive_end((state.angle_rad,), (spin_radps,), acceleration_mps2)
         _require("the limit of turn", abs(turned_rad), 0.0, MAX_TURN_RAD, "rad")
         if not self._link.speed_l(velocity_mps, spin_radps, acceleration_mps2, self._now_ns):
-            raise Refused(*_NOT_TAKEN)
+            raise Refused(*_NOT_ACCEPTED)
         self._target_m = None
-        self._driven_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
+        self._drive_renewed_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
     def stop(self, deceleration_mps2: float) -> None:
-        """Always allowed: no harder than ``max_stop_mps2``, and where the deceleration makes no
-        sense at that of the hardest move."""
+        """Stop the arm; never refused.
+
+        The deceleration is limited to ``max_stop_mps2``. An invalid one is replaced by
+        ``max_acceleration_mps2``.
+        """
         s = self._settings
-        self._target_m = self._driven_ns = None
+        self._target_m = self._drive_renewed_ns = None
         sane = 0.0 < deceleration_mps2 < math.inf
         asked_mps2 = deceleration_mps2 if sane else s.max_acceleration_mps2
         self._link.stop_l(min(asked_mps2, s.max_stop_mps2), self._now_ns)
 
-    def _ready(self, acceleration_mps2: float) -> ArmState:
+    def _ready_state(self, acceleration_mps2: float) -> ArmState:
         most = self._settings.max_acceleration_mps2
         _require_up_to("arm.max_acceleration_mps2", acceleration_mps2, most, "m/s2")
         state = self._state
         if state is None:
             raise Refused("the arm's position is not known yet", "poll the arm driver first")
         if state.stopped_by_safety:
-            raise Refused("the arm stands in a protective stop", "clear it at the teach pendant")
+            raise Refused("the arm is in a protective stop", "clear it at the teach pendant")
         return state
 
     def _require_inside(self, position_m: Sequence[float]) -> None:
@@ -193,39 +199,39 @@ class ArmDriver:
             what = f"arm.workspace_low_m..workspace_high_m ({axis} from start)"
             _require(what, value - start, low, high, "m", _SLACK_M)
 
-    def _stop_forgotten_drive(self, now_ns: int) -> None:
-        if self._driven_ns is None:
+    def _stop_expired_drive(self, now_ns: int) -> None:
+        if self._drive_renewed_ns is None:
             return
-        if now_ns - self._driven_ns > round(DRIVE_TIMEOUT_S * 1e9):
+        if now_ns - self._drive_renewed_ns > round(DRIVE_TIMEOUT_S * 1e9):
             self.stop(self._acceleration_mps2)
 
     def set_payload(self, mass_kg: float) -> None:
-        """Tell the controller what hangs on the flange, gripper included."""
+        """Set the mass on the flange, gripper included."""
         _require("the limit of payload", mass_kg, 0.0, MAX_PAYLOAD_KG, "kg")
         self._link.set_payload(mass_kg)
 
     def _moving(self, sample: ArmSample) -> bool:
         """True from the command of a move on, although the controller starts it a cycle later."""
-        target_m, stands = self._target_m, not sample.moving
-        if target_m and stands and (sample.protective_stop or self._arrived(sample, target_m)):
+        target_m, stationary = self._target_m, not sample.moving
+        if target_m and stationary and (sample.protective_stop or self._arrived(sample, target_m)):
             self._target_m = None
         return sample.moving or self._target_m is not None
 
     def _arrived(self, sample: ArmSample, target_m: Vector3) -> bool:
-        """By its place and its speed: half a millimetre before its target an arm still brakes."""
+        """Whether position and speed show the end of a move; an arm brakes until the very end."""
         away_m = math.dist(sample.position_m, target_m)
         speed_mps = math.hypot(*sample.velocity_mps)
         return away_m <= _ARRIVED_WITHIN_M and speed_mps <= _ARRIVED_BELOW_MPS
 
     def _check(self, now_ns: int, sample: ArmSample) -> None:
-        if now_ns - self._fresh_ns > self._stale_ns:
+        if now_ns - self._sample_changed_ns > self._stale_ns:
             raise Stale(
                 "no new sample of the arm: the arm controller's clock stands still",
                 "look at the teach pendant, and at what else takes this computer's processor, then "
                 "start the run again",
             )
-        onset = sample.protective_stop and not self._tripped
-        self._tripped = sample.protective_stop
+        onset = sample.protective_stop and not self._was_stopped
+        self._was_stopped = sample.protective_stop
         if onset:
             raise DeviceFault(
                 "the arm made a protective stop",
@@ -233,8 +239,8 @@ class ArmDriver:
             )
 
 
-def _at_worst(at: Sequence[float], speed: Sequence[float], acceleration: float) -> list[float]:
-    """Where a drive ends that is forgotten now: it runs until it times out, then it brakes."""
+def _drive_end(at: Sequence[float], speed: Sequence[float], acceleration: float) -> list[float]:
+    """End of a drive that is not renewed any more: it runs until its time-out, then brakes."""
     braking_s = math.hypot(*speed) / (2.0 * acceleration)
     return [x + v * (DRIVE_TIMEOUT_S + braking_s) for x, v in zip(at, speed, strict=True)]
 

@@ -22,18 +22,18 @@ _ALPHA_COS_SIN = ((0.0, 1.0), (1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (
 
 ELBOW_UP: Joints = (3.01, -1.72, 2.36, -2.21, -1.57, -1.70)  # tool down, half a metre ahead
 
-_DAMPING = 1e-6  # of the normal equations: next to none away from singularities
+_DAMPING = 1e-6  # of the normal equations; negligible away from singularities
 _TOLERANCE_M = 1e-9  # and rad
 _MAX_STEP = 0.5  # rad or m in one iteration
 _ITERATIONS = 60
 _EPSILON = 1e-12
-# The wrist, d6 behind the flange, is d4 beside the plane in which the links reach so far.
+# The wrist centre lies d6 behind the flange and D_M[3] beside the plane of the links.
 _REACH_M = math.hypot(A_M[1] + A_M[2] - D_M[4], D_M[3]) + 1e-6
-_BESIDE_M = D_M[3] - 1e-6
+_MIN_RADIUS_M = D_M[3] - 1e-6
 JOINT_SPEEDS = (2.0944, 2.0944, 3.1416, 3.1416, 3.1416, 3.1416)  # rad/s, UR10 user manual
 JOINT_RANGE = 2.0 * math.pi  # rad either way, UR10 user manual
-_SLACK = 1.02  # of a joint's speed: rounding is no fault
-STILL: Joints = (0.0,) * JOINTS
+_SLACK = 1.02  # tolerance of joint speeds, for rounding
+ZERO_JOINTS: Joints = (0.0,) * JOINTS
 
 
 def frames(q: Sequence[float]) -> list[Frame]:
@@ -71,7 +71,7 @@ def _jacobian(chain: list[Frame]) -> NDArray[np.float64]:
 
 
 def _cross(a: Frame, b: Frame) -> Frame:
-    """Row by row; numpy.cross costs several times as much on six rows."""
+    """Row-wise cross product; numpy.cross takes several times as long on six rows."""
     turned: Frame = a[:, (1, 2, 0)] * b[:, (2, 0, 1)] - a[:, (2, 0, 1)] * b[:, (1, 2, 0)]
     return turned
 
@@ -82,7 +82,7 @@ def inverse(target: Frame, near: Sequence[float]) -> Joints | None:
     Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness", 1986.
     """
     x, y, z = (target[:3, 3] - D_M[5] * target[:3, 2]).tolist()
-    if not (math.hypot(x, y, z - D_M[0]) <= _REACH_M and math.hypot(x, y) >= _BESIDE_M):
+    if not (math.hypot(x, y, z - D_M[0]) <= _REACH_M and math.hypot(x, y) >= _MIN_RADIUS_M):
         return None
     q = np.array(near, dtype=float)
     for _ in range(_ITERATIONS):
@@ -104,7 +104,7 @@ def _difference(target: Frame, present: Frame) -> NDArray[np.float64]:
 
 
 def rotation_vector(rotation: Frame) -> tuple[float, float, float]:
-    """Axis times angle, the angle within 0 to pi; well conditioned at both ends."""
+    """Rotation vector of a rotation matrix, angle within 0 to pi; well conditioned at both ends."""
     w, x, y, z = _quaternion(rotation.tolist())
     size = math.sqrt(x * x + y * y + z * z)
     if size < _EPSILON:
@@ -114,7 +114,7 @@ def rotation_vector(rotation: Frame) -> tuple[float, float, float]:
 
 
 def _quaternion(m: list[list[float]]) -> tuple[float, float, float, float]:
-    """Unit quaternion with w >= 0, by its largest part (Shepperd 1978)."""
+    """Unit quaternion with w >= 0, by its largest component (Shepperd 1978)."""
     (a, b, c), (d, e, f), (g, h, i) = m
     squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)  # 4 w2, 4 x2, ...
     largest = max(range(4), key=squares.__getitem__)
@@ -152,7 +152,7 @@ def pose(matrix: Frame) -> Pose:
     return (*matrix[:3, 3].tolist(), *rotation_vector(matrix[:3, :3]))
 
 
-def inverted(matrix: Frame) -> Frame:
+def inverse_frame(matrix: Frame) -> Frame:
     """Inverse of a homogeneous frame."""
     back = np.eye(4)
     back[:3, :3] = matrix[:3, :3].T
@@ -160,13 +160,13 @@ def inverted(matrix: Frame) -> Frame:
     return back
 
 
-def turn_between(a: Frame, b: Frame) -> float:
-    """Angle of the rotation that leads from one frame's orientation to the other's."""
+def angle_between(a: Frame, b: Frame) -> float:
+    """Angle of the rotation from one frame's orientation to the other's."""
     return math.hypot(*rotation_vector(a[:3, :3].T @ b[:3, :3]))
 
 
-def beyond(q: Sequence[float], qd: Sequence[float]) -> str:
-    """Which joint is further or faster than it can be; empty when none is."""
+def limit_violation(q: Sequence[float], qd: Sequence[float]) -> str:
+    """Joint that exceeds its range or speed, as text; empty when none does."""
     for joint, (angle, speed, limit) in enumerate(zip(q, qd, JOINT_SPEEDS, strict=True)):
         if abs(angle) > JOINT_RANGE:
             return f"joint {joint} at its limit, {angle:.2f} rad"
@@ -175,8 +175,9 @@ def beyond(q: Sequence[float], qd: Sequence[float]) -> str:
     return ""
 
 
-def in_range(q: Sequence[float], near: Sequence[float]) -> Joints:
-    """The same posture, each joint by whole turns as near to another one as its range lets it."""
+def nearest_turns(q: Sequence[float], near: Sequence[float]) -> Joints:
+    """The same posture, each joint shifted by whole turns as close to ``near`` as its range
+    allows."""
     return tuple(_whole_turns(angle, other) for angle, other in zip(q, near, strict=True))
 
 

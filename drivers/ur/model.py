@@ -1,11 +1,11 @@
-"""What the arm does: straight lines with trapezoidal speed, or a velocity that is kept, in closed
-form; time is an argument.
+"""Simulation model of the arm in closed form: straight lines with trapezoidal speed, or a kept
+velocity. Time is an argument.
 
-A path is a chain of segments of constant acceleration; the last one is at rest, or keeps the
-velocity that was asked for. The turn of the tool about its own axis is a second, shorter chain. A
-command replaces the part of the chains from the controller cycle in which it takes effect, and
-nothing before it, nor what a world that is ahead of its controller has seen. The speed slider slows
-down what moves to a place; velocities that are kept, and stops, are what they are told to be.
+A path is a chain of segments of constant acceleration; the last segment is at rest, or keeps the
+commanded velocity. Rotation about the tool's z axis is a second chain. A command replaces both
+chains from the controller cycle in which it takes effect. It changes nothing before that cycle,
+nor before the time to which the world has been simulated. The speed slider slows down moves to a
+target; kept velocities and stops are not scaled.
 """
 
 import math
@@ -19,17 +19,17 @@ from msgspec import Meta
 from drivers.interfaces import Vector3
 from drivers.ur.driver import ArmSample
 
-COMMAND_LATENCY_S = 0.002  # on the way to the controller, before it waits for a cycle; assumed
-SLIDER_S = 0.5  # from full pace to none after the slider is turned; assumed
+COMMAND_LATENCY_S = 0.002  # transmission to the controller, before the next cycle; assumed
+SLIDER_S = 0.5  # from full speed to rest after the slider is moved; assumed
 _PROTECTIVE_MPS2 = 8.0  # of a protective stop; assumed
-STANDING: Vector3 = (0.0, 0.0, 0.0)
-_STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
-_SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
-_HISTORY = 32  # past segments kept: a few commands, hence far more than one control period
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+_STATIONARY_BELOW_MPS = 1e-8  # rounding to whole nanoseconds leaves this at the end of a line
+_SAME_LINE_M = 1e-6  # a target this close to the present line counts as on it
+_HISTORY = 32  # past segments kept: a few commands, far more than one control period
 
 
 class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The modelled controller."""
+    """Settings of the modelled controller."""
 
     start_m: Vector3 = (0.5, 0.1, 0.3)  # tool position at power-up, base frame
     period_s: Annotated[
@@ -38,7 +38,7 @@ class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class Segment(msgspec.Struct, frozen=True):
-    """Constant acceleration from start_ns on, until the next segment begins."""
+    """Motion with constant acceleration from start_ns until the next segment begins."""
 
     start_ns: int
     origin_m: Vector3
@@ -47,7 +47,7 @@ class Segment(msgspec.Struct, frozen=True):
 
     @property
     def at_rest(self) -> bool:
-        return self.velocity_mps == STANDING and self.acceleration_mps2 == STANDING
+        return self.velocity_mps == ZERO and self.acceleration_mps2 == ZERO
 
     def position(self, t_ns: float) -> Vector3:
         t = (t_ns - self.start_ns) * 1e-9
@@ -57,15 +57,15 @@ class Segment(msgspec.Struct, frozen=True):
     def velocity(self, t_ns: float) -> Vector3:
         return ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
 
-    def upright(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and speed upwards, m/s: the last of ``position`` and of ``velocity``."""
+    def vertical(self, t_ns: int) -> tuple[float, float]:
+        """Height, m, and upward speed, m/s: the z components of ``position`` and ``velocity``."""
         t = (t_ns - self.start_ns) * 1e-9
         z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
         return z + (w + 0.5 * c * t) * t, w + c * t
 
 
-class Turn(msgspec.Struct, frozen=True):
-    """The same about the tool's axis."""
+class Rotation(msgspec.Struct, frozen=True):
+    """Rotation about the tool's z axis with constant acceleration, like a ``Segment``."""
 
     start_ns: int
     origin_rad: float
@@ -80,92 +80,92 @@ class Turn(msgspec.Struct, frozen=True):
         return self.spin_radps + self.acceleration_radps2 * (t_ns - self.start_ns) * 1e-9
 
 
-class Pace:
-    """The speed slider: at what share of its pace the arm moves along a line.
+class SpeedScaling:
+    """Speed scaling by the speed slider.
 
-    A line is planned at full pace, in its own time; the slider says how fast that time runs: at a
-    share f, speeds are f times and accelerations f squared times the planned ones, on the same
-    path. The share changes evenly, a step a cycle.
+    A line is planned at full speed, as a function of path time. The slider sets how fast path time
+    runs: at a scale f, speeds are f times and accelerations f squared times the planned ones, on
+    the same path. The scale changes linearly, one step per cycle.
     """
 
     def __init__(self, now_ns: int, period_ns: int) -> None:
         self.slider = 1.0
         self._period_ns = period_ns
         self._step = period_ns * 1e-9 / SLIDER_S
-        self._shares: list[tuple[int, float]] = [(now_ns, 1.0)]  # from when on
+        self._scales: list[tuple[int, float]] = [(now_ns, 1.0)]  # each with its start
 
     @property
     def full(self) -> bool:
-        """Nobody has ever touched the slider, or all is as if nobody had."""
-        return len(self._shares) == 1 and self._shares[0][1] == 1.0
+        """Whether the scale is 1 and was so all the time."""
+        return len(self._scales) == 1 and self._scales[0][1] == 1.0
 
-    def turn(self, slider: float, effect_ns: int) -> None:
-        """From a cycle on."""
-        share = self.at(effect_ns - 1)  # of the cycle before
-        past = [s for s in self._shares if s[0] < effect_ns]
-        changes = math.ceil(abs(slider - share) / self._step)
-        step = math.copysign(self._step, slider - share)
+    def set_slider(self, slider: float, effect_ns: int) -> None:
+        """Change the slider from a cycle on."""
+        scale = self.at(effect_ns - 1)  # of the previous cycle
+        past = [s for s in self._scales if s[0] < effect_ns]
+        changes = math.ceil(abs(slider - scale) / self._step)
+        step = math.copysign(self._step, slider - scale)
         ramp = [
-            (effect_ns + i * self._period_ns, share + (i + 1) * step) for i in range(changes - 1)
+            (effect_ns + i * self._period_ns, scale + (i + 1) * step) for i in range(changes - 1)
         ]
         there = (effect_ns + max(0, changes - 1) * self._period_ns, slider)
-        self.slider, self._shares = slider, [*past, *ramp, there]
+        self.slider, self._scales = slider, [*past, *ramp, there]
 
     def at(self, t_ns: int) -> float:
-        """The share then."""
-        return self._shares[self._index(t_ns)][1]
+        """Scale at a time."""
+        return self._scales[self._index(t_ns)][1]
 
-    def forget(self, before_ns: int) -> None:
-        """Nobody asks for what was earlier."""
-        self._shares = self._shares[self._index(before_ns) :]
+    def discard_before(self, before_ns: int) -> None:
+        """Discard scales before a time."""
+        self._scales = self._scales[self._index(before_ns) :]
 
-    def own_ns(self, from_ns: int, until_ns: int) -> float:
-        """How much own time passes."""
-        own_ns, at_ns = 0.0, from_ns
-        for i in range(self._index(from_ns), len(self._shares)):
-            end_ns = self._shares[i + 1][0] if i + 1 < len(self._shares) else until_ns
+    def path_time_ns(self, from_ns: int, until_ns: int) -> float:
+        """Path time that passes between two times."""
+        path_ns, at_ns = 0.0, from_ns
+        for i in range(self._index(from_ns), len(self._scales)):
+            end_ns = self._scales[i + 1][0] if i + 1 < len(self._scales) else until_ns
             end_ns = min(end_ns, until_ns)
             if end_ns > at_ns:
-                own_ns += self._shares[i][1] * (end_ns - at_ns)
+                path_ns += self._scales[i][1] * (end_ns - at_ns)
                 at_ns = end_ns
-        return own_ns
+        return path_ns
 
-    def slowed(self, line: Sequence[Segment], own_ns: float, now_ns: int) -> list[Segment]:
-        """What is left of a line, whose own time it is, from now on. It ends with a rest, or where
-        the slider does not let it go on."""
+    def scaled_path(self, line: Sequence[Segment], path_ns: float, now_ns: int) -> list[Segment]:
+        """Rest of a line from its path time on, scaled. It ends at rest, or where the scale is
+        0."""
         chain: list[Segment] = []
         starts = [s.start_ns for s in line]
-        part = max(0, bisect_right(starts, own_ns) - 1)
-        for i in range(self._index(now_ns), len(self._shares)):
-            share = self._shares[i][1]
-            last = i + 1 == len(self._shares)
-            until_ns = math.inf if last else self._shares[i + 1][0]
+        part = max(0, bisect_right(starts, path_ns) - 1)
+        for i in range(self._index(now_ns), len(self._scales)):
+            scale = self._scales[i][1]
+            last = i + 1 == len(self._scales)
+            until_ns = math.inf if last else self._scales[i + 1][0]
             while True:
-                chain.append(_at_share(line[part], own_ns, now_ns, share))
+                chain.append(_scaled_segment(line[part], path_ns, now_ns, scale))
                 rests = part + 1 == len(line)
                 left_ns = math.inf
-                if not rests and share > 0.0:
-                    left_ns = (starts[part + 1] - own_ns) / share
+                if not rests and scale > 0.0:
+                    left_ns = (starts[part + 1] - path_ns) / scale
                 if last and left_ns == math.inf:
                     return chain
                 if now_ns + left_ns > until_ns:
                     break
-                now_ns, own_ns, part = now_ns + round(left_ns), starts[part + 1], part + 1
-            own_ns += share * (until_ns - now_ns)
-            now_ns = self._shares[i + 1][0]
+                now_ns, path_ns, part = now_ns + round(left_ns), starts[part + 1], part + 1
+            path_ns += scale * (until_ns - now_ns)
+            now_ns = self._scales[i + 1][0]
         return chain
 
     def _index(self, t_ns: int) -> int:
-        return max(0, bisect_right(self._shares, t_ns, key=lambda s: s[0]) - 1)
+        return max(0, bisect_right(self._scales, t_ns, key=lambda s: s[0]) - 1)
 
 
 class ArmModel:
-    """A tool on straight lines. Commands take effect at the next controller cycle.
+    """Arm model: a tool on straight lines. Commands take effect at the next controller cycle.
 
-    A move commanded while another is under way goes on from the present speed if its target lies
-    ahead on the present line and far enough to stop there. Otherwise the tool first brakes on the
-    present line, with the new move's acceleration, and leaves from where it stopped.
-    Times asked for may precede the last commands by a few control periods, not more.
+    A move commanded during another one continues at the present speed if its target lies ahead on
+    the present line and beyond the stopping distance. Otherwise the tool first brakes on the
+    present line, with the new move's acceleration, and starts from there. Requested times may
+    precede the last commands by a few control periods only.
     """
 
     def __init__(
@@ -176,32 +176,32 @@ class ArmModel:
     ) -> None:
         self._period_ns = round(settings.period_s * 1e9)
         self._latency_ns = round(command_latency_s * 1e9)
-        self._seen_ns = now_ns
+        self._committed_ns = now_ns
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
         self._starts = [now_ns]
-        self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
-        self._pace = Pace(now_ns, self._period_ns)
-        self._line: list[Segment] = []  # of the last command, if a move: at full pace
+        self._rotations: list[Rotation] = [Rotation(now_ns, 0.0, 0.0, 0.0)]
+        self._scaling = SpeedScaling(now_ns, self._period_ns)
+        self._line: list[Segment] = []  # of the last command, if it is a move: at full speed
         self._acceleration_mps2 = 1.2  # of the last motion; UR manual: movel's default
-        self._stopping = False  # since the last motion was told
+        self._stopping = False  # since the last motion command
         self._read_ns = now_ns
-        self._alone_ns: int | None = None  # unread for so long it is braked
+        self._read_timeout_ns: int | None = None  # a motion is braked when unread for so long
         self.payload_kg = 0.0
         self.protective_stop = False
-        self.contrary = False  # a fault: moves away from where it is told to go
-        self._lie: Callable[[ArmSample], ArmSample] = lambda sample: sample
+        self.reversed_moves = False  # injected fault: moves away from its target
+        self._corrupt: Callable[[ArmSample], ArmSample] = lambda sample: sample
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """Straight line to target_m; False, and no motion, while stopped by safety."""
+        """Straight line to target_m; False, and no motion, during a safety stop."""
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
         at_m, direction, speed = self._present(effect_ns)
-        if self.contrary:
+        if self.reversed_moves:
             target_m = ahead(times(at_m, 2.0), target_m, -1.0)
-        speed = speed and speed / self._pace.at(effect_ns)  # in the own time of a line
+        speed = speed and speed / self._scaling.at(effect_ns)  # in path time
         chain: list[Segment] = []
         start_ns = effect_ns
         if speed and not _can_go_on(at_m, direction, target_m, speed**2, acceleration_mps2):
@@ -209,9 +209,9 @@ class ArmModel:
             chain = _brake(effect_ns, at_m, direction, speed, acceleration_mps2)
             start_ns, at_m, speed = chain[-1].start_ns, chain[-1].origin_m, 0.0
         line = _line(start_ns, at_m, target_m, speed, speed_mps, acceleration_mps2)
-        self._pace.forget(effect_ns)
-        chain += line if self._pace.full else self._pace.slowed(line, start_ns, start_ns)
-        self._replace_from(effect_ns, chain)
+        self._scaling.discard_before(effect_ns)
+        chain += line if self._scaling.full else self._scaling.scaled_path(line, start_ns, start_ns)
+        self._replace_segments_from(effect_ns, chain)
         self._line, self._acceleration_mps2, self._stopping = line, acceleration_mps2, False
         self._spin_to(effect_ns, 0.0, acceleration_mps2)
         return True
@@ -219,45 +219,49 @@ class ArmModel:
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """Change to this velocity and keep it; the tool also spins about its own axis, at an
-        acceleration of the same number in rad/s2 (URScript's speedl). False while stopped by
-        safety."""
+        """Change to this velocity and keep it (URScript's speedl).
+
+        The tool also spins about its z axis, with the same acceleration in rad/s2. False during a
+        safety stop.
+        """
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
         present = self._at(effect_ns)
         at_m, from_mps = present.position(effect_ns), present.velocity(effect_ns)
-        self._replace_from(
+        self._replace_segments_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
         self._acceleration_mps2, self._stopping = acceleration_mps2, False
         self._spin_to(effect_ns, spin_radps, acceleration_mps2)
         return True
 
-    def turn_slider(self, fraction: float, now_ns: int) -> None:
-        """Of full pace, 0 to 1: what is on its way to a place goes on at that."""
+    def set_speed_slider(self, fraction: float, now_ns: int) -> None:
+        """Set the speed slider, 0 to 1; it scales moves to a target."""
         effect_ns = self._effect_ns(now_ns)
-        self._pace.turn(fraction, effect_ns)
+        self._scaling.set_slider(fraction, effect_ns)
         line = self._line
         if not line:
             return
         began_ns = line[0].start_ns
         from_ns = max(began_ns, effect_ns)
-        own_ns = began_ns + self._pace.own_ns(began_ns, from_ns)
-        if own_ns < line[-1].start_ns:  # it has not come to its end
-            self._replace_from(from_ns, self._pace.slowed(line, own_ns, from_ns))
+        path_ns = began_ns + self._scaling.path_time_ns(began_ns, from_ns)
+        if path_ns < line[-1].start_ns:  # the line is not finished
+            self._replace_segments_from(from_ns, self._scaling.scaled_path(line, path_ns, from_ns))
             self._line = line
 
-    def pace(self, t_ns: int) -> float:
-        """The share of full pace that moves have."""
-        return self._pace.at(t_ns)
+    def speed_scaling(self, t_ns: int) -> float:
+        """Speed scale of moves at a time."""
+        return self._scaling.at(t_ns)
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
-        """Brake along the present line, from the speed that the tool has when this takes effect."""
+        """Brake along the present line, from the speed at the time when this takes effect."""
         self._stopping = True
         effect_ns = self._effect_ns(now_ns)
         at_m, direction, speed = self._present(effect_ns)
-        self._replace_from(effect_ns, _brake(effect_ns, at_m, direction, speed, deceleration_mps2))
+        self._replace_segments_from(
+            effect_ns, _brake(effect_ns, at_m, direction, speed, deceleration_mps2)
+        )
         self._spin_to(effect_ns, 0.0, deceleration_mps2)
 
     def trip(self, now_ns: int) -> None:
@@ -265,34 +269,39 @@ class ArmModel:
         self.protective_stop = True
         self.stop_l(_PROTECTIVE_MPS2, now_ns)
 
-    def misreport(self, lie: Callable[[ArmSample], ArmSample]) -> None:
-        """A fault: from now on a sample is what ``lie`` makes of it."""
-        self._lie = lie
+    def misreport(self, corruption: Callable[[ArmSample], ArmSample]) -> None:
+        """Fault injection: from now on ``corruption`` is applied to every sample."""
+        self._corrupt = corruption
 
     def release(self) -> None:
-        """End the protective stop, as the teach pendant does; the arm stays where it stands."""
+        """End the protective stop, as on the teach pendant; the arm does not move."""
         self.protective_stop = False
 
     def set_payload(self, mass_kg: float) -> None:
         self.payload_kg = mass_kg
 
-    def brake_unread(self, after_s: float | None) -> None:
-        """From now on brake a motion when nobody has read for so long: a driver's worker does it
-        for an arm whose caller stands still (``ur.heartbeat_timeout_s``). None: never."""
-        self._alone_ns = None if after_s is None else round(after_s * 1e9)
+    def brake_when_unread(self, after_s: float | None) -> None:
+        """Brake a motion when the arm is not read for so long; None: never.
 
-    def go_on(self, until_ns: int) -> None:
-        """The world is about to come so far: what the arm does by itself by then."""
-        if self._alone_ns is None or self._stopping:
+        A driver's worker does that for a caller that stops reading (``ur.heartbeat_timeout_s``).
+        """
+        self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
+
+    def brake_if_unread(self, until_ns: int) -> None:
+        """Brake now if the arm will be unread for too long at ``until_ns``."""
+        if self._read_timeout_ns is None or self._stopping:
             return
-        alone_ns = self._read_ns + self._alone_ns
+        alone_ns = self._read_ns + self._read_timeout_ns
         if until_ns > alone_ns:
             self.stop_l(self._acceleration_mps2, alone_ns)
 
-    def seen(self, until_ns: int) -> None:
-        """The world has come so far: that stays as it was, whatever a controller commands that has
-        yet to make up for cycles of before."""
-        self._seen_ns = max(self._seen_ns, until_ns)
+    def commit(self, until_ns: int) -> None:
+        """Fix the motion up to a time to which the world has been simulated.
+
+        Later commands take effect after that time, even those of a controller that catches up on
+        cycles.
+        """
+        self._committed_ns = max(self._committed_ns, until_ns)
 
     def position(self, t_ns: int) -> Vector3:
         return self._at(t_ns).position(t_ns)
@@ -300,16 +309,16 @@ class ArmModel:
     def velocity(self, t_ns: int) -> Vector3:
         return self._at(t_ns).velocity(t_ns)
 
-    def upright(self, t_ns: int) -> tuple[float, float]:
+    def vertical(self, t_ns: int) -> tuple[float, float]:
         """Height, m, and speed upwards, m/s."""
-        return self._at(t_ns).upright(t_ns)
+        return self._at(t_ns).vertical(t_ns)
 
     def angle(self, t_ns: int) -> float:
-        """Turn of the tool about its own axis since the start, rad."""
-        return self._turning(t_ns).angle(t_ns)
+        """Rotation of the tool about its own axis since the start, rad."""
+        return self._rotation_at(t_ns).angle(t_ns)
 
     def spin(self, t_ns: int) -> float:
-        return self._turning(t_ns).spin(t_ns)
+        return self._rotation_at(t_ns).spin(t_ns)
 
     def moving(self, t_ns: int) -> bool:
         return not self._at(t_ns).at_rest or self.spin(t_ns) != 0.0
@@ -318,22 +327,22 @@ class ArmModel:
         """The controller's sample of its last cycle."""
         self._read_ns = max(self._read_ns, now_ns)
         t_ns = now_ns // self._period_ns * self._period_ns
-        segment, turn = self._at(t_ns), self._turning(t_ns)
+        segment, turn = self._at(t_ns), self._rotation_at(t_ns)
         spin_radps = turn.spin(t_ns)
         sample = ArmSample(
             t_ns, segment.position(t_ns), segment.velocity(t_ns),
             not segment.at_rest or spin_radps != 0.0,
-            self.protective_stop, turn.angle(t_ns), spin_radps, self._pace.slider,
+            self.protective_stop, turn.angle(t_ns), spin_radps, self._scaling.slider,
         )  # fmt: skip
-        return self._lie(sample)
+        return self._corrupt(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
-        """The first cycle from then on."""
-        t_ns = max(now_ns + self._latency_ns, self._seen_ns)
+        """First controller cycle in which a command takes effect."""
+        t_ns = max(now_ns + self._latency_ns, self._committed_ns)
         return -(-t_ns // self._period_ns) * self._period_ns
 
     def _at(self, t_ns: int) -> Segment:
-        if t_ns >= self._starts[-1]:  # most often
+        if t_ns >= self._starts[-1]:  # the usual case
             return self._chain[-1]
         return self._chain[max(0, bisect_right(self._starts, t_ns) - 1)]
 
@@ -341,26 +350,26 @@ class ArmModel:
         """Position, unit vector of the velocity, speed."""
         at_m, (x, y, z) = self.position(t_ns), self.velocity(t_ns)
         speed = math.hypot(x, y, z)
-        if speed < _STANDING_BELOW_MPS:
-            return at_m, STANDING, 0.0
+        if speed < _STATIONARY_BELOW_MPS:
+            return at_m, ZERO, 0.0
         return at_m, (x / speed, y / speed, z / speed), speed
 
-    def _turning(self, t_ns: int) -> Turn:
-        started = bisect_right(self._turns, t_ns, key=lambda turn: turn.start_ns)
-        return self._turns[max(0, started - 1)]
+    def _rotation_at(self, t_ns: int) -> Rotation:
+        started = bisect_right(self._rotations, t_ns, key=lambda turn: turn.start_ns)
+        return self._rotations[max(0, started - 1)]
 
     def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
-        present = self._turning(effect_ns)
+        present = self._rotation_at(effect_ns)
         angle, spin = present.angle(effect_ns), present.spin(effect_ns)
         change_s = abs(spin_radps - spin) / acceleration_radps2
         end_ns = effect_ns + round(change_s * 1e9)
-        past = [turn for turn in self._turns if turn.start_ns < effect_ns][-_HISTORY:]
+        past = [turn for turn in self._rotations if turn.start_ns < effect_ns][-_HISTORY:]
         ramp = math.copysign(acceleration_radps2, spin_radps - spin)
-        chain = [Turn(effect_ns, angle, spin, ramp)] if change_s else []
+        chain = [Rotation(effect_ns, angle, spin, ramp)] if change_s else []
         reached = angle + 0.5 * (spin + spin_radps) * change_s
-        self._turns = [*past, *chain, Turn(end_ns, reached, spin_radps, 0.0)]
+        self._rotations = [*past, *chain, Rotation(end_ns, reached, spin_radps, 0.0)]
 
-    def _replace_from(self, effect_ns: int, chain: list[Segment]) -> None:
+    def _replace_segments_from(self, effect_ns: int, chain: list[Segment]) -> None:
         self._line = []
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
         self._chain = past[-_HISTORY:] + chain
@@ -368,20 +377,20 @@ class ArmModel:
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
-    return Segment(start_ns, at_m, STANDING, STANDING)
+    return Segment(start_ns, at_m, ZERO, ZERO)
 
 
 def _ramp(
     start_ns: int, at_m: Vector3, from_mps: Vector3, to_mps: Vector3, acceleration_mps2: float
 ) -> list[Segment]:
-    """From one velocity to another, which is then kept."""
+    """Change from one velocity to another, which is then kept."""
     change_s = math.dist(from_mps, to_mps) / acceleration_mps2
     if change_s == 0.0:
-        return [Segment(start_ns, at_m, to_mps, STANDING)]
+        return [Segment(start_ns, at_m, to_mps, ZERO)]
     x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
     ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
     end_ns = start_ns + round(change_s * 1e9)
-    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, STANDING)]
+    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, ZERO)]
 
 
 def _can_go_on(
@@ -396,7 +405,7 @@ def _can_go_on(
 def _brake(
     start_ns: int, at_m: Vector3, direction: Vector3, speed: float, deceleration: float
 ) -> list[Segment]:
-    """From the present speed to rest; just rest where there is no speed."""
+    """Brake from the present speed to rest; only the rest if there is no speed."""
     if speed == 0.0:
         return [_rest(start_ns, at_m)]
     stop_ns = start_ns + round(speed / deceleration * 1e9)
@@ -408,9 +417,9 @@ def _brake(
 def _line(
     start_ns: int, at_m: Vector3, target_m: Vector3, v0: float, speed: float, acceleration: float
 ) -> list[Segment]:
-    """Reach ``speed`` from v0, cruise, and brake to rest exactly at the target.
+    """Accelerate to ``speed`` from v0, cruise, and brake to rest exactly at the target.
 
-    Where the way is too short for that, the peak speed v follows from the distance d:
+    Where the distance d is too short for that, the peak speed v follows from
     (v^2 - v0^2) / 2a + v^2 / 2a = d.
     """
     distance = math.dist(at_m, target_m)
@@ -445,8 +454,8 @@ def times(direction: Vector3, size: float) -> Vector3:
     return x * size, y * size, z * size
 
 
-def _at_share(part: Segment, own_ns: float, now_ns: int, share: float) -> Segment:
+def _scaled_segment(part: Segment, path_ns: float, now_ns: int, scale: float) -> Segment:
     return Segment(
-        now_ns, part.position(own_ns), times(part.velocity(own_ns), share),
-        times(part.acceleration_mps2, share * share),
+        now_ns, part.position(path_ns), times(part.velocity(path_ns), scale),
+        times(part.acceleration_mps2, scale * scale),
     )  # fmt: skip

@@ -117,11 +117,12 @@ def _add_recordings(root: Parser) -> None:
     report.option("--out FILE.html", "(default: beside what it shows)", file_to_write)
     export = root.command("export", "a run or a campaign as a table, a run as a picture", ". csv: "
         "one row per control step, of a campaign per trial. svg: force, slip probability and slip "
-        "distance over time (extra `charts`). layout: for Foxglove and Lichtblick.",
+        "distance over time; gif: the first slip in slow motion (both: extra `charts`). layout: "
+        "for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
     export.option("run RUN", "folder or recording.mcap of a run, or a campaign's file", Path)
-    export.option("--to", "(default: by --out, else csv)", choices=("csv", "svg", "layout"))
+    export.option("--to", "(default: by --out, else csv)", choices=("csv", "svg", "gif", "layout"))
     export.option("--out FILE", "(default: beside what it is made of)", file_to_write)
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from drivers.errors import UsageError
 from drivers.robotiq import protocol
-from drivers.robotiq.protocol import FAULTS, SCISSOR, SPREADS, TO_BASIC, other_than_basic
-from drivers.ur.link import preflight as arm_look
+from drivers.robotiq.protocol import FAULTS, SCISSOR, SCISSOR_NOTE, SET_BASIC_MODE, mode_warning
+from drivers.ur.link import preflight as arm_preflight
 from grasp.cli import exits, lab
 from grasp.cli.commands import ARM_SPEED
 from scenarios.lab import arm, hand, preflight
@@ -31,7 +31,11 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
     if config.devices.gripper:
         raise UsageError(f"{where} is of another package", "look at it by that")
     before, now = read_gripper(config)
-    strange, fault, lines = protocol.doubts(now, before), FAULTS[now.fault], protocol.lines(now)
+    strange, fault, lines = (
+        protocol.implausible_values(now, before),
+        FAULTS[now.fault],
+        protocol.status_lines(now),
+    )
     code = exits.DEVICE if strange or fault.code else exits.SUCCESS
     value = {"gripper": where, "registers": lines, "doubts": strange}
     lab.print_done(args, lab.Done(_listed(f"gripper at {where}", lines), value, code))
@@ -41,8 +45,8 @@ def _gripper_status(args: argparse.Namespace, config: Any) -> int:
         lab.say(f"{each} ({STRANGE})")
     if fault.code:
         lab.say(f"{fault.text} ({fault.remedy})")
-    if now.ready and (other := other_than_basic(now.mode)):
-        lab.say(f"the hand is {other} ({TO_BASIC})")
+    if now.ready and (other := mode_warning(now.mode)):
+        lab.say(f"the hand is {other} ({SET_BASIC_MODE})")
     return code
 
 
@@ -51,7 +55,9 @@ def _arm_status(args: argparse.Namespace, config: Any) -> int:
     state = (
         []
         if config.devices.arm
-        else arm_look.lines(arm_look.look(host, config.ur.step_timeout_s)[1])
+        else arm_preflight.status_lines(
+            arm_preflight.read_status(host, config.ur.step_timeout_s)[1]
+        )
     )
     against = [check for check in checks if check.status == "fail"]
     code = exits.DEVICE if against else exits.SUCCESS
@@ -183,7 +189,7 @@ def _speed(config: Any) -> str:
 
 def _spread(mode: int) -> str:
     """What else a hand does that is commanded to open fully."""
-    return SPREADS if mode == SCISSOR else ""
+    return SCISSOR_NOTE if mode == SCISSOR else ""
 
 
 def arm_step(args: argparse.Namespace) -> int:

@@ -10,8 +10,8 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 
 from drivers.errors import GraspError, UsageError
-from drivers.robotiq.protocol import SCISSOR, TO_BASIC, other_than_basic
-from drivers.ur.link.preflight import judge_speed, look
+from drivers.robotiq.protocol import SCISSOR, SET_BASIC_MODE, mode_warning
+from drivers.ur.link.preflight import check_speed_slider, read_status
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.output import print_json
@@ -32,7 +32,7 @@ def load_config(args: argparse.Namespace) -> Any:
     if config.rig != HARDWARE:
         raise UsageError(
             f"rig {args.rig} has no devices of a lab",
-            "to rehearse, point the rig hardware at `grasp emulate` (docs/hardware.md)",
+            "to rehearse, point the rig hardware at `grasp emulate` (docs/first-day.md)",
         )
     return config
 
@@ -102,8 +102,8 @@ def warn_of_slow_arm(config: Any) -> None:
     if config.devices.arm:
         return
     with suppress(GraspError):
-        _, now = look(arm_address(config), config.ur.step_timeout_s)
-        slider = judge_speed(now.speed_fraction)
+        _, now = read_status(arm_address(config), config.ur.step_timeout_s)
+        slider = check_speed_slider(now.speed_fraction)
         if slider.status == "warn":
             say(f"{slider.detail} ({slider.remedy})")
 
@@ -116,8 +116,8 @@ def warn_of_mode(config: Any, opened: bool = False) -> None:
     with suppress(GraspError):
         _, now = read_gripper(config)
         mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
-        if strange := other_than_basic(mode):
-            say(f"the hand is {strange} ({TO_BASIC})")
+        if strange := mode_warning(mode):
+            say(f"the hand is {strange} ({SET_BASIC_MODE})")
 
 
 # The person at the terminal

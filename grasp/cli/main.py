@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from importlib import import_module
 from types import ModuleType
 
-from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
+from drivers.errors import GraspError, OutputClosedError, UsageError, describe_exception, one_line
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import build_parser
@@ -66,7 +66,7 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         run = getattr(module_of(args.command), args.command.replace(" ", "_"))
         code = int(run(args))
         sys.stdout.flush()
-    except UnreadError:
+    except OutputClosedError:
         signalled = exits.nobody_reads()
         return code or signalled
     except OSError as error:
@@ -85,7 +85,7 @@ def _failed(error: BaseException, as_json: bool) -> int:
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
         return exits.report(*_of_the_system(error), as_json)
     if as_json:
-        text = in_words(error)
+        text = describe_exception(error)
         return exits.report("internal", text, "a bug: run without --json and report it", True)
     traceback.print_exc()
     return exits.INTERNAL

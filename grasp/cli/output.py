@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
-from drivers.errors import UnreadError
+from drivers.errors import OutputClosedError
 
 GONE = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a terminal that was closed
 PROGRESS_LINES = 10  # where there is no terminal: a line for each tenth
@@ -125,7 +125,7 @@ def open_standard_streams() -> None:
 
 
 class _Stream:
-    """Without a reader standard output raises UnreadError, and standard error nothing, so that
+    """Without a reader standard output raises OutputClosedError and standard error nothing, so that
     neither is taken for an error of a device."""
 
     def __init__(self, stream: TextIO, silent: bool) -> None:
@@ -147,7 +147,7 @@ class _Stream:
             if error.errno not in GONE:
                 raise
             if not self._silent:
-                raise UnreadError(*error.args) from None
+                raise OutputClosedError(*error.args) from None
             return None
 
 

@@ -15,7 +15,7 @@ from grasp.files import write_whole
 SHOWN_DIFFERENCES = 10
 LAYOUT = "foxglove-layout.json"
 LAYOUT_BEGINS = '{\n "configById"'
-FORMATS = {".csv": "csv", ".json": "layout", **dict.fromkeys(PICTURES, "svg")}
+FORMATS = {".csv": "csv", ".json": "layout", ".gif": "gif", **dict.fromkeys(PICTURES, "svg")}
 
 
 def replay(args: argparse.Namespace) -> int:
@@ -147,8 +147,8 @@ def export(args: argparse.Namespace) -> int:
     to, database = args.to or by_name or "csv", is_database(args.run)
     if database and to != "csv":
         raise UsageError(f"{args.run}: a campaign cannot be exported as {to}", "use --to csv")
-    if to == "svg":
-        print(_draw(args.run, args.out))
+    if to in ("svg", "gif"):
+        print(_draw(args.run, args.out, to))
         return exits.SUCCESS
     default, content, begins = _campaign_file(args.run) if database else _run_file(args.run, to)
     out = args.out or default
@@ -181,15 +181,17 @@ def _campaign_file(file: Path) -> tuple[Path, str, str]:
     return file.with_suffix(".csv"), text.getvalue(), ",".join(COLUMNS[:3])
 
 
-def _draw(run: Path, out: Path | None) -> Path:
+def _draw(run: Path, out: Path | None, to: str) -> Path:
     need("charts", "matplotlib")
+    from scenarios.report.animation import animate_run
     from scenarios.report.export import draw_run
     from scenarios.trial.run_folder import find_recording
 
-    out = out or find_recording(run).with_name("run.svg")
-    if out.suffix not in PICTURES:
+    out = out or find_recording(run).with_name(f"run.{to}")
+    endings = PICTURES if to == "svg" else (".gif",)
+    if out.suffix not in endings:
         raise UsageError(f"--out {out}: not an image file name",
-                         f"use a name that ends in {', '.join(PICTURES)}")  # fmt: skip
+                         f"use a name that ends in {', '.join(endings)}")  # fmt: skip
     check_writable(out)
-    draw_run(run, out)
+    (draw_run if to == "svg" else animate_run)(run, out)
     return out

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from drivers.errors import GraspError, UnreadError, UsageError
+from drivers.errors import GraspError, OutputClosedError, UsageError
 from grasp import signals
 from grasp.cli import exits
 from grasp.cli.commands import TRIALS
@@ -133,7 +133,7 @@ def _say_reported(result: Any) -> None:
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
-    with suppress(UnreadError):  # how arm and hand were left is reported all the same
+    with suppress(OutputClosedError):  # how arm and hand were left is reported all the same
         if not args.json:
             print(verdict(result))
             print(f"  detector {config.detector_label}, profile {args.profile}, answer to slip: "
@@ -163,7 +163,7 @@ def _report_series(
         "detector": config.detector_label, "seed": args.seed, "summary": table,
         f"{args.scenario}s": ended.results, "campaign": out,
     }  # fmt: skip
-    with suppress(UnreadError):
+    with suppress(OutputClosedError):
         if rows and not args.json:
             print_summary(table)
         if out is not None and not args.json:

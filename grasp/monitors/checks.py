@@ -2,7 +2,7 @@
 
 Pure: fed the inputs of a step before the controller, time an argument. A check that fails is a
 ``Fault``; the controller answers it with the safe state. How soon each speaks, and
-what a run without a fault leaves of margin: docs/faults.md.
+what a run without a fault leaves of margin: docs/force-limit.md.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,7 +30,7 @@ REMEDIES = {
     FINGERTIPS: "look at the fingertips, their cable and their board, then run `grasp doctor`",
     DETECTOR: "choose another detector (--detector), or end what else this computer does",
     LOOP: "this computer stood still: end what else it does, then start the run again "
-    "(docs/real-time.md)",
+    "(docs/first-day.md)",
 }
 BELIEVED = frozenset({"gripper_inactive"})  # such a device reports the truth
 Fails = Callable[[Any, MonitorSettings], Data]

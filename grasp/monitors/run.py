@@ -1,6 +1,6 @@
 """RunMonitor: what ends a run beside implausible devices: old states, force, pace and time."""
 
-from drivers.interfaces import LEAST_SPEED_FRACTION
+from drivers.interfaces import MIN_SPEED_FRACTION
 from grasp.contact_estimator import ContactEstimator
 from grasp.controller_settings import ControllerSettings
 from grasp.fault import ARM, FINGERTIPS, TRIAL, Fault, stale
@@ -49,8 +49,8 @@ class RunMonitor:
     def _slow_arm(self, obs: Observation, state: State) -> Fault | None:
         fraction = obs.arm.speed_fraction
         said = f"the arm's speed slider is at {100.0 * fraction:.3g} %"
-        if state in RISING_STATES and fraction < LEAST_SPEED_FRACTION:
-            text = f"{said}, and no lift goes on below {100.0 * LEAST_SPEED_FRACTION:g} %"
+        if state in RISING_STATES and fraction < MIN_SPEED_FRACTION:
+            text = f"{said}, and no lift goes on below {100.0 * MIN_SPEED_FRACTION:g} %"
         elif self._clock.arm_stands:
             text = f"{said}: it comes to no end"
         else:

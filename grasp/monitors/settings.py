@@ -14,7 +14,7 @@ Data = dict[str, float | str] | None  # what a check found, by the fields of its
 
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the plausibility checks; they depend on computer and links (docs/faults.md)."""
+    """Limits of the plausibility checks (docs/force-limit.md); computer and links decide them."""
 
     mode: Annotated[
         Literal["stop", "report"],

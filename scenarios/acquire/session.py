@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from drivers.errors import ConfigError, GraspError, Stale, in_words
+from drivers.errors import ConfigError, GraspError, Stale, describe_exception
 from drivers.interfaces import PERIOD_NS, PERIOD_S, ArmState, TactileFrame
 from grasp import signals
 from grasp.clock import Deadlines
@@ -245,7 +245,7 @@ class Session:
                 arm.poll(clock.now_ns)
                 trouble, moving = "", self._moving
             except Exception as error:  # whatever it is, the stop is repeated
-                said = error.message if isinstance(error, GraspError) else in_words(error)
+                said = error.message if isinstance(error, GraspError) else describe_exception(error)
                 trouble = f" when last heard: {said}"
                 clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         if trouble:

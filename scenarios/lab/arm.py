@@ -6,8 +6,8 @@ from contextlib import suppress
 
 from drivers.errors import DeviceFault, LinkLost, Refused, UsageError, on_failure
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
-from drivers.ur.link import preflight as arm_look
-from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
+from drivers.ur.link import preflight as arm_preflight
+from drivers.ur.link.preflight import CHECK_CONNECTION, DASHBOARD_PORT, Dashboard
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say, retry
@@ -64,7 +64,7 @@ def step_arm(
 
 def _place(arm: Arm) -> Vector3:
     if arm.state is None:
-        raise LinkLost("the arm sends no state", CONNECT_AGAIN)
+        raise LinkLost("the arm sends no state", CHECK_CONNECTION)
     return arm.state.position_m
 
 
@@ -108,16 +108,16 @@ def stop_arm(config: TrialConfig) -> Vector3:
     try:
         with Dashboard(host, timeout_s) as dashboard:
             dashboard.line()
-            dashboard.ask("stop")
+            dashboard.request("stop")
     except (OSError, ValueError) as error:
         raise LinkLost(
             f"dashboard at {host}:{DASHBOARD_PORT}: {str(error) or 'no answer'}",
-            f"{PRESS}; {CONNECT_AGAIN}",
+            f"{PRESS}; {CHECK_CONNECTION}",
         ) from None
     end_s = time.monotonic() + STAND_S
     while time.monotonic() < end_s:
-        before, now = arm_look.look(host, timeout_s)
-        if before.stands and now.stands:
+        before, now = arm_preflight.read_status(host, timeout_s)
+        if before.stationary and now.stationary:
             x, y, z = now.pose[:3]
             return x, y, z
     raise DeviceFault("the arm is not seen to stand", PRESS)

@@ -93,7 +93,7 @@ def _asked(
 def _gripper(host: str, port: int) -> str:
     settings = ModbusSettings(host=host, port=port, timeout_s=TIMEOUT_S)
     before, now = read_registers(settings)
-    if strange := protocol.doubts(now, before):
+    if strange := protocol.implausible_values(now, before):
         raise ValueError(", ".join(strange))
     state = "activated" if now.ready else "not activated"
     return f"{state}, {protocol.FAULTS[now.fault].text or 'no fault'}"
@@ -104,14 +104,14 @@ def _dashboard(host: str) -> str:
         greeting = dashboard.line()
         if "Dashboard Server" not in greeting:
             raise ValueError(f"no dashboard server: it sends {greeting!r}")
-        return ", ".join([greeting, *map(dashboard.ask, ("get robot model", "robotmode"))])
+        return ", ".join([greeting, *map(dashboard.request, ("get robot model", "robotmode"))])
 
 
 def _rtde(host: str) -> str:
-    before, now = preflight.look(host, TIMEOUT_S)
-    if strange := preflight.doubts(now, before):
+    before, now = preflight.read_status(host, TIMEOUT_S)
+    if strange := preflight.implausible_values(now, before):
         raise ValueError(", ".join(strange))
-    mode, safety, *_ = preflight.lines(now)
+    mode, safety, *_ = preflight.status_lines(now)
     return f"{mode}, {safety}"
 
 

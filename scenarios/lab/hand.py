@@ -31,7 +31,7 @@ from drivers.interfaces import (
 )
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.modbus import ModbusTransport
-from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_closing
+from drivers.robotiq.protocol import BASIC, RTU, SCISSOR, TCP, check_not_scissor
 from grasp import signals
 from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
@@ -382,7 +382,7 @@ def open_active_gripper(
             raise not_active(state, again)
         if closing:
             check_fault(state)
-            check_closing(mode_of(gripper))
+            check_not_scissor(mode_of(gripper))
         yield gripper
 
 

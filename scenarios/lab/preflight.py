@@ -7,8 +7,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, Refused, UsageError
 from drivers.interfaces import Counts3, Detection, GripperState
-from drivers.robotiq.hand_state import finger_states, pinches
-from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_closing
+from drivers.robotiq.hand_state import finger_states, scissor_in_contact
+from drivers.robotiq.protocol import BASIC, FAULTS, Severity, check_not_scissor
 from grasp.clock import WallClock
 from scenarios.lab.calibrate import check_open
 from scenarios.lab.fingertips import open_touch
@@ -22,7 +22,7 @@ from scenarios.trial.config import TrialConfig
 ConfigT = TypeVar("ConfigT", bound=TrialConfig)
 
 SOFT = "foam"  # of config/objects: the softest
-GENTLE_STOP_MPS2 = 1.0  # docs/hardware.md, "How hard the arm may stop"
+GENTLE_STOP_MPS2 = 1.0  # docs/first-day.md, "Set the arm's hardest stop"
 # speeds of the controller that are halved, with their least values
 HALVED = {
     "lift_speed_mps": 0.005, "lower_speed_mps": 0.005, "approach_speed_mps": 0.022,
@@ -45,7 +45,7 @@ class HandSeen(msgspec.Struct, frozen=True):
 
     state: GripperState
     mode: int
-    pinches: bool
+    scissor_in_contact: bool
 
     @property
     def well(self) -> bool:
@@ -63,7 +63,7 @@ def hand_seen(config: GraspRigConfig) -> HandSeen:
     fault = FAULTS[now.fault]
     active = now.ready and fault.severity is not Severity.MAJOR
     state = GripperState(0, 0, active, now.fault, fault.text, True, finger_states(now))
-    return HandSeen(state, now.mode, pinches(now))
+    return HandSeen(state, now.mode, scissor_in_contact(now))
 
 
 def active_hand(config: GraspRigConfig) -> HandSeen:
@@ -82,8 +82,8 @@ def check_activation(config: GraspRigConfig) -> HandSeen | None:
     if seen.well and seen.mode == BASIC:
         return None
     holding = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
-    if holding or seen.pinches or (state.active and not state.is_open):
-        raise Refused("activation would drop what the fingers hold", "open first")
+    if holding or seen.scissor_in_contact or (state.active and not state.is_open):
+        raise Refused("activation would drop the object", "open first")
     return seen
 
 
@@ -93,7 +93,7 @@ def check_close(config: TrialConfig, seen: HandSeen, targets: Counts3) -> None:
     guard_of(config)
     state = seen.state
     check_fault(state)
-    check_closing(seen.mode)
+    check_not_scissor(seen.mode)
     with open_touch(config, WallClock(WallClock().now_ns), state.is_open) as touch:
         if config.guard.cap_mode != "each_motor":
             to = (state.positions[0], *targets[1:])  # the thumb comes last
@@ -104,7 +104,7 @@ def check_pressing(config: TrialConfig) -> None:
     """Raises what a finger that is to press on a scale would meet."""
     seen = active_hand(config)
     check_fault(seen.state)
-    check_closing(seen.mode)
+    check_not_scissor(seen.mode)
     check_open(seen.state.positions)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import FaultKind, GripperEmulator, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.server import UrEmulator
 
@@ -44,27 +44,28 @@ class Known(NamedTuple):
     strike: Callable[[Any, FaultOrder], object]
 
 
-def _on_wire(trouble: Trouble) -> Callable[[GripperEmulator, FaultOrder], object]:
+def _on_wire(kind: FaultKind) -> Callable[[GripperEmulator, FaultOrder], object]:
     return lambda gripper, order: gripper.faults.add(
-        WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
+        WireFault(kind=kind, times=order.times, skip=order.skip, seconds=order.seconds)
     )
 
 
 def _disconnect(gripper: GripperEmulator, order: FaultOrder) -> None:
     gripper.disconnect()
     if order.times > 1:
-        gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
+        gripper.faults.add(WireFault(kind=FaultKind.DISCONNECT, times=order.times - 1))
 
 
 _AFTER = "pressed=false releases the button, and its dashboard takes power on and brake release"
 KNOWN = {
-    "gripper_drop": Known("gripper", "times skip", "requests get no reply", _on_wire(Trouble.DROP)),
+    "gripper_drop": Known("gripper", "times skip", "requests get no reply",
+        _on_wire(FaultKind.DROP)),
     "gripper_delay": Known("gripper", "times skip seconds", "replies come later by so long",
-        _on_wire(Trouble.DELAY)),
+        _on_wire(FaultKind.DELAY)),
     "gripper_garble": Known("gripper", "times skip", "replies are damaged",
-        _on_wire(Trouble.GARBLE)),
+        _on_wire(FaultKind.GARBLE)),
     "gripper_freeze": Known("gripper", "seconds skip",
-        "nothing is answered for so long, from a request on", _on_wire(Trouble.FREEZE)),
+        "nothing is answered for so long, from a request on", _on_wire(FaultKind.FREEZE)),
     "gripper_disconnect": Known("gripper", "times",
         "the connection is cut; with more, new connections too", _disconnect),
     "gripper_fault": Known("gripper", "code",
@@ -87,7 +88,7 @@ KNOWN = {
         lambda arm, order: arm.controller.set_remote_control(order.on)),
     "speed_slider": Known("arm", "fraction",
         "the arm's speed slider is turned: moves go on at that share of their pace",
-        lambda arm, order: arm.controller.set_speed(order.fraction)),
+        lambda arm, order: arm.controller.set_speed_slider(order.fraction)),
     "arm_disconnect": Known("arm", "", "the connections that are open to the arm are closed",
         lambda arm, order: arm.drop_links()),
     "arm_freeze": Known("arm", "seconds",

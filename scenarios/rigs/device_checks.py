@@ -13,15 +13,15 @@ from drivers.robotiq.protocol import (
     FAULTS,
     REGISTERS,
     RTU,
+    SET_BASIC_MODE,
     TCP,
-    TO_BASIC,
     StatusRegisters,
-    check_closing,
-    doubts,
-    other_than_basic,
+    check_not_scissor,
+    implausible_values,
+    mode_warning,
 )
 from drivers.takktile.driver import TakkTileDriver
-from drivers.ur.link import preflight as arm_look
+from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
@@ -141,14 +141,14 @@ def _gripper(config: GraspRigConfig) -> Finding:
     if config.devices.gripper:
         return _foreign("gripper", config)
     before, now = read_gripper(config)
-    if strange := doubts(now, before):
+    if strange := implausible_values(now, before):
         return "fail", "; ".join(strange), STRANGE
     fault = FAULTS[now.fault]
     state = "active" if now.ready else "not activated"
     if fault.code:
         return "fail", f"answers, {state}; {fault.text}", fault.remedy
     if now.ready:
-        check_closing(now.mode)
+        check_not_scissor(now.mode)
     places = tuple(finger.position for finger in now.fingers)
     if max(places) > OPEN_COUNTS:
         let_go = "support what it holds, then `grasp release`: a run begins with an open hand"
@@ -159,8 +159,8 @@ def _gripper(config: GraspRigConfig) -> Finding:
         status = "fail" if config.real else "warn"
         return status, "answers, not activated, no fault", remedy, Refused.kind
     well = f"answers, active, no fault, open at {places} counts"
-    if strange_mode := other_than_basic(now.mode):
-        return "warn", f"{well}, {strange_mode}", TO_BASIC
+    if strange_mode := mode_warning(now.mode):
+        return "warn", f"{well}, {strange_mode}", SET_BASIC_MODE
     return "ok", well
 
 
@@ -181,13 +181,13 @@ def arm_checks(config: Any) -> list[Check]:
 
 
 def _arm_pose(host: str, timeout_s: float) -> Finding:
-    before, now = arm_look.look(host, timeout_s)
-    if strange := arm_look.doubts(now, before):
+    before, now = arm_preflight.read_status(host, timeout_s)
+    if strange := arm_preflight.implausible_values(now, before):
         return "fail", "; ".join(strange), STRANGE
     if not now.running:
         return "warn", "not known while the robot has no power"
-    if not now.stands:
-        return "fail", arm_look.MOVES, arm_look.END_IT
+    if not now.stationary:
+        return "fail", arm_preflight.ARM_MOVES, arm_preflight.END_PROGRAM
     x, y, z = (at * 1e3 for at in now.pose[:3])
     return "ok", f"stands, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
 

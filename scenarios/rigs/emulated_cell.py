@@ -150,7 +150,7 @@ class EmulatedCell:
         self._homeward = False
         if not asked or motion.moving or motion.tripped:
             return
-        motion.turn_home()
+        motion.reset_rotation()
         with self._lock:
             self.cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
 
@@ -239,7 +239,7 @@ class EmulatedCell:
             return {"error": "the arm is stopped by its own safety system; a protective stop is "
                     "cleared, 5 s after it, by the line 'unlock protective stop' to its dashboard, "
                     f"{self.host} port 29999"}  # fmt: skip
-        if arm.pace(now_ns) == 0.0:
+        if arm.speed_scaling(now_ns) == 0.0:
             return {"error": "the arm's speed slider stands at 0: turn it up first, 'fault "
                     "speed_slider fraction=1'"}  # fmt: skip
         moving = motion.moving or arm.moving(now_ns)

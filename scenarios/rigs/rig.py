@@ -8,7 +8,7 @@ import msgspec
 from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.protocol import BASIC, check_closing
+from drivers.robotiq.protocol import BASIC, check_not_scissor
 from grasp import signals
 from grasp.clock import Clock
 from grasp.loop import Devices
@@ -171,7 +171,7 @@ def take_over(gripper: Gripper, clock: Clock) -> None:
                 raise not_active(state)
             check_fault(state)
             if state.fresh:
-                check_closing(mode_of(gripper))
+                check_not_scissor(mode_of(gripper))
                 return
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
     raise LinkLost("the gripper does not answer", "check its power, cable and address")

@@ -63,7 +63,7 @@ def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIREC
     fast = VirtualClock(fingertips.advance)
     connect(arm, tactile, gripper, fast)
     arm.set_payload(config.arm.payload_kg)
-    cell.arm.brake_unread(UNREAD_S)
+    cell.arm.brake_when_unread(UNREAD_S)
     tap = None
     if isinstance(cell, SimulatedCell):
         cell.place_object()

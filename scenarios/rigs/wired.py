@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
 
-from drivers.errors import GraspError, UsageError, in_words
+from drivers.errors import GraspError, UsageError, describe_exception
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link import ThreadedGripper
@@ -108,7 +108,7 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Now) -> Iterator[An
         raise
     except BaseException as error:  # its sys.exit(), or a task that was cancelled
         raise UsageError(
-            f"{device} {name!r} of another package cannot be opened: {in_words(error)}",
+            f"{device} {name!r} of another package cannot be opened: {describe_exception(error)}",
             "ask its maintainers; docs/extending.md says what is expected of it",
         ) from error
     try:
@@ -118,7 +118,7 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Now) -> Iterator[An
             opened.__exit__(None, None, None)
         except BaseException as error:
             logging.getLogger(__name__).warning(
-                "%s %r does not let go: %s", device, name, in_words(error)
+                "%s %r does not let go: %s", device, name, describe_exception(error)
             )
             if isinstance(error, KeyboardInterrupt):
                 raise

@@ -52,13 +52,13 @@ class EmulatedGripper:
         self.host, self.port = emulator.address
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """Plan trouble for coming requests: a name of ``Trouble``, arguments of ``WireFault``.
+        """Plan trouble for coming requests: a name of ``FaultKind``, arguments of ``WireFault``.
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """
-        from drivers.robotiq.emulator import Trouble, WireFault  # noqa: PLC0415
+        from drivers.robotiq.emulator import FaultKind, WireFault  # noqa: PLC0415
 
-        self.emulator.faults.add(WireFault(trouble=Trouble(name), **arguments))
+        self.emulator.faults.add(WireFault(kind=FaultKind(name), **arguments))
 
 
 class EmulatedBoard:

@@ -13,7 +13,7 @@ from detector.plugins import is_code
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import FINGERS, ArmState, Counts3, GripperState, TactileFrame, Vector3
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.hand_state import MISREAD_COUNTS, closing_targets, motion_image
+from drivers.robotiq.hand_state import POSITION_ERROR_COUNTS, closing_targets, motion_registers
 from drivers.robotiq.protocol import BASIC, BYTES, FULL_BYTE
 from grasp.commands import (
     CloseFast,
@@ -49,7 +49,7 @@ from scenarios.trial.run_folder import open_trial
 # Excludes the mode (in byte 0), individual scissor control (in byte 1), and the scissor's bytes
 _COMPARED = (0b11111001, 0b11110111, *[FULL_BYTE] * 10, 0, 0, 0, FULL_BYTE)
 _TARGETS, _SPEED = slice(3, 12, 3), 4  # in the 16 bytes
-_FIRST = motion_image(BASIC, (0, 0, 0), 0, (0, 0, 0)).to_bytes()[:2]  # the register of rACT
+_FIRST = motion_registers(BASIC, (0, 0, 0), 0, (0, 0, 0)).to_bytes()[:2]  # the register of rACT
 
 Bounds = tuple[bytes, bytes]  # least and greatest of each byte
 
@@ -102,8 +102,8 @@ class WriteCheck:
         written, known = _bytes(before.written), [before.positions, state.positions]
         if before.written:
             known.append(_counts(written[_TARGETS]))
-        least = _counts([min(each) - MISREAD_COUNTS for each in zip(*known, strict=True)])
-        most = _counts([max(each) + MISREAD_COUNTS for each in zip(*known, strict=True)])
+        least = _counts([min(each) - POSITION_ERROR_COUNTS for each in zip(*known, strict=True)])
+        most = _counts([max(each) + POSITION_ERROR_COUNTS for each in zip(*known, strict=True)])
         if isinstance(command, HoldFingers):
             low, high = self._image(command, least, 0), self._image(command, most, 0)
             return bytes((low[0] & ~8, *low[1:])), high  # it may stop by clearing rGTO instead
@@ -124,7 +124,7 @@ class WriteCheck:
             targets = closing_targets(command.closing, command.limits_counts, held)
             byte = self._calibration.byte_at_most(command.force_cap_n)
             forces = [byte if closes else 0 for closes in command.closing]
-        return motion_image(BASIC, targets, speed, forces).to_bytes()
+        return motion_registers(BASIC, targets, speed, forces).to_bytes()
 
 
 def _counts(values: Sequence[int]) -> Counts3:

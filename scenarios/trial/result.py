@@ -13,7 +13,7 @@ from typing import Generic, Self, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from drivers.errors import text_of
+from drivers.errors import exception_text
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import signals
 from grasp.fault import INTERNAL, TRIAL, Fault
@@ -71,7 +71,7 @@ class Bug(msgspec.Struct, frozen=True):
         with suppress(BaseException):  # of its own text, or for want of memory
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
-        return cls(type(error).__name__, text_of(error), raised)
+        return cls(type(error).__name__, exception_text(error), raised)
 
     @property
     def fault(self) -> Fault:

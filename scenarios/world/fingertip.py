@@ -6,7 +6,7 @@ the patch holds on, and so what shear reaches the barometers. Each spring's norm
 reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
 (closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). On top come
 wander and vibration of the press, and of each taxel rest code, warming, noise, whole counts and ten
-bits. docs/fingertip.md has the equations, their sources and the fit to a real recording.
+bits. docs/simulation.md has the equations and the sources of the values.
 
 Pad frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row, 5 4 3
 in the upper. Lengths in this file are millimetres, as in the kernels' published form.

@@ -73,8 +73,8 @@ class PressedCell:
         """Advance everything to now_ns."""
         self._now_ns = max(self._now_ns, now_ns)
         arm, t = self.arm, self._now_ns
-        arm.go_on(t)
-        arm.seen(t)
+        arm.brake_if_unread(t)
+        arm.commit(t)
         x, y, _ = arm.velocity(t)
         strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin(t)) > STROKE_RADPS
         self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), strokes or self.shaken)

@@ -15,7 +15,7 @@ f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
 The pad hangs on a mount. Along the normal it is a spring (stiffness 0: the load is given); the
 friction Q on the pad's face acts on the mount's joint by a lever, which loads or unloads it
 (a drum brake's shoe, leading or trailing). Sideways the mount is a damped spring with a mass.
-docs/fingertip.md has the equations.
+docs/simulation.md has the equations.
 """
 
 import math

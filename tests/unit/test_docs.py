@@ -4,6 +4,8 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
 from grasp.cli.commands import build_parser
 
 ROOT = Path(__file__).parents[2]
@@ -30,11 +32,19 @@ def test_links_into_a_document_lead_to_a_heading_of_it() -> None:
             assert anchor in anchors(there), f"{page.name}: {target}#{anchor}"
 
 
-def test_commands_of_a_first_day_and_of_the_steps_on_hardware_are_of_this_program() -> None:
-    docs = ROOT / "docs"
-    played = re.findall(r"^\$ (grasp .*)$", (docs / "first-day.md").read_text(), re.MULTILINE)
-    steps = (docs / "hardware.md").read_text().partition("## Moved by hand")[0]
-    lines = [*played, *re.findall(r"`(grasp [^`]+)`", steps)]
-    assert len(lines) > 20
-    for line in lines:
-        assert build_parser().parse_args(shlex.split(line)[1:]).command, line
+def test_commands_in_the_users_pages_are_accepted_by_the_command_line() -> None:
+    commands: list[str] = []
+    for name in ("index", "troubleshooting", "first-day", "force-limit", "limits"):
+        page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        commands += re.findall(r"^    (?:\$ )?(grasp [^\n]*)$", page, re.MULTILINE)
+        commands += re.findall(r"`(grasp [^`]+)`", page)
+    assert len(commands) > 60
+    for command in commands:
+        words = [
+            w for w in shlex.split(command, comments=True)[1:] if w not in ("COMMAND", "--help")
+        ]
+        if any(word.startswith("--") for word in words):
+            assert build_parser().parse_args(words).command, command
+        else:  # a name in a sentence
+            with pytest.raises(SystemExit, match="0"):
+                build_parser().parse_args([*words, "--help"])

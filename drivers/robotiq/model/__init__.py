@@ -1,1 +1,1 @@
-"""What the gripper does, its time an argument: registers, fingers, motors."""
+"""Simulation model of the gripper: registers, fingers, motors. Time is an argument."""

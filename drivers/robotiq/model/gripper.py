@@ -1,9 +1,9 @@
-"""What the gripper does, its time an argument: registers in, registers out, fingers that move.
+"""Simulation model of the gripper: command registers in, status registers and finger motion out.
 
-Rules follow the Robotiq 3-Finger manual (2014/2018): requests are taken up and status is sampled
-on refresh ticks and held between them; the motors follow a latency later; a finger that has met an
-object stays until it is told the opposite direction, a higher force, or rGTO is cleared and set.
-Fingers are ordered A, B, C; counts are motor counts, 0 open to 255 closed.
+Rules follow the Robotiq 3-Finger manual (2014/2018). Requests are taken up and status is sampled
+on refresh ticks; the motors follow a latency later. A finger in contact stays until the opposite
+direction or a higher force is requested, or rGTO is cleared and set. Fingers are ordered A, B, C;
+counts are motor counts, 0 open to 255 closed. Time is an argument.
 """
 
 from collections import deque
@@ -48,29 +48,29 @@ _MODE_CHANGE_S: Final = 3.0  # assumed
 FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
 
 
-Lie = Callable[[Words], Words]
+Corruption = Callable[[Words], Words]
 
 
 class Stage(Enum):
-    """What the hand as a whole is busy with."""
+    """Operating stage of the hand as a whole."""
 
     BOOTING, RESET, ACTIVATING, MODE_CHANGE, READY, RELEASED, FAULTED = range(7)
 
 
 _INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
-_LEFT_BY_FAULT: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
+_MAJOR_FAULT_GIMC: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
 _STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASED: 0x0F}
 _DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
 
 
 class GripperModel:
-    """The hand. ``advance`` moves it on, ``write`` and ``read`` exchange registers with it.
+    """Model of the hand. ``advance`` simulates it, ``write`` and ``read`` exchange registers.
 
-    ``write`` and ``read`` first bring the hand to their time, under the loads last given.
+    ``write`` and ``read`` first advance the hand to their time, under the loads last given.
     """
 
     def __init__(self, settings: HandSettings, now_ns: int, *, active: bool = False) -> None:
-        """Power up at ``now_ns``, open; ``active``: somebody has activated it before."""
+        """Power up at ``now_ns``, open; ``active``: already activated."""
         self.settings = settings
         self._fingers = Fingers(settings, now_ns)
         self._period_ns = 1_000_000_000 // settings.refresh_hz
@@ -83,11 +83,11 @@ class GripperModel:
         self._command = decode(self._written)
         self._mode = 0
         self._targets = [OPEN_LIMIT_COUNTS] * FINGERS  # as last requested
-        self._going = False
+        self._go_to = False
         self._injected = 0
         self._jammed = False
-        self._lie: Lie = _truth
-        self.swallows = False  # a fault: what is written changes nothing
+        self._corrupt: Corruption = _unchanged
+        self.ignores_writes = False  # injected fault: writes have no effect
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
         self._sampled = encode(self._status_now(now_ns))
@@ -97,12 +97,12 @@ class GripperModel:
 
     @property
     def moving(self) -> bool:
-        """Whether some motor may move, or the status change, before anything new is written."""
+        """Whether a motor may move, or the status change, without a further write."""
         return self._busy
 
     @property
     def ready(self) -> bool:
-        """Whether activation is complete and nothing hinders motion (gIMC = 3)."""
+        """Whether activation is complete and no fault prevents motion (gIMC = 3)."""
         return self._stage is Stage.READY
 
     @property
@@ -121,7 +121,7 @@ class GripperModel:
         Raises ValueError for registers that do not exist or values beyond 16 bits.
         """
         self.advance(now_ns)
-        if self.swallows:
+        if self.ignores_writes:
             return
         self._written = written(self._written, first_register, registers)
         if self._written != self._taken_up:
@@ -130,50 +130,50 @@ class GripperModel:
     def read(self, now_ns: int) -> Words:
         """The eight status registers as sampled at the last refresh tick."""
         self.advance(now_ns)
-        return self._lie(self._sampled)
+        return self._corrupt(self._sampled)
 
     def inject_fault(self, code: int) -> None:
-        """Show a fault from the next tick on; 0 takes it back.
+        """Report a fault from the next tick on; 0 clears it.
 
-        0x0D, 0x0E and 0x0F stop the hand and end as on the real one, by clearing rACT alone.
+        0x0D, 0x0E and 0x0F stop the hand. As on the real hand, only clearing rACT ends them.
         """
         code &= 0x0F
-        if self._stage is Stage.FAULTED and code not in _LEFT_BY_FAULT:
+        if self._stage is Stage.FAULTED and code not in _MAJOR_FAULT_GIMC:
             return
         self._injected = code
         if code == 0x0F:
             self._halt(Stage.RELEASED)
-        elif code in _LEFT_BY_FAULT:
+        elif code in _MAJOR_FAULT_GIMC:
             self._halt(Stage.FAULTED)
         self._wake()
 
-    def misreport(self, lie: Lie) -> None:
-        """A fault: from now on the status is what ``lie`` makes of it."""
-        self._lie = lie
+    def misreport(self, corruption: Corruption) -> None:
+        """Fault injection: from now on ``corruption`` is applied to every status."""
+        self._corrupt = corruption
 
     def jam(self) -> None:
-        """A fault hook, for tests alone: the motors stand, whatever they are told."""
+        """Fault injection: the motors stop and ignore every command."""
         self._jammed = True
         self._fingers.stop()
 
     def power_cycle(self, boot_s: float = 0.0) -> None:
-        """A fault hook, for tests alone: off and on again, ready after so long.
+        """Fault injection: power off and on again, booted after ``boot_s``.
 
-        The fingers stay where they are, the hand is not active any more.
+        The fingers keep their positions; the hand is not activated.
         """
         self._halt(Stage.RESET)
         self._written = self._taken_up = (0,) * WORDS
         self._command = decode(self._written)
-        self._going = False
+        self._go_to = False
         self._fingers.forget_detections()
         if boot_s:
             self._enter(Stage.BOOTING, self._now_ns, boot_s)
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
-        """Move the hand on to ``now_ns``. Loads speak of the travel at the start of this call.
+        """Simulate the hand to ``now_ns``. Loads refer to the travel at the start of this call.
 
-        Without ``loads`` those given last go on, as springs fixed in space.
+        Without ``loads``, those given last stay in effect, as springs fixed in space.
         """
         if loads is not None:
             self._fingers.load(loads)
@@ -230,12 +230,12 @@ class GripperModel:
         self._command = command
         if not command.activate:
             self._halt(Stage.RESET)
-            self._injected, self._going = 0, False
+            self._injected, self._go_to = 0, False
             self._fingers.forget_detections()
         elif self._stage is Stage.RESET:
             self._activate(now_ns)
         elif self._stage is Stage.READY:
-            self._obey(now_ns)  # only clearing rACT gets it out of a fault
+            self._execute(now_ns)  # in a fault only clearing rACT has an effect
 
     def _activate(self, now_ns: int) -> None:
         """Open and close to the mechanical stops, then open (manual p. 89)."""
@@ -247,11 +247,11 @@ class GripperModel:
             self._pending.append(FingerMotion(at_ns, axes, to_stops=third < 2))
 
     def _change_mode(self, now_ns: int) -> None:
-        """Fingers open first, so that the scissor meets nothing."""
+        """Change the mode; the fingers open first, so that the scissor does not collide."""
         self._pending.clear()
         self._pending.append(FingerMotion(now_ns, (Request(0, FULL, 0),) * 3))
         self._mode = self._command.mode
-        self._going = False
+        self._go_to = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
         self._enter(Stage.MODE_CHANGE, now_ns, _MODE_CHANGE_S)
 
@@ -259,10 +259,10 @@ class GripperModel:
         self._halt(Stage.RESET if self._stage is Stage.BOOTING else Stage.READY)
         if self._stage is Stage.READY:
             self._fingers.forget_detections()
-            self._obey(now_ns)  # what was asked meanwhile was delayed, not lost
+            self._execute(now_ns)  # a request during activation was delayed, not lost
 
-    def _obey(self, now_ns: int) -> None:
-        """Take up the request of the command registers of a hand that is ready."""
+    def _execute(self, now_ns: int) -> None:
+        """Execute the request in the command registers; the hand is ready."""
         command = self._command
         if command.mode != self._mode:
             self._change_mode(now_ns)
@@ -271,37 +271,37 @@ class GripperModel:
             self._scissor.go(command.scissor.position, now_ns)
         elif command.go_to and command.mode == _SCISSOR_MODE:
             self._scissor.go(command.fingers[0].position, now_ns)
-        was_going, self._going = self._going, command.go_to
+        was_going, self._go_to = self._go_to, command.go_to
         at_ns = now_ns + self._latency_ns
-        axes, rises = self._requested(), not was_going
+        axes, rises = self._requested_axes(), not was_going
         if command.go_to:
-            a, b, c = (self._sets_going(i, axis, rises) for i, axis in enumerate(axes))
+            a, b, c = (self._starts_motion(i, axis, rises) for i, axis in enumerate(axes))
             self._targets = [axis.position for axis in axes]
             self._pending.append(FingerMotion(at_ns, axes, (a, b, c), rises))
         elif was_going:
             self._pending.append(FingerMotion(at_ns, axes, stop=True))
 
-    def _sets_going(self, i: int, axis: Request, rises: bool) -> bool:
+    def _starts_motion(self, i: int, axis: Request, rises: bool) -> bool:
         """Whether a request starts finger ``i``; a new speed alone does not (manual p. 36)."""
-        asked = rises or axis.position != self._targets[i]
-        asked = asked or self._fingers.stronger_in_contact(i, axis.force)
-        goes = asked and self._fingers.free_to_go(i, axis, rises)
-        if goes:
-            self._fingers.expect(i)
-        return goes
+        new_request = rises or axis.position != self._targets[i]
+        new_request = new_request or self._fingers.stronger_in_contact(i, axis.force)
+        starts = new_request and self._fingers.may_start(i, axis, rises)
+        if starts:
+            self._fingers.mark_moving(i)
+        return starts
 
-    def _requested(self) -> Axes:
+    def _requested_axes(self) -> Axes:
         command = self._command
-        if self._one_by_one:
+        if self._individual_control:
             return command.fingers
-        if command.mode == _SCISSOR_MODE:  # its one position drives the scissor, the fingers stay
+        if command.mode == _SCISSOR_MODE:  # finger A's position drives the scissor only
             a, b, c = (Request(self._fingers.counts(i)) for i in range(FINGERS))
             return a, b, c
         return (command.fingers[0],) * 3
 
     @property
-    def _one_by_one(self) -> bool:
-        """Individual fingers are not obeyed in scissor mode without individual scissor."""
+    def _individual_control(self) -> bool:
+        """Whether fingers are commanded individually; scissor mode also needs rICS for that."""
         command = self._command
         return command.individual_fingers and (
             command.mode != _SCISSOR_MODE or command.individual_scissor
@@ -309,26 +309,26 @@ class GripperModel:
 
     def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
-        going = stage is Stage.READY and command.go_to
+        go_to = stage is Stage.READY and command.go_to
         a, b, c = (request.position for request in command.fingers)
-        if not self._one_by_one:
+        if not self._individual_control:
             b = c = 0  # in simple mode only finger A echoes (manual p. 68)
         fingers = [self._fingers.status(i, echo) for i, echo in enumerate((a, b, c))]
         echo = command.scissor.position if command.individual_scissor else 0
-        rests = going and self._scissor.at_rest(now_ns)
+        rests = go_to and self._scissor.at_rest(now_ns)
         scissor = AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
         fault = self._injected or _STAGE_FAULT.get(stage, 0)
         if not fault and command.go_to:
             fault = _DELAYED.get(stage, 0)
         initialization = _INITIALIZATION.get(stage, 0)
         if stage is Stage.FAULTED:
-            initialization = _LEFT_BY_FAULT[self._injected]
+            initialization = _MAJOR_FAULT_GIMC[self._injected]
         return HandStatus(
             active=stage not in (Stage.BOOTING, Stage.RESET),
             mode=command.mode,
-            going=going,
+            go_to=go_to,
             initialization=initialization,
-            stopped=_stopped([finger.detection for finger in fingers]) if going else 0,
+            stopped=_stopped([finger.detection for finger in fingers]) if go_to else 0,
             fault=fault,
             axes=(*fingers, scissor),
         )
@@ -342,12 +342,12 @@ def _stopped(detections: Sequence[int]) -> int:
     return (3, 1, 1, 2)[short]
 
 
-def _truth(words: Words) -> Words:
+def _unchanged(words: Words) -> Words:
     return words
 
 
 class ModelTransport:
-    """Registers of a model in this process, as a driver's transport."""
+    """``RegisterTransport`` to a model in this process."""
 
     def __init__(self, model: GripperModel, link: Literal["tcp", "rtu"] = "tcp") -> None:
         self._model = model

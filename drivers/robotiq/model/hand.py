@@ -1,8 +1,8 @@
-"""The modelled hand: its settings, and its registers as it sees them. No I/O, no time.
+"""Settings and register codec of the modelled hand. No I/O, no time.
 
-The codec is written from the register map of the Robotiq 3-Finger manual (2014, p. 39-57) and apart
-from the driver's: a byte that one of the two misplaces does not come back right. Eight words of
-16 bits go each way; byte 2n is the high half of word n, byte 2n + 1 its low half.
+The codec follows the register map of the Robotiq 3-Finger manual (2014, p. 39-57) and is written
+separately from the driver's, so that tests reveal a misplaced byte in either. Eight words of 16
+bits go each way; byte 2n is the high half of word n, byte 2n + 1 its low half.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from msgspec import Meta
 WORDS: Final = 8
 FULL: Final = 255
 MA_PER_COUNT: Final = 10  # of gCU; manual p. 67: 0x0F is 150 mA
-MOST_FORCE_N: Final = 60.0  # true static force of byte 255; manual p. 47
+MAX_FORCE_N: Final = 60.0  # true static force of byte 255; manual p. 47
 
 Words = tuple[int, ...]
 
@@ -23,14 +23,15 @@ _BLOCKS: Final = (3, 6, 9, 12)
 
 
 class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The reference hand. "manual": Robotiq 3-Finger manual, 2014 or 2018; "assumed": no source."""
+    """Properties of the hand. "manual": Robotiq 3-Finger manual, 2014 or 2018; "assumed": no
+    source."""
 
     m_per_count: ClassVar[float] = 0.00077  # fingertip travel of a motor count; Franchi TR711
 
     refresh_hz: Annotated[
         Literal[100, 200], Meta(description="rate at which registers are latched; manual p. 75")
     ] = 100
-    tick_phase_s: float = 0.005  # refresh ticks against time zero; drawn for each trial
+    tick_phase_s: float = 0.005  # offset of refresh ticks from time zero; random for each trial
     command_latency_s: Annotated[
         float, Meta(ge=0, le=0.15, description="from take-up to motor, s; assumed")
     ] = 0.03
@@ -38,7 +39,8 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float, Meta(ge=0, le=30, description="duration of activation, s; assumed")
     ] = 6.0
     tip_mass_kg: Annotated[
-        float, Meta(ge=0.02, le=2, description="motor and links as seen at the tip, kg; assumed")
+        float,
+        Meta(ge=0.02, le=2, description="effective mass at the tip, motor included, kg; assumed"),
     ] = 0.1
     least_force_n: Annotated[
         float, Meta(ge=1, le=30, description="true static force of byte 0, N; Grover 2022")
@@ -47,7 +49,7 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float, Meta(ge=0.3, le=3, description="curve of byte to true force; assumed linear")
     ] = 1.0
     current_clamp: Annotated[
-        bool, Meta(description="motor current is limited at once, not by detection alone; assumed")
+        bool, Meta(description="motor current is limited at once, not only on detection; assumed")
     ] = True
     override_s: Annotated[
         float, Meta(ge=0, le=0.3, description="force overridden at start, s; manual p. 47, assumed")
@@ -61,7 +63,7 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     def force_n(self, byte: int) -> float:
         """True static force at which the motor of a finger stalls, N."""
-        span = MOST_FORCE_N - self.least_force_n
+        span = MAX_FORCE_N - self.least_force_n
         return float(self.least_force_n + span * (byte / FULL) ** self.force_exponent)
 
 
@@ -71,7 +73,7 @@ def speed_mps(byte: int) -> float:
 
 
 class Request(msgspec.Struct, frozen=True):
-    """What one axis was told (rPR, rSP, rFR)."""
+    """Request for one axis (rPR, rSP, rFR)."""
 
     position: int = 0
     speed: int = 0
@@ -91,7 +93,7 @@ class Command(msgspec.Struct, frozen=True):
 
 
 class AxisStatus(msgspec.Struct, frozen=True):
-    """What one axis tells (gPR, gPO, gCU, gDT)."""
+    """Status of one axis (gPR, gPO, gCU, gDT)."""
 
     echo: int
     position: int
@@ -104,7 +106,7 @@ class HandStatus(msgspec.Struct, frozen=True):
 
     active: bool  # gACT
     mode: int  # gMOD
-    going: bool  # gGTO
+    go_to: bool  # gGTO
     initialization: int  # gIMC
     stopped: int  # gSTA
     fault: int  # gFLT
@@ -112,7 +114,7 @@ class HandStatus(msgspec.Struct, frozen=True):
 
 
 def decode(words: Sequence[int]) -> Command:
-    """Eight command words. Reserved bits are not looked at."""
+    """Command from eight command words. Reserved bits are ignored."""
     action, options = words[0] >> 8, words[0] & 0xFF
     a, b, c, scissor = (Request(*(_byte(words, at + i) for i in range(3))) for at in _BLOCKS)
     return Command(
@@ -127,9 +129,9 @@ def decode(words: Sequence[int]) -> Command:
 
 
 def encode(hand: HandStatus) -> Words:
-    """Eight status words."""
+    """Eight status words from a status."""
     status = (hand.stopped << 6) + (hand.initialization << 4)
-    status += (hand.going << 3) + (hand.mode << 1) + hand.active
+    status += (hand.go_to << 3) + (hand.mode << 1) + hand.active
     a, b, c, s = hand.axes
     detections = (s.detection << 6) + (c.detection << 4) + (b.detection << 2) + a.detection
     return (
@@ -145,7 +147,7 @@ def encode(hand: HandStatus) -> Words:
 
 
 def written(words: Words, first: int, values: Sequence[int]) -> Words:
-    """Command words with some of them overwritten; raises ValueError for what cannot be."""
+    """Command words with some overwritten; raises ValueError for invalid addresses or values."""
     last = first + len(values)
     if not values or first < 0 or last > WORDS:
         raise ValueError(f"command registers {first} to {last - 1} do not exist")

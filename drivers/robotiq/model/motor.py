@@ -1,10 +1,9 @@
-"""Fingers and their motors between two register refreshes: starts, stops and the contact latch,
-around a compiled inner loop; and the scissor axis.
+"""Finger motors and the scissor axis: starts, stops and the contact latch, with compiled dynamics.
 
-Each finger: a speed reference with a lag, a stiff speed servo whose force is clamped by the motor
-current, an inertia at the fingertip, a self-locking screw. Position is fingertip travel in metres
-from the mechanical opening stop. The step grid is aligned to absolute time, so that one long call
-and many short ones do the same arithmetic.
+Each finger has a speed reference with a lag and a stiff speed servo whose force is clamped by the
+motor current. It drives an inertia at the fingertip through a self-locking screw. Position is
+fingertip travel in metres from the mechanical opening stop. The step grid is aligned to absolute
+time, so that one long call and many short ones give equal results.
 """
 
 from math import floor, sqrt
@@ -53,7 +52,7 @@ Integers = NDArray[np.int64]
 
 
 def _parameters(s: HandSettings) -> Reals:
-    """Settings of the hand as the compiled loop takes them."""
+    """Settings of the hand as the parameter array of the compiled loop."""
     override_steps = s.override_s * 1e9 // SUBSTEP_NS
     debounce_steps = max(1.0, s.debounce_s * 1e9 // SUBSTEP_NS)
     clamped = float(s.current_clamp)
@@ -72,7 +71,7 @@ def _stop(real: Reals, whole: Integers, i: int, detection: int) -> None:
 
 @numba.njit(cache=True)
 def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
-    """Wanted speed: lagged command, braked before the target, never too slow to reach the clamp."""
+    """Reference speed: lagged command, braked before the target, fast enough to reach the clamp."""
     speed = real[SPEED, i]
     real[LAGGED, i] += (speed - real[LAGGED, i]) * min(1.0, _STEP_S / LAG_S)
     braking = sqrt(2.0 * (speed / LAG_S) * distance)
@@ -82,18 +81,18 @@ def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
 
 @numba.njit(cache=True)
 def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> None:
-    """One substep of one moving finger; ``u`` and ``distance`` count along its direction."""
+    """Substep of one moving finger; ``u`` and ``distance`` count along its direction."""
     direction = whole[DIRECTION, i]
     u = direction * real[VELOCITY, i]
     distance = max(0.0, direction * (real[TARGET, i] - real[TRAVEL, i]))
     clamp = real[CLAMP, i]
     if whole[AGE, i] < p[OVERRIDE_STEPS]:
         clamp = max(clamp, p[OVERRIDE_N])
-    wanted = _reference(real, i, distance, clamp)
+    reference = _reference(real, i, distance, clamp)
     # The servo is stiffer than the step: implicit in its own term.
     rate = _STEP_S / p[MASS]
-    after = (u + rate * (_GAIN_NSPM * wanted - opposing)) / (1.0 + rate * _GAIN_NSPM)
-    drive = _GAIN_NSPM * (wanted - after)
+    after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
+    drive = _GAIN_NSPM * (reference - after)
     if p[CLAMPED] > 0.0 and abs(drive) > clamp:
         drive = clamp if drive > 0.0 else -clamp
         after = u + rate * (drive - opposing)
@@ -138,10 +137,10 @@ Axes = tuple[Request, Request, Request]
 
 
 class FingerLoads(msgspec.Struct, frozen=True):
-    """What opposes each finger, linearised about its travel x0 when it is handed over.
+    """Load on each finger, linearised about its travel x0 when the load is set.
 
-    A closing finger meets max(0, force_n + stiffness_npm * (x - x0)); a negative force is a gap.
-    An opening finger meets nothing. Each is a (3,) float64 array.
+    A closing finger is opposed by max(0, force_n + stiffness_npm * (x - x0)); a negative force is a
+    gap. An opening finger has no load. Each is a (3,) float64 array.
     """
 
     force_n: NDArray[np.float64]
@@ -163,7 +162,7 @@ class FingerMotion(msgspec.Struct, frozen=True):
 
 
 class Fingers:
-    """State of the three finger motors. Positions in counts are what the encoders say."""
+    """State of the three finger motors. Positions in counts are encoder readings."""
 
     def __init__(self, settings: HandSettings, now_ns: int) -> None:
         self._settings = settings
@@ -176,7 +175,7 @@ class Fingers:
         self._loads = FREE
         self._origin = self._real[TRAVEL].copy()
         self.moving = False
-        self._run(0)  # compiled now, the first time on a machine: later a client waits
+        self._run(0)  # compiles now, so that no later call waits for it
 
     @property
     def travel_m(self) -> NDArray[np.float64]:
@@ -202,7 +201,7 @@ class Fingers:
         self.moving = advance_motors(self._real, self._whole, self._parameters, substeps, *load)
 
     def stop(self) -> None:
-        """Brake all motors where they are; what was detected stays."""
+        """Stop all motors at once; detections stay."""
         self.moving = False
         self._whole[DIRECTION] = 0
         self._real[VELOCITY : LAGGED + 1] = 0.0
@@ -211,14 +210,14 @@ class Fingers:
     def forget_detections(self) -> None:
         self._whole[DETECTION] = 0
 
-    def expect(self, i: int) -> None:
-        """A request for finger ``i`` is under way: it counts as moving."""
+    def mark_moving(self, i: int) -> None:
+        """Report finger ``i`` as moving, since a request for it is under way."""
         self._whole[DETECTION, i] = 0
 
     def stronger_in_contact(self, i: int, force: int) -> bool:
         return self._whole[DETECTION, i] == CLOSING and force > self._forces[i]
 
-    def free_to_go(self, i: int, axis: Request, retrigger: bool) -> bool:
+    def may_start(self, i: int, axis: Request, retrigger: bool) -> bool:
         """The contact latch: opposite direction, higher force or a new rGTO only (manual p. 51)."""
         detection = self._whole[DETECTION, i]
         if retrigger or axis.force > self._forces[i]:
@@ -226,14 +225,14 @@ class Fingers:
         return detection != CLOSING or axis.position < self.counts(i)
 
     def execute(self, motion: FingerMotion) -> None:
-        """Hand a request to the motors. Contact made since it was taken up latches it too."""
+        """Start the motors on a request, unless contact since its take-up has latched them."""
         if motion.stop:
             self.stop()
             return
         settings, whole = self._settings, self._whole
         for i, axis in enumerate(motion.axes):
             self._real[SPEED, i] = speed_mps(axis.speed)
-            starts = motion.starts[i] and self.free_to_go(i, axis, motion.retrigger)
+            starts = motion.starts[i] and self.may_start(i, axis, motion.retrigger)
             if starts or whole[DIRECTION, i]:
                 self._forces[i] = axis.force
                 self._real[CLAMP, i] = settings.force_n(axis.force)
@@ -242,7 +241,7 @@ class Fingers:
         self.moving = bool(whole[DIRECTION].any())
 
     def _start(self, i: int, counts: int, to_stops: bool) -> None:
-        """Set motor ``i`` going; software limits replace the request, silently (manual p. 74)."""
+        """Start motor ``i``; software limits clip the request without notice (manual p. 74)."""
         low, high = (0, FULL) if to_stops else (OPEN_LIMIT_COUNTS, CLOSED_LIMIT_COUNTS)
         target = min(max(counts, low), high)
         real, whole = self._real, self._whole
@@ -277,7 +276,7 @@ class Fingers:
 
 
 class Scissor:
-    """Fourth motor, which spreads fingers B and C: moves at one speed, meets nothing."""
+    """Fourth motor, which spreads fingers B and C: constant speed, no contact."""
 
     def __init__(self, counts: int) -> None:
         self._from = self._to = counts

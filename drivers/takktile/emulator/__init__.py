@@ -1,1 +1,1 @@
-"""The board model behind USB transfers."""
+"""Emulated board: the model behind USB transfers."""

@@ -1,11 +1,11 @@
-"""The pyusb back end of an emulated board: forwards every transfer to a ``BoardServer``.
+"""pyusb back end of an emulated board: forwards every transfer to a ``BoardServer``.
 
-Errors are those that pyusb's libusb 1.0 back end raises: libusb's code and the errno. Descriptors
-are those of the TakkTile-usb firmware, Descriptors.c.
+Errors are those of pyusb's libusb 1.0 back end: libusb's code and the errno. Descriptors are those
+of the TakkTile-usb firmware, Descriptors.c.
 
 Each request gets one reply on the same connection. A message is its length (4 bytes, big-endian)
-and its fields in MessagePack. A transfer that takes long blocks its connection, so that a handle
-has two: one for bulk transfers, one for everything else.
+and its fields in MessagePack. A pending transfer blocks its connection. Therefore a handle has two:
+one for bulk transfers, one for everything else.
 """
 
 import contextlib
@@ -26,10 +26,10 @@ import usb.core
 
 from drivers.errors import on_failure
 
-ENDPOINT_IN, ENDPOINT_OUT = 0x81, 0x02  # the firmware never takes anything from the second
+ENDPOINT_IN, ENDPOINT_OUT = 0x81, 0x02  # the firmware never reads the second
 CONFIGURATION = 1
 PACKET_BYTES = 64  # full-speed bulk
-SERIAL_INDEX = 0xDC  # the XMEGA stack builds this string on the fly
+SERIAL_INDEX = 0xDC  # the XMEGA stack generates this string
 _VENDOR_CLASS = 0xFF
 
 _DEVICE = {
@@ -56,9 +56,9 @@ _ENDPOINT = {
 _ENDPOINTS = ((ENDPOINT_IN, PACKET_BYTES), (ENDPOINT_OUT, 32))
 
 _CONNECT_S = 5.0
-_GRACE_S = 1.0  # beyond a transfer's own time-out: then the server is gone
+_GRACE_S = 1.0  # wait beyond a transfer's time-out; after that the server counts as gone
 _LENGTH_BYTES = 4
-_MOST_BYTES = 1 << 16
+_MAX_BYTES = 1 << 16
 _LIBUSB_CODE = {
     errno.EIO: -1, errno.EACCES: -3, errno.ENODEV: -4, errno.ENOENT: -5, errno.EBUSY: -6,
     errno.ETIMEDOUT: -7, errno.EOVERFLOW: -8, errno.EPIPE: -9,
@@ -66,21 +66,21 @@ _LIBUSB_CODE = {
 
 
 class Op(IntEnum):
-    """What the back end asks for."""
+    """Operation of a request."""
 
-    LIST = 0  # replies ``plugs`` of each board that is plugged in
-    OPEN = 1  # index: ``plugs`` of the board meant; replies a handle
+    LIST = 0  # replies ``plug_count`` of each board that is plugged in
+    OPEN = 1  # index: ``plug_count`` of the board; replies a handle
     CLOSE = 2
     CONFIGURE = 3
     CLAIM = 4
     RELEASE = 5
     CONTROL = 6
     BULK_READ = 7
-    REACH = 8  # nothing to do, but the board must be there
+    CHECK_PRESENT = 8  # fails when the board is gone
 
 
 class BusRequest(msgspec.Struct, frozen=True, array_like=True):
-    """One operation; fields that it does not use are zero."""
+    """Request for one operation; unused fields are zero."""
 
     op: Op
     handle: int = 0
@@ -108,11 +108,11 @@ def send(connection: socket.socket, message: object) -> None:
 
 
 def receive(connection: socket.socket, kind: type[Message]) -> Message:
-    """Next message; ``OSError`` when the connection ends or what comes is no message."""
-    length = int.from_bytes(_exactly(connection, _LENGTH_BYTES))
-    if length > _MOST_BYTES:
+    """Next message; ``OSError`` when the connection ends or the message is malformed."""
+    length = int.from_bytes(_receive_exactly(connection, _LENGTH_BYTES))
+    if length > _MAX_BYTES:
         raise OSError("not a message of the emulator")
-    return decode(_exactly(connection, length), kind)
+    return decode(_receive_exactly(connection, length), kind)
 
 
 def decode(data: bytes, kind: type[Message]) -> Message:
@@ -122,7 +122,7 @@ def decode(data: bytes, kind: type[Message]) -> Message:
         raise OSError("not a message of the emulator") from error
 
 
-def _exactly(connection: socket.socket, size: int) -> bytes:
+def _receive_exactly(connection: socket.socket, size: int) -> bytes:
     data = bytearray()
     while len(data) < size:
         part = connection.recv(size - len(data))
@@ -133,7 +133,7 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 
 
 class _Connection:
-    """One request at a time."""
+    """Connection to the server, one request at a time."""
 
     def __init__(self, address: tuple[str, int]) -> None:
         self._lock = threading.Lock()
@@ -143,8 +143,8 @@ class _Connection:
             raise _usb_error(errno.ENODEV) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, request: BusRequest) -> bytes:
-        """Data of the reply; a server that is gone is a device that is gone."""
+    def request(self, request: BusRequest) -> bytes:
+        """Data of the reply; a lost server counts as an unplugged device."""
         try:
             with self._lock:
                 endless = request.op is Op.BULK_READ and not request.timeout_ms
@@ -161,40 +161,40 @@ class _Connection:
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)  # wakes whoever waits for a reply
+            self._socket.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits for a reply
         self._socket.close()
 
 
 class _Handle:
     """An opened board."""
 
-    def __init__(self, address: tuple[str, int], plugs: int) -> None:
+    def __init__(self, address: tuple[str, int], plug_count: int) -> None:
         self._control = _Connection(address)
         with on_failure(self._control.close):
-            self._number = decode(self._control.ask(BusRequest(Op.OPEN, index=plugs)), int)
+            self._number = decode(self._control.request(BusRequest(Op.OPEN, index=plug_count)), int)
             self._bulk = _Connection(address)
 
-    def ask(self, op: Op, **fields: int) -> bytes:
+    def request(self, op: Op, **fields: int) -> bytes:
         connection = self._bulk if op is Op.BULK_READ else self._control
         try:
-            return connection.ask(BusRequest(op, self._number, **fields))
+            return connection.request(BusRequest(op, self._number, **fields))
         except usb.core.USBError as error:
-            if error.errno == errno.ENODEV:  # what is gone is asked nothing more, nor waited for
+            if error.errno == errno.ENODEV:  # no later request waits for an unplugged board
                 self._control.close()
                 self._bulk.close()
             raise
 
     def close(self) -> None:
         with contextlib.suppress(usb.core.USBError):  # it may be gone already
-            self._control.ask(BusRequest(Op.CLOSE, self._number))
+            self._control.request(BusRequest(Op.CLOSE, self._number))
         self._control.close()
         self._bulk.close()
 
 
 class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no types
-    """A USB bus with the one board of a ``BoardServer``; empty when nobody serves.
+    """USB bus with the board of a ``BoardServer``; empty without a server.
 
-    A device of it is the ``plugs`` of the board: how often that has been plugged in.
+    A device is represented by the ``plug_count`` of the board.
     """
 
     def __init__(self, url: str) -> None:
@@ -202,10 +202,10 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         if parts.scheme != "tcp" or parts.hostname is None or parts.port is None:
             raise ValueError(f"{url}: the address of an emulated board is tcp://HOST:PORT")
         self._address = parts.hostname, parts.port
-        self.url = url  # names it where no board is found there
+        self.url = url  # shown in the error when no board is found
 
     def _finalize_object(self) -> None:
-        """Nothing is held open between handles."""
+        """Do nothing: no connection is open between handles."""
 
     def enumerate_devices(self) -> Iterator[int]:
         try:
@@ -213,8 +213,8 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         except usb.core.USBError:
             return iter(())
         try:
-            return iter(decode(connection.ask(BusRequest(Op.LIST)), list[int]))
-        except usb.core.USBError:  # it listens, and says nothing
+            return iter(decode(connection.request(BusRequest(Op.LIST)), list[int]))
+        except usb.core.USBError:  # the server does not reply
             return iter(())
         finally:
             connection.close()
@@ -223,7 +223,7 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        # a new address after each replug, as Linux gives out
+        # a new address after each replug, as on Linux
         return SimpleNamespace(**_DEVICE, address=dev % 127 + 1)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
@@ -250,20 +250,20 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         dev_handle.close()
 
     def set_configuration(self, dev_handle: _Handle, config_value: int) -> None:
-        dev_handle.ask(Op.CONFIGURE, value=config_value)
+        dev_handle.request(Op.CONFIGURE, value=config_value)
 
     def get_configuration(self, dev_handle: _Handle) -> int:
-        dev_handle.ask(Op.REACH)
+        dev_handle.request(Op.CHECK_PRESENT)
         return CONFIGURATION
 
     def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
-        dev_handle.ask(Op.REACH)
+        dev_handle.request(Op.CHECK_PRESENT)
 
     def claim_interface(self, dev_handle: _Handle, intf: int) -> None:
-        dev_handle.ask(Op.CLAIM, index=intf)
+        dev_handle.request(Op.CLAIM, index=intf)
 
     def release_interface(self, dev_handle: _Handle, intf: int) -> None:
-        dev_handle.ask(Op.RELEASE, index=intf)
+        dev_handle.request(Op.RELEASE, index=intf)
 
     def ctrl_transfer(
         self,
@@ -275,7 +275,7 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         data: "array[int]",
         timeout: int,
     ) -> int:
-        reply = dev_handle.ask(
+        reply = dev_handle.request(
             Op.CONTROL, request_type=bmRequestType, request=bRequest, value=wValue, index=wIndex,
             size=len(data), timeout_ms=timeout,
         )  # fmt: skip
@@ -284,17 +284,17 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
     def bulk_read(
         self, dev_handle: _Handle, ep: int, intf: int, buff: "array[int]", timeout: int
     ) -> int:
-        return _fill(buff, dev_handle.ask(Op.BULK_READ, size=len(buff), timeout_ms=timeout))
+        return _fill(buff, dev_handle.request(Op.BULK_READ, size=len(buff), timeout_ms=timeout))
 
     def clear_halt(self, dev_handle: _Handle, ep: int) -> None:
-        dev_handle.ask(Op.REACH)  # the firmware's halts last for one transfer
+        dev_handle.request(Op.CHECK_PRESENT)  # the firmware's halts last for one transfer
 
     def is_kernel_driver_active(self, dev_handle: _Handle, intf: int) -> bool:
         return False  # no kernel driver knows this vendor class
 
 
 def backend(url: str) -> EmulatedBus:
-    """Back end for ``usb.core.find(backend=...)`` on the board served at ``tcp://HOST:PORT``."""
+    """Back end for ``usb.core.find(backend=...)``, for the board served at ``tcp://HOST:PORT``."""
     return EmulatedBus(url)
 
 

@@ -1,8 +1,8 @@
-"""A board model behind USB transfers: the server that the pyusb back end of ``bus`` talks to.
+"""Server of a board model, for the pyusb back end in ``bus``.
 
-There is no USB bus without hardware, so the seam is the one where pyusb hands a transfer to its
-back end: everything above it, pyusb included, is what a lab runs. Source of the behaviour: the
-TakkTile-usb firmware; libusb and Linux usbfs for what a host says to claims, replugs, time-outs.
+It emulates the board where pyusb passes a transfer to its back end, since there is no USB bus
+without hardware. Everything above, pyusb included, runs as with hardware. Behaviour follows the
+TakkTile-usb firmware; claims, replugs and time-outs follow libusb and Linux usbfs.
 """
 
 import contextlib
@@ -26,10 +26,10 @@ __all__ = ["BoardServer", "backend"]
 
 SERIAL = "4A453034383114003F001F"  # of an emulated board: lot, wafer and coordinates, as hex digits
 _STRINGS = {1: "The Biorobotics Lab", 2: "TakkTile", bus.SERIAL_INDEX: SERIAL}
-_LANGUAGES = bytes((4, 3, 0x09, 0x04))  # English alone
+_LANGUAGES = bytes((4, 3, 0x09, 0x04))  # English only
 _VENDOR_REQUEST = 0xC0  # to the host, vendor, device: every request of the board, even a command
 _STANDARD_REQUEST, _GET_DESCRIPTOR, _STRING = 0x80, 6, 3
-_LOOK_AGAIN_S = 0.01  # while a read is pending: whether the board was unplugged or started
+_RECHECK_S = 0.01  # interval at which a pending read checks the state of the board
 _JOIN_S = 5.0
 _NEVER_NS = 1 << 62
 
@@ -45,8 +45,8 @@ class _Failure(Exception):
 class BoardServer:
     """Serves one board; ``start`` and ``close``, or use it as a context manager.
 
-    ``lock`` guards the model, which others may advance, unplug or spoil meanwhile; ``clock`` gives
-    the model's time and is asked with the lock held, so that a cell may advance its world first.
+    ``lock`` guards the model, which other threads may advance, unplug or give faults. ``clock``
+    returns the model's time; it is called with the lock held, so that it may advance the world.
     """
 
     def __init__(
@@ -63,15 +63,15 @@ class BoardServer:
         self._clock = clock
         self._listener: socket.socket | None = None
         self._connections: dict[socket.socket, threading.Thread] = {}
-        self._ending = threading.Event()
+        self._stopping = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
         self._numbers = itertools.count(1)
-        self._handles: dict[int, int] = {}  # handle -> ``plugs`` of the board when it was opened
+        self._handles: dict[int, int] = {}  # ``plug_count`` of the board at opening, by handle
         self._owner: int | None = None  # handle that has claimed the interface
 
     @property
     def url(self) -> str:
-        """Where to point ``backend``; known once started."""
+        """URL for ``backend``; known once started."""
         if self._listener is None:
             raise RuntimeError("the board server is not running")
         host, port = self._listener.getsockname()[:2]
@@ -83,10 +83,10 @@ class BoardServer:
         return self
 
     def close(self) -> None:
-        """End every connection and thread; pending transfers fail as if the board were gone."""
+        """End all connections and threads; pending transfers fail as for an unplugged board."""
         if self._listener is None:
             return
-        self._ending.set()
+        self._stopping.set()
         _shut(self._listener)
         self._acceptor.join(_JOIN_S)
         self._listener.close()
@@ -117,27 +117,27 @@ class BoardServer:
             self._connections = {**living, connection: thread}
 
     def _serve(self, connection: socket.socket) -> None:
-        opened: list[int] = []  # handles, which end with this connection
+        opened: list[int] = []  # handles that are closed with this connection
         try:
-            while not self._ending.is_set():
+            while not self._stopping.is_set():
                 request = bus.receive(connection, BusRequest)
-                bus.send(connection, self._answer(request, connection, opened))
+                bus.send(connection, self._reply(request, connection, opened))
         except OSError:
             pass
         finally:
             with self._lock:
                 for handle in opened:
-                    self._forget(handle)
+                    self._close_handle(handle)
             connection.close()
 
-    def _answer(self, r: BusRequest, connection: socket.socket, opened: list[int]) -> BusReply:
+    def _reply(self, r: BusRequest, connection: socket.socket, opened: list[int]) -> BusReply:
         try:
             if r.op is Op.CONTROL:
                 return BusReply(0, self._control(r, connection))
             if r.op is Op.BULK_READ:
                 return BusReply(0, self._bulk_read(r, connection))
             with self._lock:
-                return BusReply(0, self._manage(r, opened))
+                return BusReply(0, self._bus_operation(r, opened))
         except _Failure as failure:
             return BusReply(failure.code)
         except Unplugged:
@@ -145,21 +145,21 @@ class BoardServer:
         except Stall:
             return BusReply(errno.EPIPE)
 
-    def _manage(self, r: BusRequest, opened: list[int]) -> bytes:
-        """What needs no transfer to the board."""
+    def _bus_operation(self, r: BusRequest, opened: list[int]) -> bytes:
+        """Execute an operation that needs no transfer to the board."""
         board = self._board
         if r.op is Op.LIST:
-            return msgspec.msgpack.encode([board.plugs] if board.plugged else [])
+            return msgspec.msgpack.encode([board.plug_count] if board.plugged else [])
         if r.op is Op.OPEN:
-            if not board.plugged or r.index != board.plugs:
+            if not board.plugged or r.index != board.plug_count:
                 raise Unplugged
             opened.append(next(self._numbers))
-            self._handles[opened[-1]] = board.plugs
+            self._handles[opened[-1]] = board.plug_count
             return msgspec.msgpack.encode(opened[-1])
         if r.op is Op.CLOSE:
-            self._forget(r.handle)
+            self._close_handle(r.handle)
             return b""
-        self._reach(r.handle)
+        self._require_present(r.handle)
         if r.op is Op.CLAIM:
             self._claim(r.handle)
         elif r.op is Op.RELEASE and self._owner == r.handle:
@@ -168,19 +168,19 @@ class BoardServer:
             raise _Failure(errno.EBUSY)
         return b""
 
-    def _forget(self, handle: int) -> None:
+    def _close_handle(self, handle: int) -> None:
         self._handles.pop(handle, None)
         if self._owner == handle:
             self._owner = None
 
-    def _reach(self, handle: int) -> None:
-        """Fail unless the board that the handle was opened on is still plugged in."""
-        if not self._board.plugged or self._handles.get(handle) != self._board.plugs:
+    def _require_present(self, handle: int) -> None:
+        """Raise ``Unplugged`` unless the board of the handle is still plugged in."""
+        if not self._board.plugged or self._handles.get(handle) != self._board.plug_count:
             raise Unplugged
 
     def _claimed(self) -> bool:
-        """Whether somebody holds the interface: a claim does not outlive a replug."""
-        return self._owner is not None and self._handles.get(self._owner) == self._board.plugs
+        """Whether a client has claimed the interface; a claim ends with a replug."""
+        return self._owner is not None and self._handles.get(self._owner) == self._board.plug_count
 
     def _claim(self, handle: int) -> None:
         if self._claimed() and self._owner != handle:
@@ -190,18 +190,18 @@ class BoardServer:
     def _control(self, r: BusRequest, connection: socket.socket) -> bytes:
         try:
             with self._lock:
-                self._reach(r.handle)
+                self._require_present(r.handle)
                 if r.request_type != _VENDOR_REQUEST:
-                    return _standard(r)[: r.size]
+                    return _standard_reply(r)[: r.size]
                 return self._board.control(r.request, r.value, r.index, r.size, self._clock())
         except Hung:
-            return self._when_ready(r, connection)  # which it never is
+            return self._when_ready(r, connection)  # waits for the time-out
 
     def _bulk_read(self, r: BusRequest, connection: socket.socket) -> bytes:
-        """One transfer: the host takes whole packets until a short one or the size asked for."""
+        """Data of one transfer: whole packets until a short one or the requested size."""
         with self._lock:
-            self._reach(r.handle)
-            self._claim(r.handle)  # usbfs claims for a client that has not
+            self._require_present(r.handle)
+            self._claim(r.handle)  # usbfs claims implicitly
         data = self._when_ready(r, connection)
         if len(data) > r.size:
             raise _Failure(errno.EOVERFLOW)
@@ -212,7 +212,7 @@ class BoardServer:
         give_up_ns = 0
         while True:
             with self._lock:
-                self._reach(r.handle)
+                self._require_present(r.handle)
                 now_ns = self._clock()
                 if not give_up_ns:
                     give_up_ns = now_ns + r.timeout_ms * 1_000_000 if r.timeout_ms else _NEVER_NS
@@ -226,8 +226,8 @@ class BoardServer:
             _wait(connection, next_ns - now_ns)
 
 
-def _standard(r: BusRequest) -> bytes:
-    """Reply to a standard request: the strings of the board are all that is asked for."""
+def _standard_reply(r: BusRequest) -> bytes:
+    """Reply to a standard request; only string descriptors are supported."""
     if (r.request_type, r.request, r.value >> 8) != (_STANDARD_REQUEST, _GET_DESCRIPTOR, _STRING):
         raise Stall
     index = r.value & 0xFF
@@ -240,14 +240,14 @@ def _standard(r: BusRequest) -> bytes:
 
 
 def _wait(connection: socket.socket, wait_ns: int) -> None:
-    """Sleep, but not past the next look; ``OSError`` when the client goes away meanwhile."""
-    wait_s = min(max(wait_ns, 0) * 1e-9, _LOOK_AGAIN_S)
+    """Sleep until the next check; ``OSError`` when the client disconnects."""
+    wait_s = min(max(wait_ns, 0) * 1e-9, _RECHECK_S)
     readable = select.poll()
     readable.register(connection, select.POLLIN)
-    whole_ms = int(wait_s * 1e3)  # poll would round up, and the frame be late
-    spoke = readable.poll(whole_ms)
+    whole_ms = int(wait_s * 1e3)  # poll would round up and delay the frame
+    disconnected = readable.poll(whole_ms)
     time.sleep(wait_s - whole_ms * 1e-3)
-    if spoke:
+    if disconnected:
         raise ConnectionAbortedError("the client has gone")
 
 

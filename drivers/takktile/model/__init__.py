@@ -1,1 +1,1 @@
-"""What a TakkTile board does, its time an argument: firmware, bytes, and a link without a wire."""
+"""Simulation model of a TakkTile board: firmware, bytes, and a link without a wire."""

@@ -1,11 +1,11 @@
-"""What the TakkTile USB board does, at the level of USB transfers; time is an argument.
+"""Simulation model of the TakkTile USB board at the level of USB transfers; time is an argument.
 
 Source: TakkTile-usb firmware (main.c, TakkI2C.c). The board is host-paced: its timer interrupt
-reads all cells, waits until the host has drained the frame, and only then starts the next
-conversion. What a host reads was therefore converted right after its previous read.
+reads all cells, waits until the host has read the frame, and only then starts the next conversion.
+A frame was therefore converted right after the previous read.
 
-Its bytes are coded here, apart from the driver's ``protocol``: a mistake in one shows at the other
-end.
+Bytes are encoded here, separately from the driver's ``protocol``, so that tests reveal a mistake in
+either.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,14 +19,14 @@ Cell = tuple[int, int]  # (row, column)
 Codes = NDArray[np.int16]
 Latched = Callable[[], tuple[Codes, Codes]]
 Sample = Callable[[int], Latched]
-Lie = Callable[[Codes], Codes]
+Corruption = Callable[[Codes], Codes]
 
 SCAN, CONFIGURE_TIMER = 0x5C, 0xC7  # bRequest of the vendor requests
 CONVERTER_MAX: Final = 1023  # ten bits, sent as the upper ten of a word, high byte first
 PACKET_BYTES: Final = 64
 CELL_READ_NS: Final = 100_000  # to read one cell by I2C; assumed, 1 MHz and 89 bits
 _WORD_STEP: Final = 1 << 6  # one code in a word
-_FOR_EVER_NS: Final = 1 << 62
+_NEVER_NS: Final = 1 << 62
 
 
 def ticks_ns(ticks: int) -> int:
@@ -35,12 +35,12 @@ def ticks_ns(ticks: int) -> int:
 
 
 def scan_reply(alive: Sequence[Cell]) -> bytes:
-    """Eight bytes, one a row: bit c stands for column c."""
+    """Eight bytes, one per row: bit c is column c."""
     return bytes(sum(1 << c for r, c in alive if r == row) for row in range(8))
 
 
 def bulk_frame(pressure: Codes, temperature: Codes) -> bytes:
-    """Four bytes a cell, pressure before temperature; (n,) codes beyond the converter saturate."""
+    """Four bytes per cell, pressure before temperature; (n,) codes are clipped to ten bits."""
     codes = np.empty((len(pressure), 2), np.int16)
     codes[:, 0], codes[:, 1] = pressure, temperature
     words = np.minimum(np.maximum(codes, 0), CONVERTER_MAX).view(np.uint16)
@@ -49,7 +49,7 @@ def bulk_frame(pressure: Codes, temperature: Codes) -> bytes:
 
 
 class Stall(Exception):
-    """The endpoint answered STALL (errno 32 of a USB host)."""
+    """The endpoint replied with STALL (errno 32 of a USB host)."""
 
 
 class Unplugged(Exception):
@@ -57,11 +57,11 @@ class Unplugged(Exception):
 
 
 class Hung(Exception):
-    """The firmware waits on its I2C bus for ever: all times out until the board is replugged."""
+    """The firmware waits on its I2C bus: transfers time out until the board is replugged."""
 
 
 class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What differs from board to board."""
+    """Properties that differ between boards."""
 
     cells: Annotated[
         tuple[Cell, ...],
@@ -69,8 +69,8 @@ class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit
 
 
-class _Next(msgspec.Struct):
-    """What is to strike the next transfers or the next frame."""
+class _PendingFaults(msgspec.Struct):
+    """Faults to inject into the next transfers or the next frame."""
 
     timeouts: int = 0
     lost_bytes: int = 0
@@ -79,23 +79,23 @@ class _Next(msgspec.Struct):
 
 
 class BoardModel:
-    """One board.
+    """Model of one board.
 
-    ``sample(t_ns)`` is called when a conversion starts. What it returns gives what the cells felt
-    then: pressure and temperature codes of those fitted, two (n,) int16 arrays in the order of
-    ``settings.cells``. That is asked for at most once, before the next conversion starts, and
-    never for a frame that nobody looks at.
+    ``sample(t_ns)`` is called when a conversion starts, and returns a function. That function
+    returns the pressure and temperature codes of the cells at that time, two (n,) int16 arrays in
+    the order of ``settings.cells``. It is called at most once, before the next conversion starts,
+    and never for a frame that is not read.
     """
 
     def __init__(self, settings: BoardModelSettings, sample: Sample) -> None:
         self._settings = settings
         self._sample = sample
         self._dead: set[Cell] = set()
-        self._lie: Lie = _truth
-        self._next = _Next()
+        self._corrupt: Corruption = _unchanged
+        self._faults = _PendingFaults()
         self._ready_ns = 0
-        self._pending = b""  # of a frame, what the host has not drained yet
-        self._plugs = 0
+        self._pending = b""  # part of a frame that the host has not read yet
+        self._plug_count = 0
         self._hung = self._started = False
         self._power_up()
 
@@ -104,35 +104,35 @@ class BoardModel:
         return self._plugged
 
     @property
-    def plugs(self) -> int:
-        """How often the board has been plugged in: what a host opened before is of no use now."""
-        return self._plugs
+    def plug_count(self) -> int:
+        """Number of times the board was plugged in; each makes earlier USB handles invalid."""
+        return self._plug_count
 
     @property
     def ready_ns(self) -> int | None:
-        """From when on a bulk read brings something; None when that takes some other event."""
-        if self._next.stall:
+        """Time from which a bulk read returns data; None when another event has to come first."""
+        if self._faults.stall:
             return 0
-        if self._next.timeouts or self._hung or not self._started:
+        if self._faults.timeouts or self._hung or not self._started:
             return None
         return self._ready_ns
 
     @property
     def free_period_ns(self) -> int:
-        """From frame to frame when each is drained at once; for ever while a fault is due."""
+        """Period of frames that are read at once; endless while a fault is planned."""
         if not self._started or not self._plugged or self._hung or self._pending:
-            return _FOR_EVER_NS
-        if self._next.stall or self._next.timeouts or self._next.split or self._next.lost_bytes:
-            return _FOR_EVER_NS
-        return _FOR_EVER_NS if self._dead else self._period_ns
+            return _NEVER_NS
+        if self._faults != _PendingFaults():
+            return _NEVER_NS
+        return _NEVER_NS if self._dead else self._period_ns
 
     def drain(self, now_ns: int) -> None:
-        """A frame that is ready is read and thrown away."""
+        """Read a ready frame and discard it."""
         self._start_conversion(now_ns)
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
         """Reply to a vendor request, cut to ``length``; ``Stall`` when the request is unknown."""
-        self._reach()
+        self._require_present()
         if self._hung:
             raise Hung
         if request == CONFIGURE_TIMER:
@@ -140,85 +140,83 @@ class BoardModel:
         if request != SCAN:
             raise Stall
         if self._started:
-            # A scan pre-empts the sampling interrupt in the middle of its I2C transfer. That can
-            # end in garbage or a hang; the model takes the worst case.
+            # A scan pre-empts the sampling interrupt in the middle of its I2C transfer. That may
+            # corrupt data or hang the board; the model takes the worst case.
             self._hung = True
             raise Hung
         return scan_reply(self._alive())[:length]
 
     def bulk_read(self, size: int, now_ns: int) -> bytes | None:
-        """One bulk IN transfer of at most ``size`` bytes; None when it times out."""
-        self._reach()
-        if self._next.timeouts:
-            self._next.timeouts -= 1
+        """Data of a bulk IN transfer of at most ``size`` bytes; None when it times out."""
+        self._require_present()
+        if self._faults.timeouts:
+            self._faults.timeouts -= 1
             return None
         if self._hung or not self._started or now_ns < self._ready_ns:
             return None
         if not self._pending:
-            self._pending = self._spoil(self._frame())
-            size = PACKET_BYTES if self._next.split else size
-            self._next.split = False
+            self._pending = self._apply_frame_faults(self._frame())
+            size = PACKET_BYTES if self._faults.split else size
+            self._faults.split = False
         out, self._pending = self._pending[:size], self._pending[size:]
         if not self._pending:
             self._start_conversion(now_ns)
         return out
 
-    # Faults; those of one frame strike the next frame read.
+    # Fault injection; faults of one frame affect the next frame read.
 
     def kill_column(self, column: int) -> None:
-        """Every cell of a column dies: the frame shrinks at once, without any notice."""
+        """Make every cell of a column dead: frames become shorter at once, without notice."""
         self._dead |= {cell for cell in self._settings.cells if cell[1] == column}
 
-    def misreport(self, lie: Lie) -> None:
-        """From the next conversion on the pressure codes of all cells are what ``lie`` makes of
-        them."""
-        self._lie = lie
+    def misreport(self, corruption: Corruption) -> None:
+        """Fault injection: apply ``corruption`` to pressure codes from the next conversion on."""
+        self._corrupt = corruption
 
     def time_out(self, reads: int) -> None:
-        """The next bulk reads bring nothing."""
-        self._next.timeouts = reads
+        """Let the next bulk reads time out."""
+        self._faults.timeouts = reads
 
     def silence(self, until_ns: int) -> None:
-        """No frame comes up to then and at that instant; what is ready waits."""
+        """Send no frame up to and including a time; a ready frame waits."""
         self._ready_ns = max(self._ready_ns, until_ns + 1)
 
     def shorten_frame(self, lost_bytes: int) -> None:
-        """The next frame lacks its last bytes."""
-        self._next.lost_bytes = lost_bytes
+        """Omit the last bytes of the next frame."""
+        self._faults.lost_bytes = lost_bytes
 
     def split_frame(self) -> None:
-        """The next frame arrives in two reads, as when the first times out half-way."""
-        self._next.split = True
+        """Send the next frame in two reads, as when the first times out half-way."""
+        self._faults.split = True
 
     def stall(self) -> None:
-        """The next transfer, control or bulk, is answered with STALL."""
-        self._next.stall = True
+        """Reply to the next transfer, control or bulk, with STALL."""
+        self._faults.stall = True
 
     def unplug(self) -> None:
         self._plugged = False
 
     def replug(self) -> None:
-        """Plug the board in again: it starts anew, stopped, and without what was to strike its next
-        reads."""
+        """Plug the board in again: it is reset, stopped, and has no planned faults."""
         self._power_up()
 
     def _power_up(self) -> None:
         self._plugged = True
-        self._plugs += 1
+        self._plug_count += 1
         self._hung = False
-        self._next = _Next()
+        self._faults = _PendingFaults()
         self._started = False
-        self._period_ns = _FOR_EVER_NS  # until it is started
+        self._period_ns = _NEVER_NS  # until it is started
         self._ready_ns = 0
         self._pending = b""
         blank = np.zeros(len(self._settings.cells), np.int16)
-        self._held: tuple[Codes, Codes] | None = (blank, blank)
+        self._latched_codes: tuple[Codes, Codes] | None = (blank, blank)
 
-    def _reach(self) -> None:
+    def _require_present(self) -> None:
         if not self._plugged:
             raise Unplugged
-        if self._next.stall:
-            self._next.stall = False
+        if self._faults.stall:
+            self._faults.stall = False
             raise Stall
 
     def _alive(self) -> list[Cell]:
@@ -233,15 +231,15 @@ class BoardModel:
         return bytes([self._started])
 
     def _start_conversion(self, now_ns: int) -> None:
-        self._latched, self._held = self._sample(now_ns), None
+        self._latched, self._latched_codes = self._sample(now_ns), None
         self._ready_ns = now_ns + self._period_ns
 
     def _codes(self) -> tuple[Codes, Codes]:
-        """Of the conversion at hand."""
-        if self._held is None:
+        """Codes of the latest conversion."""
+        if self._latched_codes is None:
             pressure, temperature = self._latched()
-            self._held = self._lie(pressure), temperature
-        return self._held
+            self._latched_codes = self._corrupt(pressure), temperature
+        return self._latched_codes
 
     def _frame(self) -> bytes:
         pressure, temperature = self._codes()
@@ -250,12 +248,12 @@ class BoardModel:
             pressure, temperature = pressure[live], temperature[live]
         return bulk_frame(pressure, temperature)
 
-    def _spoil(self, frame: bytes) -> bytes:
-        """Apply the faults of one frame and forget them."""
-        if self._next.lost_bytes:
-            frame, self._next.lost_bytes = frame[: -self._next.lost_bytes], 0
+    def _apply_frame_faults(self, frame: bytes) -> bytes:
+        """Apply the planned faults of one frame, once."""
+        if self._faults.lost_bytes:
+            frame, self._faults.lost_bytes = frame[: -self._faults.lost_bytes], 0
         return frame
 
 
-def _truth(codes: Codes) -> Codes:
+def _unchanged(codes: Codes) -> Codes:
     return codes

@@ -1,4 +1,4 @@
-"""A driver's link to a board model in this process: no wire, no thread, virtual time."""
+"""Link of a driver to a board model in this process, in virtual time."""
 
 from collections.abc import Callable
 
@@ -14,34 +14,34 @@ _TIMEOUT_NS = READ_TIMEOUT_MS * 1_000_000
 
 
 class ModelUsb:
-    """A board model as ``receiver`` finds it on a bus; a transfer takes no time."""
+    """``UsbBoard`` on a board model; a transfer takes no time."""
 
     serial = "model"
 
     def __init__(self, model: BoardModel) -> None:
-        """``LinkLost`` when the board is unplugged."""
+        """Open the board; ``LinkLost`` when it is unplugged."""
         if not model.plugged:
             raise unplugged()
         self._model = model
-        self._plugs = model.plugs
+        self._plug_count = model.plug_count
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
         try:
-            self._reach()
+            self._require_present()
             return self._model.control(request, value, index, length, now_ns)
         except (Stall, Unplugged, Hung) as error:
             raise _explain(error) from error
 
     def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
         try:
-            self._reach()
+            self._require_present()
             data = self._model.bulk_read(size, now_ns)
         except (Stall, Unplugged) as error:
             raise _explain(error) from error
         return None if data is None else Transfer(data, now_ns)
 
-    def _reach(self) -> None:
-        if self._plugs != self._model.plugs:  # found before it was plugged in again
+    def _require_present(self) -> None:
+        if self._plug_count != self._model.plug_count:  # opened before it was plugged in again
             raise Unplugged
 
     def clear_halt(self) -> None:
@@ -52,10 +52,10 @@ class ModelUsb:
 
 
 class ModelLink:
-    """A ``FrameLink`` that keeps a read pending, as ``link.thread`` does, in virtual time.
+    """``FrameLink`` in virtual time that keeps a read pending, as ``ReadingThread`` does.
 
-    ``advance`` is what a clock advances the world by: it brings the board and, by
-    ``advance_world``, all that it senses to each instant at which a read ends, then to a time.
+    A virtual clock calls ``advance``. It advances the board and, through ``advance_world``, the
+    simulated world to each time at which a read ends, and then to the given time.
     """
 
     def __init__(
@@ -65,68 +65,68 @@ class ModelLink:
         advance_world: Callable[[int], None] = lambda now_ns: None,
         wrap: Callable[[UsbBoard], UsbBoard] = lambda usb: usb,
     ) -> None:
-        """``wrap`` sees every transfer, both ways."""
+        """``wrap`` may wrap the board, to intercept transfers."""
         self._model = model
         self._receiver = Receiver(
             lambda serial: wrap(ModelUsb(model)), settings.conversion_ms, lambda: self._now_ns
         )
         self._advance_world = advance_world
         self._now_ns = 0
-        self._asked_ns = _NEVER  # since when the read has been pending
-        self._lost = False  # no board: from then on it is to be opened again
+        self._read_start_ns = _NEVER  # start of the pending read
+        self._lost = False  # the board is gone: the next attempt to reopen is at that time
 
     @property
     def counts(self) -> ReceiverCounts:
         return self._receiver.counts
 
     @property
-    def converting_ns(self) -> int:
-        return self._receiver.converting_ns
+    def next_sample_ns(self) -> int:
+        return self._receiver.next_sample_ns
 
     def take(self) -> Readings:
         return self._receiver.take()
 
     def start(self) -> Layout:
         layout = self._receiver.open()
-        self._asked_ns, self._lost = self._now_ns, False
+        self._read_start_ns, self._lost = self._now_ns, False
         return layout
 
     def stop(self) -> None:
         self._receiver.close()
-        self._asked_ns = _NEVER
+        self._read_start_ns = _NEVER
 
     def advance(self, now_ns: int) -> None:
         while (done_ns := self._done_ns()) <= now_ns:
             period_ns = self._model.free_period_ns
             if done_ns + period_ns <= now_ns and not self._lost:
-                self._pass_over(done_ns + ((now_ns - done_ns) // period_ns - 1) * period_ns)
+                self._skip_frames(done_ns + ((now_ns - done_ns) // period_ns - 1) * period_ns)
             else:
                 self._receive(done_ns)
-        self._world(now_ns)
+        self._advance_to(now_ns)
 
     def _done_ns(self) -> int:
-        """When the pending read ends, or a board that is gone is looked for again."""
+        """Time at which the pending read ends, or at which to try to reopen the board."""
         if self._lost:
-            return self._asked_ns
+            return self._read_start_ns
         ready_ns = self._model.ready_ns
         if ready_ns is None:
-            return self._asked_ns + _TIMEOUT_NS
-        return ready_ns if ready_ns > self._asked_ns else self._asked_ns
+            return self._read_start_ns + _TIMEOUT_NS
+        return ready_ns if ready_ns > self._read_start_ns else self._read_start_ns
 
-    def _pass_over(self, done_ns: int) -> None:
-        """Read what nobody will see, since a newer frame comes before anybody can take it."""
-        self._world(done_ns)
+    def _skip_frames(self, done_ns: int) -> None:
+        """Skip frames up to a time, since a newer one comes before the next poll."""
+        self._advance_to(done_ns)
         self._model.drain(done_ns)
-        self._receiver.pass_over(done_ns)
-        self._asked_ns = done_ns
+        self._receiver.skip_frame(done_ns)
+        self._read_start_ns = done_ns
 
     def _receive(self, done_ns: int) -> None:
-        self._world(done_ns)
+        self._advance_to(done_ns)
         pause_ns = self._receiver.receive()
         self._lost = pause_ns > 0
-        self._asked_ns = self._now_ns + pause_ns
+        self._read_start_ns = self._now_ns + pause_ns
 
-    def _world(self, now_ns: int) -> None:
+    def _advance_to(self, now_ns: int) -> None:
         self._advance_world(now_ns)
         self._now_ns = max(self._now_ns, now_ns)
 

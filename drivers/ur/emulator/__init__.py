@@ -1,1 +1,1 @@
-"""A UR10 controller on a loopback address: RTDE, dashboard and URScript."""
+"""Emulated UR10 controller on a loopback address: RTDE, dashboard and URScript."""

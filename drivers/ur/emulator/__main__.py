@@ -1,4 +1,4 @@
-"""`python -m drivers.ur.emulator --host 127.0.0.2`: one emulated controller, for any client.
+"""Command line of one emulated controller: `python -m drivers.ur.emulator --host 127.0.0.2`.
 
 Prints one line of JSON when it is ready and ends on SIGTERM, SIGINT or when its parent dies.
 """
@@ -19,7 +19,7 @@ from drivers.ur.emulator.server import PORTS, SWITCH_S, UrEmulator
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Emulated UR10 controller.")
-    parser.add_argument("--host", required=True, help="loopback address of its own, 127.0.0.2 ff.")
+    parser.add_argument("--host", required=True, help="loopback address, 127.0.0.2 or later")
     parser.add_argument("--profile", choices=sorted(PROFILES), default="cb3")
     parser.add_argument("--fault-port", type=int, default=0, help="control channel; 0: any port")
     parser.add_argument("--unlock-delay", type=float, default=5.0, help="s after a protective stop")

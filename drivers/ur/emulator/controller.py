@@ -1,8 +1,8 @@
-"""The emulated controller: modes, safety, registers and the running program; time is an argument.
+"""Emulated controller: modes, safety, registers and the running program; time is an argument.
 
-What a real controller does at a stop by safety is modelled, not measured: a protective stop pauses
-the program and unlocking it ends the program; an emergency stop ends the program and switches the
-arm off. States and bits: "RTDE Guide".
+Reactions to safety stops are modelled, not measured. A protective stop pauses the program, and
+unlocking it ends the program. An emergency stop ends the program and switches the arm off. States
+and bits: "RTDE Guide".
 """
 
 import functools
@@ -27,7 +27,7 @@ _MESSAGE_CHARS = 500
 
 
 class Profile(msgspec.Struct, frozen=True):
-    """One generation of controller."""
+    """Properties of one controller generation."""
 
     version: tuple[int, int, int, int]
     rate_hz: int
@@ -49,12 +49,12 @@ PROFILES = {
 
 
 class EmulatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The emulated controller; its ports are those of a real one, on a loopback address."""
+    """Settings of the emulated controller; its ports are those of a real one."""
 
     host: str
-    token: str = ""  # of the control channel; with one, any address may be the host
+    token: str = ""  # of the control channel; only with a token may the host be beyond loopback
     profile: Literal["cb3", "e-series"] = "cb3"
-    fault_port: int = 0  # the emulator's own control channel; 0: any
+    fault_port: int = 0  # port of the emulator's control channel; 0: any
     start_m: tuple[float, float, float] = ArmModelSettings().start_m
     unlock_delay_s: float = 5.0  # s after a protective stop; UR manual
 
@@ -88,7 +88,7 @@ class RuntimeState(IntEnum):
 
 
 class Registers:
-    """General purpose registers of both directions."""
+    """General purpose registers, inputs and outputs."""
 
     def __init__(self) -> None:
         self.values: dict[tuple[str, str], list[Scalar]] = {
@@ -104,7 +104,7 @@ class Registers:
         self.values["output", kind][_checked(address)] = value
 
     def take_input(self, name: str, values: Values) -> None:
-        """Store an input by its RTDE name; names that are no register are ignored."""
+        """Store an input by its RTDE name; names that are not a register are ignored."""
         register, _, address = name.partition("_register_")
         direction, _, kind = register.partition("_")
         if (direction, kind) in self.values and address.isdigit():
@@ -119,12 +119,12 @@ def _checked(address: object) -> int:
 
 @functools.lru_cache(maxsize=8)
 def _program(text: str) -> Function:
-    """A client sends the same text each time that it connects."""
+    """Parsed program, cached because a client sends the same text at each connection."""
     return parse(text, BUILTINS)
 
 
 class Controller:
-    """One controller; ``step`` is one of its cycles."""
+    """Model of the controller; ``step`` runs one of its cycles."""
 
     def __init__(self, settings: EmulatorSettings, motion: RobotMotion, now_ns: int) -> None:
         self.period_s = settings.controller.period_ns * 1e-9
@@ -146,30 +146,30 @@ class Controller:
         self._stopped_ns = now_ns
         self._now_ns = now_ns
         self._program: Program | None = None
-        self._watchdog: tuple[str, int] | None = None  # the input and the longest time without it
+        self._watchdog: tuple[str, int] | None = None  # name of the input, and its longest interval
         self._kicked_ns = now_ns
 
     def step(self, now_ns: int, inputs: dict[str, Values]) -> None:
-        """One cycle: take the inputs, renew the arm's state, run the program."""
+        """Run one cycle: read the inputs, update the arm's state, run the program."""
         self._now_ns = now_ns
         self.cycles += 1
         for name, values in inputs.items():
             self.registers.take_input(name, values)
         if int(inputs.get("speed_slider_mask", (0,))[0]) & 1:
-            self.set_speed(float(inputs.get("speed_slider_fraction", (1.0,))[0]))
-        self.motion.turn_slider(self.speed_fraction)
-        trouble = self.motion.update(now_ns)
-        if self.ready and trouble:
-            self.log(trouble)
-        if self.ready and (trouble or self.motion.tripped):
+            self.set_speed_slider(float(inputs.get("speed_slider_fraction", (1.0,))[0]))
+        self.motion.set_speed_slider(self.speed_fraction)
+        problem = self.motion.update(now_ns)
+        if self.ready and problem:
+            self.log(problem)
+        if self.ready and (problem or self.motion.tripped):
             self.protective_stop()
-        self._watch(inputs)
+        self._check_watchdog(inputs)
         if self.runtime_state is RuntimeState.PLAYING:
             self._run()
         self.motion.brake_if_unowned()
 
-    def _watch(self, inputs: dict[str, Values]) -> None:
-        """End a program whose watchdog's input has not been written for too long."""
+    def _check_watchdog(self, inputs: dict[str, Values]) -> None:
+        """End the program when the watchdog's input was not written in time."""
         if self._watchdog is None:
             return
         name, longest_ns = self._watchdog
@@ -188,8 +188,8 @@ class Controller:
             self.script_errors += 1
             self.stop_program(f"script error: {error}")
 
-    def set_speed(self, fraction: float) -> None:
-        """Of the speed slider. Beyond 0 to 1, or no number: no effect."""
+    def set_speed_slider(self, fraction: float) -> None:
+        """Set the speed slider; invalid values have no effect."""
         if 0.0 <= fraction <= 1.0:
             self.speed_fraction = fraction
 
@@ -199,8 +199,7 @@ class Controller:
     # program
 
     def load(self, text: str) -> None:
-        """Replace the program, from the next cycle on; one that cannot be read leaves the
-        controller without any."""
+        """Load and start a program from the next cycle on; an invalid one only ends the old one."""
         if not self.remote_control:
             self.log("program refused: not in remote control")
             return
@@ -220,7 +219,7 @@ class Controller:
 
     @property
     def ready(self) -> bool:
-        """A program may start."""
+        """Whether a program may start."""
         return self.robot_mode is RobotMode.RUNNING and self.safety_mode is SafetyMode.NORMAL
 
     def stop_program(self, why: str) -> None:
@@ -252,7 +251,7 @@ class Controller:
             self.runtime_state = RuntimeState.PAUSED
 
     def unlock_protective_stop(self) -> bool:
-        """False within the first seconds, as on the controller."""
+        """Unlock; False within the first seconds, as on the real controller."""
         if self.safety_mode is not SafetyMode.PROTECTIVE_STOP:
             return True
         if self._now_ns - self._stopped_ns < self._unlock_ns:
@@ -263,7 +262,7 @@ class Controller:
         return True
 
     def emergency_stop(self, pressed: bool) -> None:
-        """The button; releasing it is not enough to run again, the arm must be powered on."""
+        """Press or release the emergency button; after release the arm must be powered on again."""
         self._emergency_button = pressed
         if pressed:
             self.log("emergency stop")
@@ -276,7 +275,7 @@ class Controller:
         self.robot_mode = RobotMode.POWER_OFF
 
     def power_on(self) -> bool:
-        """False while the emergency button is pressed."""
+        """Power on; False while the emergency button is pressed."""
         if self._emergency_button:
             return False
         if self.robot_mode is RobotMode.POWER_OFF:
@@ -292,14 +291,14 @@ class Controller:
         return True
 
     def check_remote_control(self) -> None:
-        """Raises ValueError where no pendant can be turned to Local."""
+        """Raises ValueError for a controller without remote control mode."""
         if not self._has_remote_control:
             raise ValueError(
                 "a CB3 (PolyScope 3) has no remote and no local control: e-Series alone"
             )
 
     def set_remote_control(self, on: bool) -> None:
-        """The pendant, turned to Remote or Local. That Local ends the program is assumed. Raises
+        """Switch the pendant to Remote or Local; Local ends the program (assumed). Raises
         ValueError as ``check_remote_control``."""
         self.check_remote_control()
         if self.remote_control and not on:

@@ -1,16 +1,16 @@
-"""The dashboard server, and the emulator's own control channel: one line in, one line out.
+"""Dashboard server, and the emulator's control channel: one line in, one line out.
 
-Commands and answers of the dashboard: "Dashboard Server" of the UR manuals. The control channel is
-no part of any UR interface: faults on demand, one JSON object a line each way. Where the emulator
-is not on loopback alone, a request needs its ``token``. A request is ``{"do": verb, ...}``, the
-answer ``{"ok": true, ...}`` or ``{"ok": false, "error": text}``. Verbs:
+Commands and replies of the dashboard: "Dashboard Server" of the UR manuals. The control channel is
+not part of any UR interface. It injects faults; each message is a line with a JSON object. Where
+the emulator is reachable beyond loopback, a request needs its ``token``. A request is
+``{"do": verb, ...}``, the reply ``{"ok": true, ...}`` or ``{"ok": false, "error": text}``. Verbs:
 
 - ``state``: position, modes, counters and the last messages
 - ``protective_stop``; ``emergency_stop`` with ``pressed`` (default true); ``kill_program``
-- ``remote_control`` with ``on``, of an e-Series alone; ``claim`` with ``names`` (RTDE inputs taken
-  by "somebody else"), ``unclaim``
-- ``speed_slider`` with ``fraction``, 0 to 1: somebody turns it at the pendant
-- ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing meanwhile
+- ``remote_control`` with ``on`` (e-Series only); ``claim`` with ``names`` (RTDE inputs claimed by
+  another client), ``unclaim``
+- ``speed_slider`` with ``fraction``, 0 to 1: sets the slider as on the pendant
+- ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing for so long
 """
 
 import secrets
@@ -24,18 +24,18 @@ from drivers.ur.emulator.rtde import INPUTS, RtdeServer
 
 BANNER = b"Connected: Universal Robots Dashboard Server\n"
 _SERIAL_NUMBER = "2015300001"
-_STRANGER = object()  # owner of the inputs that ``claim`` takes
+_OTHER_CLIENT = object()  # owner of the inputs that ``claim`` takes
 _MAX_FREEZE_S = 60.0
 _SHOWN_MESSAGES = 20
 
 
 class Dashboard:
-    """Answers lines; shared by all connections."""
+    """Replies to dashboard commands; shared by all connections."""
 
     def __init__(self, settings: EmulatorSettings, controller: Controller) -> None:
         profile = settings.controller
         self._controller = c = controller
-        self._answers: dict[str, Callable[[], str]] = {
+        self._replies: dict[str, Callable[[], str]] = {
             "polyscopeversion": lambda: profile.polyscope,
             "get serial number": lambda: _SERIAL_NUMBER,
             "get robot model": lambda: "UR10",
@@ -53,11 +53,11 @@ class Dashboard:
             "quit": lambda: "Disconnected",
         }
         if profile.e_series:
-            self._answers["is in remote control"] = lambda: str(c.remote_control).lower()
+            self._replies["is in remote control"] = lambda: str(c.remote_control).lower()
 
-    def answer(self, line: str) -> str:
-        """The answer without its line end."""
-        known = self._answers.get(" ".join(line.split()).lower())
+    def reply(self, line: str) -> str:
+        """Reply to one command, without line end."""
+        known = self._replies.get(" ".join(line.split()).lower())
         return known() if known else f"could not understand: '{line.strip():.200}'"
 
     def _running(self) -> str:
@@ -81,12 +81,12 @@ class Dashboard:
         )
 
 
-def _allowed(done: bool, answer: str) -> str:
-    return answer if done else "Failed: the emergency stop button is pressed"
+def _allowed(done: bool, reply: str) -> str:
+    return reply if done else "Failed: the emergency stop button is pressed"
 
 
 class Links(Protocol):
-    """What faults may do to the connections."""
+    """Operations of the fault channel on connections."""
 
     def drop_links(self) -> None: ...
 
@@ -94,7 +94,7 @@ class Links(Protocol):
 
 
 class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
-    """One line."""
+    """Request of the fault channel: one line."""
 
     do: str
     token: str = ""
@@ -106,7 +106,7 @@ class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class FaultChannel:
-    """Carries out requests."""
+    """Executes requests of the fault channel."""
 
     def __init__(
         self, controller: Controller, rtde: RtdeServer, links: Links, token: str = ""
@@ -121,8 +121,8 @@ class FaultChannel:
             "kill_program": lambda request: controller.stop_program("killed by request"),
             "remote_control": lambda request: controller.set_remote_control(request.on),
             "claim": self._claim,
-            "unclaim": lambda request: rtde.release(_STRANGER),
-            "speed_slider": lambda request: controller.set_speed(
+            "unclaim": lambda request: rtde.release(_OTHER_CLIENT),
+            "speed_slider": lambda request: controller.set_speed_slider(
                 _within("fraction", request.fraction, 1.0)
             ),
             "drop_link": lambda request: links.drop_links(),
@@ -131,7 +131,7 @@ class FaultChannel:
             ),
         }
 
-    def answer(self, line: str) -> str:
+    def reply(self, line: str) -> str:
         try:
             request = msgspec.json.decode(line, type=FaultRequest)
             if not secrets.compare_digest(request.token.encode(), self._token):
@@ -162,7 +162,7 @@ class FaultChannel:
     def _claim(self, request: FaultRequest) -> None:
         if unknown := [name for name in request.names if name not in INPUTS]:
             raise ValueError(f"no input {unknown[0]!r:.60}")
-        self._rtde.claim(request.names, _STRANGER)
+        self._rtde.claim(request.names, _OTHER_CLIENT)
 
 
 def _within(what: str, value: float, most: float) -> float:

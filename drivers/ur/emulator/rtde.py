@@ -1,9 +1,9 @@
-"""RTDE as the controller serves it (Universal Robots, "RTDE Guide"): bytes in, bytes out.
+"""RTDE server side (Universal Robots, "RTDE Guide"): bytes in, bytes out.
 
 A packet is a big-endian uint16 of its whole size, one byte of type, and a body. After setup a
-connection gets data packets only; nothing is ever sent before the answer to a request, because
-clients read exactly one packet as that answer. The fields are those that ur_rtde or this project
-asks for; currents, voltages, temperatures and the like are constants of an idle arm.
+connection receives data packets only. Nothing is sent before the reply to a request, because
+clients read exactly one packet as that reply. The fields are those that ur_rtde or this project
+uses; currents, voltages, temperatures and the like are constants of an idle arm.
 """
 
 import struct
@@ -24,18 +24,18 @@ from drivers.ur.emulator.controller import (
 PORT = 30004
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
-MOST_BYTES = 65535 - HEADER.size  # of a body
+MAX_BYTES = 65535 - HEADER.size  # of a body
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 _MAX_RECIPES = 255
 _MAX_NAMES = 1000  # of one recipe
-_MAX_HELD = 5000  # of all input recipes of one client
-_SLOWEST_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
+_MAX_INPUTS = 5000  # of all input recipes of one client
+_MIN_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
 _FREQUENCY = struct.Struct(">d")
 
 
 class PacketType(IntEnum):
-    """The type byte, a letter."""
+    """Type byte of a packet, a letter."""
 
     PROTOCOL_VERSION = ord("V")
     CONTROLLER_VERSION = ord("v")
@@ -65,7 +65,7 @@ _SAFETY_BITS = {
 
 
 class Field(NamedTuple):
-    """An output: its RTDE type, and its values in a cycle."""
+    """Output field: RTDE type, and values in a cycle."""
 
     type: str
     values: Callable[[Controller], Values]
@@ -107,7 +107,7 @@ _REGISTER_FIELDS = {
     for kind in ("int", "double")
     for index in range(REGISTERS)
 }
-_FORCE_SENSOR = "ft_raw_wrench"  # of an e-Series alone
+_FORCE_SENSOR = "ft_raw_wrench"  # e-Series only
 OUTPUTS: dict[str, Field] = {
     "timestamp": Field("DOUBLE", lambda c: (c.cycles * c.period_s,)),
     "actual_q": Field("VECTOR6D", lambda c: c.motion.q),
@@ -143,7 +143,7 @@ OUTPUTS: dict[str, Field] = {
     **{name: _register(*which) for name, which in _REGISTER_FIELDS.items()},
 }
 
-# inputs: those that are neither register nor speed slider are taken without effect
+# inputs other than registers and speed slider are accepted without effect
 _BYTES = (
     "standard_digital_output_mask standard_digital_output configurable_digital_output_mask "
     "configurable_digital_output tool_digital_output_mask tool_digital_output "
@@ -161,7 +161,7 @@ INPUTS: dict[str, str] = {
 
 
 class Sample(dict[str, bytes]):
-    """Output fields of one cycle, each packed when it is first asked for."""
+    """Output fields of one cycle, each packed at its first use."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
@@ -174,14 +174,14 @@ class Sample(dict[str, bytes]):
 
 
 def packet(kind: PacketType, body: bytes = b"") -> bytes:
-    """Raises ValueError for a body beyond ``MOST_BYTES``."""
-    if len(body) > MOST_BYTES:
+    """A packet; raises ValueError for a body longer than ``MAX_BYTES``."""
+    if len(body) > MAX_BYTES:
         raise ValueError(f"a packet of {len(body)} bytes")
     return HEADER.pack(HEADER.size + len(body), kind) + body
 
 
 class InputRecipe:
-    """Names of inputs, in order, and how their values are packed."""
+    """Names of inputs, in order, and the format of their values."""
 
     def __init__(self, names: list[str]) -> None:
         codes = [STRUCT_CODES[INPUTS[name]] for name in names]
@@ -191,7 +191,7 @@ class InputRecipe:
         self._struct = struct.Struct(">" + "".join(codes))
 
     def unpack(self, body: bytes) -> dict[str, Values] | None:
-        """Values by name; None when the body is not as long as the recipe says."""
+        """Values by name; None when the body has a wrong length."""
         if len(body) != self._struct.size:
             return None
         flat = iter(self._struct.unpack(body))
@@ -199,7 +199,7 @@ class InputRecipe:
 
 
 class RtdeServer:
-    """What all connections share: who may write which input, and what they have written."""
+    """State shared by all connections: claims of inputs, and written values."""
 
     def __init__(self, profile: Profile) -> None:
         self.profile = profile
@@ -211,7 +211,7 @@ class RtdeServer:
         self._written.update(values)
 
     def take_inputs(self) -> dict[str, Values]:
-        """Inputs written since the last call: the controller reads them once per cycle."""
+        """Inputs written since the last call; the controller reads them once per cycle."""
         written, self._written = self._written, {}
         return written
 
@@ -220,7 +220,7 @@ class RtdeServer:
         return OUTPUTS[name].type if known else NOT_FOUND
 
     def claim(self, names: list[str], owner: object) -> None:
-        """Give these inputs to somebody; another one's request is answered IN_USE."""
+        """Claim these inputs for an owner; other clients' requests then get IN_USE."""
         for name in names:
             self.claims.setdefault(name, owner)
 
@@ -229,14 +229,14 @@ class RtdeServer:
 
 
 class RtdeConnection:
-    """One client; ``broken`` once its bytes are no packets."""
+    """Connection of one client; ``broken`` once its bytes are not packets."""
 
     def __init__(self, server: RtdeServer) -> None:
         self._server = server
-        self._held = bytearray()
+        self._unparsed = bytearray()
         self.broken = False
         self._inputs: list[InputRecipe] = []
-        self._input_names = 0  # of all these
+        self._input_names = 0  # of all input recipes
         self._output: list[str] = []
         self._every = 1  # cycles per data packet
         self._started = False
@@ -245,25 +245,25 @@ class RtdeConnection:
         self._server.release(self)
 
     def feed(self, data: bytes) -> bytes:
-        """Answers to the requests in these bytes."""
-        self._held += data
-        answers = []
-        while len(self._held) >= HEADER.size:
-            size, kind = HEADER.unpack_from(self._held)
+        """Replies to the requests in these bytes."""
+        self._unparsed += data
+        replies = []
+        while len(self._unparsed) >= HEADER.size:
+            size, kind = HEADER.unpack_from(self._unparsed)
             self.broken = size < HEADER.size
-            if self.broken or len(self._held) < size:
+            if self.broken or len(self._unparsed) < size:
                 break
-            answers.append(self._answer(kind, bytes(self._held[HEADER.size : size])))
-            del self._held[:size]
-        return b"".join(answers)
+            replies.append(self._reply(kind, bytes(self._unparsed[HEADER.size : size])))
+            del self._unparsed[:size]
+        return b"".join(replies)
 
     def sample(self, cycle: int, sample: Sample) -> bytes:
-        """The data packet of this cycle, or nothing."""
+        """Data packet of this cycle, or nothing."""
         if not self._started or cycle % self._every:
             return b""
         return packet(PacketType.DATA, b"\x01" + b"".join(sample[name] for name in self._output))
 
-    def _answer(self, kind: int, body: bytes) -> bytes:
+    def _reply(self, kind: int, body: bytes) -> bytes:
         match kind:
             case PacketType.PROTOCOL_VERSION:
                 accepted = body == PROTOCOL_VERSION.to_bytes(2, "big")
@@ -282,26 +282,26 @@ class RtdeConnection:
                 self._started = False
                 return packet(PacketType.PAUSE, bytes([1]))
             case PacketType.DATA:
-                self._take(body)
+                self._receive_inputs(body)
             case _:
                 self._server.ignored_packets += 1
         return b""
 
     def _set_up_outputs(self, body: bytes) -> bytes:
         rate = self._server.profile.rate_hz
-        wanted = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
+        frequency_hz = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
         names = _names(body[_FREQUENCY.size :])
         types = [self._server.output_type(name) for name in names[:_MAX_NAMES]]
-        valid = _SLOWEST_HZ <= wanted <= rate and 0 < len(names) <= _MAX_NAMES
+        valid = _MIN_HZ <= frequency_hz <= rate and 0 < len(names) <= _MAX_NAMES
         valid = valid and NOT_FOUND not in types
         self._output = names if valid else []
-        self._every = round(rate / wanted) if valid else 1
+        self._every = round(rate / frequency_hz) if valid else 1
         return bytes([valid]) + ",".join(types).encode()
 
     def _set_up_inputs(self, body: bytes) -> bytes:
         names = _names(body)
         types = [self._input_type(name) for name in names[:_MAX_NAMES]]
-        valid = 0 < len(names) <= _MAX_NAMES and self._input_names + len(names) <= _MAX_HELD
+        valid = 0 < len(names) <= _MAX_NAMES and self._input_names + len(names) <= _MAX_INPUTS
         valid = valid and NOT_FOUND not in types and IN_USE not in types
         valid = valid and len(self._inputs) < _MAX_RECIPES
         if valid:
@@ -316,7 +316,7 @@ class RtdeConnection:
         free = self._server.claims.get(name, self) is self
         return INPUTS[name] if free else IN_USE
 
-    def _take(self, body: bytes) -> None:
+    def _receive_inputs(self, body: bytes) -> None:
         number = body[0] if body else 0
         known = 0 < number <= len(self._inputs)
         values = self._inputs[number - 1].unpack(body[1:]) if known else None
@@ -327,5 +327,5 @@ class RtdeConnection:
 
 
 def _names(text: bytes) -> list[str]:
-    """Of a recipe. ur_rtde ends its list with a comma; an empty name is no name."""
+    """Names in a recipe; empty ones are ignored, since ur_rtde ends its list with a comma."""
     return [name for name in text.decode("ascii", "replace").split(",") if name]

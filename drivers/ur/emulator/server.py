@@ -1,8 +1,8 @@
-"""A UR10 controller on its own loopback address: RTDE, dashboard and script ports.
+"""UR10 controller on its own loopback address: RTDE, dashboard and script ports.
 
-Real clients (ur_rtde, UR's own) connect to it unmodified. It must be another process than ur_rtde,
-whose constructors hold Python's global lock. What clients send is handled in the time that a cycle
-leaves, a piece of each client in turn.
+Real clients (ur_rtde, UR's own) connect to it unmodified. It must run in another process than
+ur_rtde, whose constructors hold Python's global lock. Input of clients is handled in the rest of
+each cycle, a chunk of each client in turn.
 """
 
 import contextlib
@@ -25,19 +25,19 @@ from drivers.ur.emulator.urscript_parser import MAX_CHARS, depth_change
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 DASHBOARD_PORT = 29999
-STATE_PORTS = (30001, 30002)  # primary and secondary: programs in
-SCRIPT_PORT = 30003  # real time: programs in
+STATE_PORTS = (30001, 30002)  # primary and secondary: accept programs
+SCRIPT_PORT = 30003  # real time: accepts programs
 PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
-SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
-MOST_CLIENTS = 32  # of each port
-_LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, not caught up
-_CHUNK = 1024  # what is taken at a time: a millisecond's work at most
+SWITCH_S = 5e-4  # switch interval of Python threads, so that replies are not delayed
+MAX_CLIENTS = 32  # per port
+_MAX_LAG_NS = 100_000_000  # cycles missed by more than this are skipped
+_CHUNK = 1024  # bytes read at a time: at most a millisecond's work
 _MAX_LINE = 65536
-_MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
+_MAX_UNSENT = 1 << 20  # a client that does not read is disconnected beyond this
 
 
 class Dialogue(Protocol):
-    """One connection's dialogue: bytes in, bytes out."""
+    """Dialogue of one connection: bytes in, bytes out."""
 
     broken: bool
 
@@ -47,25 +47,25 @@ class Dialogue(Protocol):
 
 
 class LineDialogue:
-    """One answer a line."""
+    """Dialogue with one reply per line."""
 
-    def __init__(self, answer: Callable[[str], str]) -> None:
-        self._answer = answer
-        self._held = b""
+    def __init__(self, reply: Callable[[str], str]) -> None:
+        self._reply = reply
+        self._unparsed = b""
         self.broken = False
 
     def feed(self, data: bytes) -> bytes:
-        *lines, self._held = (self._held + data).split(b"\n")
-        self.broken = len(self._held) > _MAX_LINE
+        *lines, self._unparsed = (self._unparsed + data).split(b"\n")
+        self.broken = len(self._unparsed) > _MAX_LINE
         return b"".join(
-            self._answer(line.decode("utf-8", "replace")).encode() + b"\n" for line in lines
+            self._reply(line.decode("utf-8", "replace")).encode() + b"\n" for line in lines
         )
 
     def close(self) -> None: ...
 
 
 class ScriptDialogue(LineDialogue):
-    """Collects lines until the blocks that they opened are closed: that is one program."""
+    """Collects the lines of a program until all its blocks are closed, then loads it."""
 
     def __init__(self, load: Callable[[str], None]) -> None:
         super().__init__(lambda line: "")
@@ -74,7 +74,7 @@ class ScriptDialogue(LineDialogue):
         self._depth = 0
 
     def feed(self, data: bytes) -> bytes:
-        *lines, self._held = (self._held + data).split(b"\n")
+        *lines, self._unparsed = (self._unparsed + data).split(b"\n")
         for line in lines:
             self._program.append(line.decode("utf-8", "replace"))
             self._depth += depth_change(self._program[-1])
@@ -83,12 +83,12 @@ class ScriptDialogue(LineDialogue):
                 self._program, self._depth = [], 0
                 if text.strip():
                     self._load(text)
-        self.broken = len(self._held) + sum(map(len, self._program)) > MAX_CHARS
+        self.broken = len(self._unparsed) + sum(map(len, self._program)) > MAX_CHARS
         return b""
 
 
 class Connection:
-    """A client's socket, never blocking, and what waits to be sent to it."""
+    """Non-blocking socket of a client, with the data that wait to be sent."""
 
     def __init__(self, sock: socket.socket, dialogue: Dialogue, port: int) -> None:
         self.sock = sock
@@ -97,7 +97,7 @@ class Connection:
         self._unsent = bytearray()
 
     def receive(self) -> bool:
-        """Take and answer what has come; False when the connection is at its end."""
+        """Read and reply; False when the connection has ended."""
         try:
             data = self.sock.recv(_CHUNK)
         except BlockingIOError:
@@ -107,7 +107,7 @@ class Connection:
         return bool(data) and self.send(self.dialogue.feed(data)) and not self.dialogue.broken
 
     def send(self, data: bytes) -> bool:
-        """Send as much as the client takes; False when it is gone or does not read."""
+        """Send as much as the client accepts; False when it is gone or does not read."""
         self._unsent += data
         try:
             while self._unsent:
@@ -120,14 +120,15 @@ class Connection:
 
 
 class Server:
-    """All listeners and connections; ``serve`` handles what is ready within a time."""
+    """All listeners and connections; ``serve`` handles them until a time."""
 
     def __init__(self) -> None:
-        self._selector = selectors.SelectSelector()  # epoll counts whole milliseconds
+        self._selector = selectors.SelectSelector()  # epoll has a resolution of a millisecond
         self._connections: list[Connection] = []
 
     def listen(self, host: str, port: int, make: Callable[[], tuple[Dialogue, bytes]]) -> int:
-        """Returns the port; ``make`` gives the dialogue of a new connection and its greeting."""
+        """Listen on a port; returns it. ``make`` returns the dialogue of a new connection and its
+        greeting."""
         sock = socket.create_server((host, port), backlog=128, reuse_port=False)
         sock.setblocking(False)
         number = int(sock.getsockname()[1])
@@ -141,7 +142,7 @@ class Server:
     ) -> None:
         with contextlib.suppress(OSError):
             client, _ = sock.accept()
-            if sum(each.port == port for each in self._connections) >= MOST_CLIENTS:
+            if sum(each.port == port for each in self._connections) >= MAX_CLIENTS:
                 client.close()
                 return
             client.setblocking(False)
@@ -150,11 +151,13 @@ class Server:
             connection = Connection(client, dialogue, port)
             self._connections.append(connection)
             self._selector.register(
-                client, selectors.EVENT_READ, lambda: self._keep(connection, connection.receive())
+                client,
+                selectors.EVENT_READ,
+                lambda: self._close_if_ended(connection, connection.receive()),
             )
-            self._keep(connection, connection.send(greeting))
+            self._close_if_ended(connection, connection.send(greeting))
 
-    def _keep(self, connection: Connection, alive: bool) -> None:
+    def _close_if_ended(self, connection: Connection, alive: bool) -> None:
         if alive or connection not in self._connections:
             return
         self._connections.remove(connection)
@@ -163,11 +166,11 @@ class Server:
         connection.dialogue.close()
 
     def serve(self, until_ns: int) -> None:
-        """Handle what comes until then, and what is there already in any case."""
+        """Handle input until a time; input that is already there is always handled."""
         while True:
             left_ns = until_ns - time.monotonic_ns()
             for key, _ in self._selector.select(max(0.0, left_ns * 1e-9)):
-                if key.fileobj in self._selector.get_map():  # not closed by one before it
+                if key.fileobj in self._selector.get_map():  # not closed by a handler before it
                     key.data()
             if left_ns <= 0:
                 return
@@ -177,16 +180,16 @@ class Server:
         for connection in list(self._connections):
             dialogue = connection.dialogue
             if isinstance(dialogue, RtdeConnection) and (data := dialogue.sample(cycle, sample)):
-                self._keep(connection, connection.send(data))
+                self._close_if_ended(connection, connection.send(data))
 
     def drop_links(self, but: int) -> None:
-        """Close the connections of all clients but those of one port."""
+        """Close the connections of all clients except those of one port."""
         for connection in [each for each in self._connections if each.port != but]:
-            self._keep(connection, False)
+            self._close_if_ended(connection, False)
 
     def close(self) -> None:
         for connection in list(self._connections):
-            self._keep(connection, False)
+            self._close_if_ended(connection, False)
         for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]
@@ -194,11 +197,11 @@ class Server:
 
 
 class UrEmulator:
-    """One emulated controller; ``run`` is its loop, in whatever thread calls it.
+    """Emulated controller; ``run`` is its loop, in the caller's thread.
 
-    A process that owns the world of several devices passes the arm of that world, the lock that
-    guards it and ``advance``, which is called with the time of each cycle before the arm is read.
-    Raises ValueError for a host beyond loopback without a token, OSError for a port that is taken.
+    A process that simulates several devices passes the arm of its world, the lock that guards it
+    and ``advance``, which is called with the time of each cycle before the arm is read. Raises
+    ValueError for a host beyond loopback without a token, OSError for a port that is taken.
     """
 
     def __init__(
@@ -211,7 +214,7 @@ class UrEmulator:
         if not (ip_address(settings.host).is_loopback or settings.token):
             raise ValueError(f"{settings.host} is no loopback address")
         self._period_ns = settings.controller.period_ns
-        # whole cycles of the clock, as the arm model counts them
+        # whole cycles of the clock, as in the arm model
         self._start_ns = -(-time.monotonic_ns() // self._period_ns) * self._period_ns
         self._advance = advance
         self._frozen_until_ns = 0
@@ -236,21 +239,21 @@ class UrEmulator:
         version, load = version_message(settings.controller), self.controller.load
         listen, host = self._server.listen, settings.host
         listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
-        listen(host, DASHBOARD_PORT, lambda: (LineDialogue(dashboard.answer), BANNER))
+        listen(host, DASHBOARD_PORT, lambda: (LineDialogue(dashboard.reply), BANNER))
         for port in STATE_PORTS:
             listen(host, port, lambda: (ScriptDialogue(load), version))
         listen(host, SCRIPT_PORT, lambda: (ScriptDialogue(load), b""))
-        return listen(host, settings.fault_port, lambda: (LineDialogue(faults.answer), b""))
+        return listen(host, settings.fault_port, lambda: (LineDialogue(faults.reply), b""))
 
     def run(self, ended: Callable[[], bool]) -> None:
-        """Serve until ``ended`` says so; it is asked once per cycle."""
+        """Serve until ``ended`` returns True; it is called once per cycle."""
         while not ended():
             if time.monotonic_ns() < self._frozen_until_ns:
                 time.sleep(self._period_ns * 1e-9)
                 continue
             self._server.serve(self._now_ns + self._period_ns)
             late_ns = time.monotonic_ns() - self._now_ns - self._period_ns
-            if late_ns > _LONGEST_LAG_NS:
+            if late_ns > _MAX_LAG_NS:
                 self.controller.cycles += late_ns // self._period_ns
             self._cycle()
 
@@ -270,7 +273,7 @@ class UrEmulator:
         self._server.drop_links(but=self.fault_port)
 
     def freeze(self, seconds: float) -> None:
-        """Neither serve nor run cycles for so long."""
+        """Stop serving and running cycles for so long."""
         self._frozen_until_ns = time.monotonic_ns() + round(seconds * 1e9)
 
     def close(self) -> None:
@@ -285,14 +288,16 @@ class UrEmulator:
 
 
 def _arm(settings: EmulatorSettings, now_ns: int) -> ArmModel:
-    """An arm whose commands take effect in the cycle that gives them."""
+    """An arm model whose commands take effect in the cycle in which they are given."""
     arm = ArmModelSettings(start_m=settings.start_m, period_s=settings.controller.period_ns * 1e-9)
     return ArmModel(arm, now_ns, command_latency_s=0.0)
 
 
 def version_message(profile: Profile) -> bytes:
-    """The first thing that a client of port 30001 or 30002 receives: Universal Robots, "Client
-    Interfaces". A controller's state, sent there ten times a second, is on RTDE alone here."""
+    """First message to a client of port 30001 or 30002: Universal Robots, "Client Interfaces".
+
+    The controller's state, which a real one also sends there, is available on RTDE only.
+    """
     major, minor, bugfix, build = profile.version
     name, date = b"URControl", b"01-08-2022, 00:00:00"
     body = struct.pack(

@@ -1,38 +1,39 @@
-"""URScript programs: a tree that evaluates itself, and threads that take turns each cycle.
+"""Interpreter of URScript programs: a syntax tree, and threads that run in turn each cycle.
 
-Each node of the tree evaluates its ``parts`` in order and makes a value of theirs. ``now`` does so
-at once; ``steps`` is a generator that yields where the program waits for the next controller cycle.
-``waits`` says which of the two a node needs. A statement's value is a signal, or None to go on.
+Each node evaluates its ``parts`` in order and computes its value from theirs. ``now`` does so at
+once. ``steps`` is a generator that yields where the program waits for the next controller cycle.
+``waits`` says whether a node needs ``steps``. A statement's value is a signal, or None to continue.
 """
 
 import operator
 from collections.abc import Callable, Generator, Mapping
 from typing import Any
 
-Value = Any  # int, float, bool, str, list of values, PoseValue, or None of a function without value
+Value = Any  # int, float, bool, str, list of values, PoseValue; None: no value
 Steps = Generator[None, None, Value]
-Builtin = Callable[..., Any]  # the calling thread first; a generator function is one that waits
+# first argument: the calling thread; a generator function waits for cycles
+Builtin = Callable[..., Any]
 
-MAX_STEPS = 20_000  # of one thread in one cycle: statements and calls
+MAX_STEPS = 20_000  # limit for one thread in one cycle: statements and calls
 MAX_THREADS = 32
 _INT_RANGE = 2**31
 BREAK, CONTINUE, RETURN = "break", "continue", "return"  # signals
 
 
 class ScriptError(Exception):
-    """The program cannot be read, or failed while it ran; the controller ends it."""
+    """The program is invalid, or failed at run time; the controller ends it."""
 
 
 class PoseValue(list[float]):
-    """A ``p[...]``; as every list of URScript it is copied when it is assigned."""
+    """A ``p[...]``; copied on assignment like every list of URScript."""
 
 
 class Thread:
-    """One thread of a running program."""
+    """Thread of a running program."""
 
     def __init__(self, program: "Program", handle: int, function: "Function") -> None:
         self.program = program
-        self.robot = program.robot  # what the built-in functions act on
+        self.robot = program.robot  # emulated controller, for the built-in functions
         self.handle = handle
         self.left = MAX_STEPS
         self.steps = function.call(self)
@@ -70,7 +71,7 @@ class Scope:
 
 
 class Function:
-    """A function or thread of the program; forward references are filled in by the definition."""
+    """Function or thread of the program; forward references are filled in by the definition."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -79,7 +80,7 @@ class Function:
         self.is_thread = False
 
     def call(self, thread: Thread, *arguments: Value) -> Steps:
-        assert self.body is not None  # noqa: S101  (the parser refuses what is not defined)
+        assert self.body is not None  # noqa: S101  (the parser refuses undefined functions)
         local = dict(zip(self.parameters, map(_copied, arguments), strict=True))
         scope = Scope(thread, local)
         yield from self.body.steps(scope)
@@ -93,7 +94,7 @@ class Program:
         self.name = main.name
         self.robot = robot
         self.shared: dict[str, Value] = {}
-        self.critical: Thread | None = None  # the one that no other may interrupt
+        self.critical: Thread | None = None  # in a critical section: no other one runs
         self._handles = 0
         self._threads: list[Thread] = []
         self.start(main)
@@ -107,20 +108,20 @@ class Program:
         return self._handles
 
     def kill(self, handle: Value, by: Thread) -> None:
-        """End a thread; a handle of none, or of one that has ended, is ignored."""
+        """End a thread; an invalid handle is ignored."""
         for thread in [thread for thread in self._threads if thread.handle == handle]:
             if thread is by:
                 raise ScriptError("a thread cannot kill itself")
             self._end(thread)
 
     def step(self) -> bool:
-        """One cycle: each thread runs until it waits, in turn. False once the main thread has
-        ended. Raises ScriptError."""
+        """Run one cycle: each thread in turn until it waits. False once the main thread has ended.
+        Raises ScriptError."""
         main = self._threads[0]
         try:
             for thread in list(self._threads):
-                held = self.critical is not None and self.critical is not thread
-                if not held and thread in self._threads and not thread.step():
+                blocked = self.critical is not None and self.critical is not thread
+                if not blocked and thread in self._threads and not thread.step():
                     self._end(thread)
         except RecursionError:
             raise ScriptError("nested too deep") from None
@@ -135,7 +136,7 @@ class Program:
             self.critical = None
 
     def close(self) -> None:
-        """End all threads, so that they release what they hold."""
+        """End all threads, so that they release their resources."""
         for thread in list(self._threads):
             self._end(thread)
 
@@ -144,7 +145,7 @@ class Program:
 
 
 class Node:
-    """Part of a program."""
+    """Node of the syntax tree."""
 
     waits: bool
 
@@ -153,7 +154,7 @@ class Node:
         self.waits = any(part.waits for part in parts)
 
     def apply(self, scope: Scope, *values: Value) -> Value:
-        """The value from those of its parts; a node that overrides ``now`` has none to give."""
+        """Value computed from the values of its parts; not used by nodes that override ``now``."""
         raise NotImplementedError
 
     def now(self, scope: Scope) -> Value:
@@ -167,7 +168,7 @@ class Node:
 
 
 class Literal(Node):
-    """A number, a truth value or a string."""
+    """A number, a boolean or a string."""
 
     def __init__(self, value: float | str) -> None:
         super().__init__()
@@ -189,7 +190,7 @@ class Name(Node):
 
 
 class Operation(Node):
-    """A function of the values of its parts alone."""
+    """A function of the values of its parts."""
 
     def __init__(self, function: Callable[..., Value], *parts: Node) -> None:
         super().__init__(*parts)
@@ -207,7 +208,7 @@ class Index(Operation):
 
 
 class Logical(Node):
-    """``and``, ``or``: the right side is evaluated only where it decides."""
+    """``and``, ``or`` with short-circuit evaluation."""
 
     def __init__(self, sign: str, left: Node, right: Node) -> None:
         super().__init__(left, right)
@@ -225,8 +226,8 @@ class Logical(Node):
 
 
 class Call(Node):
-    """``name(a, b, key=c)`` of a built-in function or one of the program; the last arguments have
-    ``keys``."""
+    """Call ``name(a, b, key=c)`` of a built-in or program function; ``keys`` name the last
+    arguments."""
 
     def __init__(
         self, function: Builtin, *parts: Node, keys: tuple[str, ...] = (), waits: bool
@@ -263,14 +264,14 @@ class Run(Node):
 
 
 class Evaluate(Node):
-    """An expression for its effect."""
+    """An expression as a statement."""
 
     def apply(self, scope: Scope, *values: Value) -> None:
         return None
 
 
 class Assign(Node):
-    """``name = value``; without ``shared`` a global variable only where there is one."""
+    """``name = value``; without ``shared`` it sets a global variable only if one exists."""
 
     def __init__(self, name: str, value: Node, shared: bool) -> None:
         super().__init__(value)
@@ -393,7 +394,7 @@ def _copied(value: Value) -> Value:
 
 
 def _arithmetic(function: Callable[[Any, Any], Any]) -> Callable[[Value, Value], Value]:
-    """On numbers alone, with the controller's range of integers."""
+    """Arithmetic on numbers only, with the controller's range of integers."""
 
     def apply(left: Value, right: Value) -> Value:
         if not isinstance(left, int | float) or not isinstance(right, int | float):
@@ -436,7 +437,7 @@ def _element(values: Value, at: Value) -> Value:
 
 
 def _position_in(values: Value, at: Value) -> int:
-    """A valid place in a list."""
+    """Index of a list element; raises ScriptError when invalid."""
     if not isinstance(values, list) or not isinstance(at, int):
         raise ScriptError("index into what is no list, or by what is no integer")
     if not 0 <= at < len(values):
@@ -445,7 +446,7 @@ def _position_in(values: Value, at: Value) -> int:
 
 
 def element_for(values: list[Value], value: Value) -> Value:
-    """What may be stored in this list: poses hold numbers, other lists no further list."""
+    """Value to store in a list: poses hold numbers, other lists hold no lists."""
     simple = not isinstance(value, list) or isinstance(value, PoseValue)
     if not simple or (isinstance(values, PoseValue) and not isinstance(value, int | float)):
         raise ScriptError("a list does not hold this")

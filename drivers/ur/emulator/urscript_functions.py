@@ -1,4 +1,4 @@
-"""Functions that an emulated URScript program may call: what the script of ur_rtde needs.
+"""Built-in functions of emulated URScript programs, as far as ur_rtde's script uses them.
 
 Names, parameters and defaults: Universal Robots, "The URScript Programming Language". The first
 parameter is the calling thread; its ``robot`` is the emulated controller.
@@ -11,27 +11,27 @@ from drivers.ur import kinematics
 from drivers.ur.emulator.urscript import Builtin, PoseValue, ScriptError, Steps, Thread, Value
 
 BUILTINS: dict[str, Builtin] = {}
-_MOST = 1e6  # of whatever an arm is told, in its unit: what is made of it stays finite
+_MAX_QUANTITY = 1e6  # limit of any quantity, in its unit, so that results stay finite
 _MAX_SLEEP_S = 3600.0
-_MOST_SHOWN = 500  # characters of a string
-_MOST_KG = 12.5  # of a UR10e; a UR10 carries 10
+_MAX_SHOWN_CHARS = 500  # characters of a string
+_MAX_PAYLOAD_KG = 12.5  # payload of a UR10e; a UR10 carries 10
 
 
-def _known(function: Builtin) -> Builtin:
-    """A generator function is one that waits for later cycles."""
+def _builtin(function: Builtin) -> Builtin:
+    """Register a built-in function; a generator function waits for later cycles."""
     BUILTINS[function.__name__] = function
     return function
 
 
 def _finite(value: Value) -> float:
-    """A finite number; anything else ends the program."""
+    """A finite number; otherwise the program ends."""
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise ScriptError(f"a finite number expected, not {value!r:.60}")
     return float(value)
 
 
-def _quantity(value: Value, least: float = -_MOST, most: float = _MOST) -> float:
-    """A number that an arm may be given; anything else ends the program."""
+def _quantity(value: Value, least: float = -_MAX_QUANTITY, most: float = _MAX_QUANTITY) -> float:
+    """A number within limits; otherwise the program ends."""
     number = _finite(value)
     if not least <= number <= most:
         raise ScriptError(f"{number:g} is beyond {least:g} to {most:g}")
@@ -48,23 +48,23 @@ def _numbers(values: Value, count: int = kinematics.JOINTS) -> tuple[float, ...]
 
 
 def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
-    """A motion until its end; in whichever way the thread ends, the arm is free afterwards."""
+    """Wait until a motion is complete; the thread gives up the arm however it ends."""
     motion = thread.robot.motion
-    motion.take(thread)
+    motion.acquire(thread)
     try:
         start()
         yield
         while not motion.arrived:
             yield
     finally:
-        motion.let_go(thread)
+        motion.release_thread(thread)
 
 
-@_known
+@_builtin
 def movel(
     thread: Thread, pose: Value, a: Value = 1.2, v: Value = 0.25, t: Value = 0, r: Value = 0
 ) -> Steps:
-    """A blend radius is ignored: every line ends at rest."""
+    """Move along a line. A blend radius is ignored: every line ends at rest."""
     motion = thread.robot.motion
     target = _numbers(pose)
     if not isinstance(pose, PoseValue):
@@ -74,17 +74,17 @@ def movel(
     yield from _moving(thread, lambda: motion.line(target, _finite(v), _finite(a)))
 
 
-@_known
+@_builtin
 def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
-    """For t seconds, at least a cycle. The motion goes on afterwards."""
+    """Drive for t seconds, at least one cycle. The motion continues afterwards."""
     motion = thread.robot.motion
     x, y, z, rx, ry, rz = _numbers(xd)
-    motion.take(thread)
+    motion.acquire(thread)
     try:
         motion.speed_line((x, y, z), (rx, ry, rz), _finite(a))
         yield from _cycles(thread, _quantity(t, 0.0, _MAX_SLEEP_S))
     finally:
-        motion.let_go(thread)
+        motion.release_thread(thread)
 
 
 def _cycles(thread: Thread, seconds: float) -> Steps:
@@ -92,64 +92,64 @@ def _cycles(thread: Thread, seconds: float) -> Steps:
         yield
 
 
-@_known
+@_builtin
 def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
     motion, deceleration = thread.robot.motion, _finite(a)
     yield from _moving(thread, lambda: motion.stop(deceleration))
 
 
-@_known
+@_builtin
 def stopj(thread: Thread, a: Value) -> Steps:
-    """The tool brakes on its line, by the joints' figure taken as m/s2."""
+    """Brake the tool on its line; the joint deceleration is taken as m/s2."""
     yield from stopl(thread, a)
 
 
-@_known
+@_builtin
 def sync(thread: Thread) -> Steps:
     yield
 
 
-@_known
+@_builtin
 def sleep(thread: Thread, t: Value) -> Steps:
     yield from _cycles(thread, min(_finite(t), _MAX_SLEEP_S))
 
 
-@_known
+@_builtin
 def protective_stop(thread: Thread) -> None:
     thread.robot.protective_stop()
 
 
-@_known
+@_builtin
 def textmsg(thread: Thread, s1: Value, s2: Value = "") -> None:
-    thread.robot.log(f"{s1!s:.{_MOST_SHOWN}}{s2!s:.{_MOST_SHOWN}}")
+    thread.robot.log(f"{s1!s:.{_MAX_SHOWN_CHARS}}{s2!s:.{_MAX_SHOWN_CHARS}}")
 
 
 # registers
 
 
-@_known
+@_builtin
 def read_input_integer_register(thread: Thread, address: Value) -> Value:
     return thread.robot.registers.read("input", "int", address)
 
 
-@_known
+@_builtin
 def read_input_float_register(thread: Thread, address: Value) -> Value:
     return thread.robot.registers.read("input", "double", address)
 
 
-@_known
+@_builtin
 def write_output_integer_register(thread: Thread, address: Value, value: Value) -> None:
     if not isinstance(value, int):
         raise ScriptError("an integer register holds integers")
     thread.robot.registers.write("int", address, value)
 
 
-@_known
+@_builtin
 def write_output_float_register(thread: Thread, address: Value, value: Value) -> None:
     thread.robot.registers.write("double", address, _finite(value))
 
 
-@_known
+@_builtin
 def rtde_set_watchdog(
     thread: Thread, variable_name: Value, min_frequency: Value, action: Value = "pause"
 ) -> None:
@@ -162,58 +162,58 @@ def rtde_set_watchdog(
 # state
 
 
-@_known
+@_builtin
 def is_steady(thread: Thread) -> bool:
     return bool(thread.robot.motion.steady)
 
 
-@_known
+@_builtin
 def get_actual_tcp_pose(thread: Thread) -> PoseValue:
     return PoseValue(thread.robot.motion.tcp_pose)
 
 
-@_known
+@_builtin
 def get_actual_tool_flange_pose(thread: Thread) -> PoseValue:
     return PoseValue(kinematics.pose(thread.robot.motion.flange))
 
 
-@_known
+@_builtin
 def get_target_tcp_speed(thread: Thread) -> list[float]:
     return list(thread.robot.motion.tcp_speed)
 
 
-@_known
+@_builtin
 def get_steptime(thread: Thread) -> float:
     return float(thread.robot.period_s)
 
 
-@_known
+@_builtin
 def set_tcp(thread: Thread, pose: Value) -> None:
     thread.robot.motion.set_tcp(_numbers(pose))
 
 
-@_known
+@_builtin
 def get_tcp_offset(thread: Thread) -> PoseValue:
     return PoseValue(thread.robot.motion.tcp_offset)
 
 
-@_known
+@_builtin
 def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
     centre = (0.0, 0.0, 0.0) if cog is None else _numbers(cog, 3)
-    thread.robot.set_payload(_quantity(m, 0.0, _MOST_KG), centre)
+    thread.robot.set_payload(_quantity(m, 0.0, _MAX_PAYLOAD_KG), centre)
 
 
-@_known
+@_builtin
 def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
     set_payload(thread, m, cog)
 
 
-@_known
+@_builtin
 def get_target_payload(thread: Thread) -> float:
     return float(thread.robot.payload_kg)
 
 
-@_known
+@_builtin
 def get_target_payload_cog(thread: Thread) -> list[float]:
     return list(thread.robot.payload_cog_m)
 
@@ -221,21 +221,21 @@ def get_target_payload_cog(thread: Thread) -> list[float]:
 # geometry
 
 
-@_known
+@_builtin
 def norm(thread: Thread, a: Value) -> float:
     values = a if isinstance(a, list) else [a]
     return math.hypot(*(_finite(value) for value in values))
 
 
-@_known
+@_builtin
 def pose_trans(thread: Thread, p_from: Value, p_from_to: Value) -> PoseValue:
     first, second = (kinematics.frame(_numbers(pose)) for pose in (p_from, p_from_to))
     return PoseValue(kinematics.pose(first @ second))
 
 
-@_known
+@_builtin
 def pose_sub(thread: Thread, p_to: Value, p_from: Value) -> PoseValue:
-    """Positions and rotations subtracted each for itself, in the base frame."""
+    """Difference of positions and of rotations, in the base frame."""
     to, start = (kinematics.frame(_numbers(pose)) for pose in (p_to, p_from))
     turn = kinematics.rotation_vector(to[:3, :3] @ start[:3, :3].T)
     return PoseValue([*(to[:3, 3] - start[:3, 3]).tolist(), *turn])
@@ -247,7 +247,7 @@ def _joints(thread: Thread, pose: Sequence[float], near: Value = None) -> list[f
     return None if q is None else list(q)
 
 
-@_known
+@_builtin
 def get_inverse_kin(
     thread: Thread, x: Value, qnear: Value = None, *tolerances: Value
 ) -> list[float]:
@@ -257,34 +257,34 @@ def get_inverse_kin(
     return q
 
 
-@_known
+@_builtin
 def get_inverse_kin_has_solution(
     thread: Thread, pose: Value, qnear: Value = None, *tolerances: Value
 ) -> bool:
     return _joints(thread, _numbers(pose), qnear) is not None
 
 
-@_known
+@_builtin
 def get_forward_kin(thread: Thread, q: Value = None, tcp: Value = None) -> PoseValue:
     motion = thread.robot.motion
     joints = motion.q if q is None else _numbers(q)
     return PoseValue(motion.pose_of(joints, None if tcp is None else _numbers(tcp)))
 
 
-@_known
+@_builtin
 def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
-    """Reach is the only limit that is modelled."""
+    """Whether a pose is reachable; no other limit is modelled."""
     values = _numbers(pose)
     if isinstance(pose, PoseValue):
         return _joints(thread, values) is not None
     return all(abs(angle) <= kinematics.JOINT_RANGE for angle in values)
 
 
-# named by ur_rtde's script, and not emulated
+# used by ur_rtde's script, but not emulated
 
 
 def _without_effect(name: str) -> Builtin:
-    """A setting of what is not modelled: the log says so."""
+    """Function for a setting that is not modelled; it writes to the log."""
 
     def taken(thread: Thread, *values: Value) -> None:
         thread.robot.log(f"{name} has no effect: it is not emulated")
@@ -293,7 +293,7 @@ def _without_effect(name: str) -> Builtin:
 
 
 def _zeros(thread: Thread) -> list[float]:
-    """Of the six joints or axes of what is not modelled."""
+    """Zeros for quantities of six joints or axes that are not modelled."""
     return [0.0] * 6
 
 
@@ -304,7 +304,7 @@ def _not_emulated(name: str) -> Builtin:
     return refuse
 
 
-# the script sets the first two as it starts, whether it is ever asked for force mode or not
+# ur_rtde's script always calls the first two at its start
 _WITHOUT_EFFECT = "force_mode_set_damping force_mode_set_gain_scaling set_gravity zero_ftsensor"
 _NOT_EMULATED = (
     "enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode force_mode "

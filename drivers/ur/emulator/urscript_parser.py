@@ -1,7 +1,7 @@
-"""URScript as text (Universal Robots, "The URScript Programming Language") to a tree that runs.
+"""Parser of URScript (Universal Robots, "The URScript Programming Language") to a syntax tree.
 
-The part of the language that ur_rtde's control script uses: functions, threads, ``if``, ``while``,
-assignments, lists, poses, calls with named arguments. Line ends separate nothing but comments,
+It supports the part of the language that ur_rtde's control script uses: functions, threads, ``if``,
+``while``, assignments, lists, poses, calls with named arguments. A line end only ends comments,
 ``return`` values and calls, as on the controller. Text is never run as Python.
 """
 
@@ -22,8 +22,8 @@ _INT_END = 2**31
 
 
 class Token(NamedTuple):
-    """``kind`` is "number", "text", "name", the word itself for keywords and signs, or "end of
-    program"."""
+    """Token; ``kind`` is "number", "text", "name", the word itself for keywords and signs, or "end
+    of program"."""
 
     kind: str
     text: str
@@ -45,28 +45,26 @@ _TOKEN = re.compile(
     r"|(?P<other>.)",
     re.ASCII | re.DOTALL,
 )
-_BLOCKS = re.compile(  # what opens or ends one; other words, strings and comments are skipped
-    r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII
-)
+# words that open or end a block; other words, strings and comments are skipped
+_BLOCKS = re.compile(r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII)
 _SECONDARY = re.compile(r"(?:\s|#[^\n]*\n)*+sec\b", re.ASCII)
-_BINDING = {"or": 1, "and": 3, "+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
-_BINDING |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
-_NOT_BINDING, _MINUS_BINDING = 4, 8
+_PRECEDENCE = {"or": 1, "and": 3, "+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
+_PRECEDENCE |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
+_NOT_PRECEDENCE, _MINUS_PRECEDENCE = 4, 8
 
 
 def parse(text: str, builtins: Mapping[str, Builtin]) -> Function:
-    """The main function of a program. Raises ScriptError for text that is no program, or that names
-    what does not exist."""
+    """Main function of a program. Raises ScriptError for invalid text or undefined names."""
     return _Parser(_tokens(text), builtins).program()
 
 
 def is_secondary(text: str) -> bool:
-    """A program that is to run beside the main one."""
+    """Whether a program is to run beside the main one."""
     return _SECONDARY.match(text) is not None
 
 
 def depth_change(line: str) -> int:
-    """Blocks that one line of a program opens, less those that it closes."""
+    """Blocks that one line opens, minus those that it closes."""
     words = [word for word in _BLOCKS.findall(line) if word]
     return len(words) - 2 * words.count("end")
 
@@ -83,22 +81,23 @@ def _tokens(text: str) -> list[Token]:
         if kind == "line":
             line += 1
         elif kind != "space":
-            own = kind == "sign" or word in _KEYWORDS
-            found.append(Token(word if own else kind, word, line))
+            literal = kind == "sign" or word in _KEYWORDS
+            found.append(Token(word if literal else kind, word, line))
     found.append(Token("end of program", "", line))
     return found
 
 
 class _Parser:
-    """Recursive descent; nesting is bounded, so that no text can exhaust Python's stack."""
+    """Recursive-descent parser with bounded nesting, so that no text exhausts Python's stack."""
 
     def __init__(self, tokens: list[Token], builtins: Mapping[str, Builtin]) -> None:
         self._tokens = tokens
         self._builtins = builtins
-        self._at = 0
+        self._position = 0
         self._depth = 0
         self._functions: dict[str, Function] = {}
-        self._calls: list[tuple[Function, int | None]] = []  # with arguments; None: of a thread
+        # calls with their number of arguments; None: start of a thread
+        self._calls: list[tuple[Function, int | None]] = []
         self._assigned: set[str] = set()
         self._read: set[str] = set()
 
@@ -124,30 +123,30 @@ class _Parser:
 
     @property
     def _next(self) -> Token:
-        return self._tokens[self._at]
+        return self._tokens[self._position]
 
-    def _missing(self, expected: str) -> ScriptError:
+    def _syntax_error(self, expected: str) -> ScriptError:
         token = self._next
         return ScriptError(
             f"line {token.line}: {expected} expected, not {token.text or token.kind}"
         )
 
-    def _take(self, kind: str) -> Token:
+    def _expect(self, kind: str) -> Token:
         token = self._next
         if token.kind != kind:
-            raise self._missing(kind)
-        self._at += 1
+            raise self._syntax_error(kind)
+        self._position += 1
         return token
 
-    def _took(self, kind: str) -> bool:
+    def _accept(self, kind: str) -> bool:
         found = self._next.kind == kind
-        self._at += found
+        self._position += found
         return found
 
     def _same_line(self) -> bool:
-        return self._next.line == self._tokens[self._at - 1].line
+        return self._next.line == self._tokens[self._position - 1].line
 
-    def _deeper(self) -> None:
+    def _enter_level(self) -> None:
         self._depth += 1
         if self._depth > MAX_NESTING:
             raise ScriptError(f"line {self._next.line}: nested more than {MAX_NESTING} deep")
@@ -156,7 +155,7 @@ class _Parser:
 
     def _body(self, *ends: str) -> tuple[tree.Block, list[Function]]:
         """Statements up to one of these words, and the functions that they define."""
-        self._deeper()
+        self._enter_level()
         statements: list[Node] = []
         defined: list[Function] = []
         while (kind := self._next.kind) not in ends:
@@ -168,24 +167,24 @@ class _Parser:
         return tree.Block(*statements), defined
 
     def _block(self, *ends: str) -> tree.Block:
-        self._take(":")
+        self._expect(":")
         return self._body("end", *ends)[0]
 
     def _definition(self) -> Function:
         is_thread = self._next.kind == "thread"
-        self._at += 1
-        function = self._function(self._take("name").text)
+        self._position += 1
+        function = self._function(self._expect("name").text)
         function.is_thread = is_thread
-        self._take("(")
+        self._expect("(")
         parameters: list[str] = []
-        while not self._took(")"):
-            parameters.append(self._take("name").text)
+        while not self._accept(")"):
+            parameters.append(self._expect("name").text)
             if self._next.kind != ")":
-                self._take(",")
+                self._expect(",")
         function.parameters = tuple(parameters)
         self._assigned.update(parameters)
         function.body = self._block()
-        self._take("end")
+        self._expect("end")
         return function
 
     def _function(self, name: str) -> Function:
@@ -198,38 +197,38 @@ class _Parser:
             case "if":
                 return self._if()
             case "while":
-                self._at += 1
+                self._position += 1
                 loop = tree.While(self._expression(), self._block())
-                self._take("end")
+                self._expect("end")
                 return loop
             case "return":
-                self._at += 1
+                self._position += 1
                 valued = self._same_line() and self._next.kind not in ("end", "end of program")
                 return tree.Return(*([self._expression()] if valued else []))
             case "kill":
-                self._at += 1
+                self._position += 1
                 return tree.Kill(self._expression())
             case "enter_critical" | "exit_critical" as word:
-                self._at += 1
+                self._position += 1
                 return tree.Critical(word == "enter_critical")
             case "break" | "continue" as word:
-                self._at += 1
+                self._position += 1
                 return tree.Literal(tree.BREAK if word == "break" else tree.CONTINUE)
             case "global":
-                self._at += 1
-                name = self._take("name").text
-                self._take("=")
+                self._position += 1
+                name = self._expect("name").text
+                self._expect("=")
                 return self._assign(name, True)
         return self._simple()
 
     def _if(self) -> tree.If:
         branches: list[tuple[Node, tree.Block]] = []
-        while self._took("elif" if branches else "if"):
+        while self._accept("elif" if branches else "if"):
             condition = self._expression()
             branches.append((condition, self._block("elif", "else")))
-        if self._took("else"):
+        if self._accept("else"):
             branches.append((tree.Literal(True), self._block()))
-        self._take("end")
+        self._expect("end")
         return tree.If(branches)
 
     def _assign(self, name: str, shared: bool) -> tree.Assign:
@@ -238,25 +237,25 @@ class _Parser:
 
     def _simple(self) -> Node:
         left = self._expression()
-        if not self._took("="):
+        if not self._accept("="):
             return tree.Evaluate(left)
         if isinstance(left, tree.Name):
             return self._assign(left.name, False)
         if isinstance(left, tree.Index) and isinstance(left.parts[0], tree.Name):
             return tree.AssignElement(left.parts[0].name, left.parts[1], self._expression())
-        raise self._missing("a variable before =")
+        raise self._syntax_error("a variable before =")
 
     # expressions
 
-    def _expression(self, binding: int = 0) -> Node:
+    def _expression(self, least_precedence: int = 0) -> Node:
         depth = self._depth
-        self._deeper()
+        self._enter_level()
         left = self._operand()
-        while (mine := _BINDING.get(self._next.kind, 0)) > binding:
-            self._deeper()  # what is chained is nested in the tree, too
+        while (precedence := _PRECEDENCE.get(self._next.kind, 0)) > least_precedence:
+            self._enter_level()  # chained operators are nested in the tree, too
             sign = self._next.kind
-            self._at += 1
-            right = self._expression(mine)
+            self._position += 1
+            right = self._expression(precedence)
             logical = sign in ("and", "or")
             left = (
                 tree.Logical(sign, left, right)
@@ -267,23 +266,23 @@ class _Parser:
         return left
 
     def _operand(self) -> Node:
-        if self._took("not"):
-            return tree.Operation(operator.not_, self._expression(_NOT_BINDING))
-        if self._took("-"):
-            return tree.Operation(tree.negative, self._expression(_MINUS_BINDING))
+        if self._accept("not"):
+            return tree.Operation(operator.not_, self._expression(_NOT_PRECEDENCE))
+        if self._accept("-"):
+            return tree.Operation(tree.negative, self._expression(_MINUS_PRECEDENCE))
         base = self._primary()
         depth = self._depth
         while self._next.kind == "[" and self._same_line():
-            self._deeper()
-            self._at += 1
+            self._enter_level()
+            self._position += 1
             base = tree.Index(base, self._expression())
-            self._take("]")
+            self._expect("]")
         self._depth = depth
         return base
 
     def _primary(self) -> Node:
         token = self._next
-        self._at += 1
+        self._position += 1
         match token.kind:
             case "number":
                 return tree.Literal(_number(token))
@@ -293,7 +292,7 @@ class _Parser:
                 return tree.Literal(token.kind == "True")
             case "(":
                 inner = self._expression()
-                self._take(")")
+                self._expect(")")
                 return inner
             case "[":
                 return tree.Operation(tree.make_list, *self._items())
@@ -301,23 +300,24 @@ class _Parser:
                 return self._run()
             case "name":
                 return self._named(token.text)
-        self._at -= 1
-        raise self._missing("an expression")
+        self._position -= 1
+        raise self._syntax_error("an expression")
 
     def _run(self) -> tree.Run:
-        function = self._function(self._take("name").text)
-        self._take("(")
-        self._take(")")
+        function = self._function(self._expect("name").text)
+        self._expect("(")
+        self._expect(")")
         self._calls.append((function, None))
         return tree.Run(function)
 
     def _named(self, name: str) -> Node:
-        """A variable, a call, or a pose: ``p[0]`` is an element of p, with six items it is one."""
+        """A variable, a call, or a pose: ``p[0]`` is an element of p, ``p`` with six items is a
+        pose."""
         if self._next.kind == "(" and self._same_line():
-            self._at += 1
+            self._position += 1
             return self._call(name)
         if name == "p" and self._next.kind == "[" and self._same_line():
-            self._at += 1
+            self._position += 1
             items = self._items()
             if len(items) != 1:
                 return tree.Operation(tree.make_pose, *items)
@@ -329,25 +329,25 @@ class _Parser:
 
     def _items(self) -> list[Node]:
         found: list[Node] = []
-        while not self._took("]"):
+        while not self._accept("]"):
             found.append(self._expression())
             if self._next.kind != "]":
-                self._take(",")
+                self._expect(",")
         return found
 
     def _call(self, name: str) -> tree.Call:
         values: list[Node] = []
         keys: list[str] = []
-        while not self._took(")"):
+        while not self._accept(")"):
             value = self._expression()
-            if isinstance(value, tree.Name) and self._took("="):
+            if isinstance(value, tree.Name) and self._accept("="):
                 keys.append(value.name)
                 value = self._expression()
             elif keys:
-                raise self._missing("a named argument")
+                raise self._syntax_error("a named argument")
             values.append(value)
             if self._next.kind != ")":
-                self._take(",")
+                self._expect(",")
         builtin = self._builtins.get(name)
         if builtin is not None:
             _check_arguments(name, builtin, len(values) - len(keys), keys)

@@ -1,1 +1,1 @@
-"""From the arm driver to the wire: ur_rtde in a process of its own, supervised."""
+"""Link of the arm driver to the wire: ur_rtde in a supervised process."""

@@ -1,6 +1,6 @@
-"""The arm's link on the wire: ``ArmLink`` for the driver, carried out by ur_rtde in a worker.
+"""Link to the arm: ``ArmLink`` for the driver, executed by ur_rtde in a worker process.
 
-Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts over when asked to.
+It never reconnects and never unlocks a stop by itself; ``UrLink.connect`` connects again.
 """
 
 import math
@@ -16,16 +16,21 @@ from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
-from drivers.ur.link.preflight import PreflightFindings, preflight, require, require_standing
+from drivers.ur.link.preflight import (
+    PreflightFindings,
+    preflight,
+    raise_for_failures,
+    require_stationary,
+)
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
-_BEAT_NS = 10_000_000
+_HEARTBEAT_NS = 10_000_000
 
 
 class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How to reach the controller, what hangs on the flange, and how long to wait."""
+    """Connection to the controller, payload on the flange, and time-outs."""
 
-    host: Annotated[str, Meta(description="address of the arm's controller; empty: not said")] = ""
+    host: Annotated[str, Meta(description="address of the arm's controller; empty: not set")] = ""
     tcp_offset: Annotated[
         Pose, Meta(description="m and rad, tool centre point from the flange; assumed")
     ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -45,58 +50,58 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     @property
     def start_timeout_s(self) -> float:
-        """Until the program runs on the controller."""
+        """Longest wait until the program runs on the controller."""
         return 7.5 * self.step_timeout_s
 
     @property
-    def leave_timeout_s(self) -> float:
-        """For the worker to brake in when the client is gone; 1 m/s at 0.5 m/s2 takes 2 s."""
+    def brake_timeout_s(self) -> float:
+        """Longest braking of the worker when the client is gone; 1 m/s at 0.5 m/s2 takes 2 s."""
         return self.step_timeout_s
 
     @property
     def close_timeout_s(self) -> float:
-        """For the worker to end before it is killed, longer than it may brake."""
+        """Longest wait for the worker to end before it is killed; exceeds ``brake_timeout_s``."""
         return 2.0 * self.step_timeout_s
 
     @property
     def stop_margin_s(self) -> float:
-        """That a stop may take beyond braking; assumed."""
+        """Time that a stop may take in addition to braking; assumed."""
         return 0.25 * self.step_timeout_s
 
     @property
     def link_timeout_s(self) -> float:
-        """Silence that ends the link; ur_rtde's own is 2.5 s."""
+        """Time without data that ends the link; ur_rtde's own is 2.5 s."""
         return min(2.0, 0.5 * self.step_timeout_s)
 
 
 class UrLink:
     """Implements ``drivers.ur.driver.ArmLink`` on a controller; ``connect`` before the first use.
 
-    ``read`` is also the heartbeat: a caller that stops reading while the arm moves stops it.
-    Verbs of motion return at once; if the controller does not carry them out, the next ``read``
-    raises. The tool keeps the orientation that it had when the link was connected, but for the
-    turn about its own axis that ``speed_l`` has given it.
+    ``read`` is also the heartbeat: the arm is braked when the caller stops reading. Verbs of motion
+    return at once; if the controller does not execute them, the next ``read`` raises. The tool
+    keeps its orientation at connection, except for the rotation about its z axis by ``speed_l``.
     """
 
     def __init__(self, settings: UrSettings) -> None:
         self._settings = settings
         self._worker: WorkerProcess | None = None
         self._payload_kg: float | None = None
-        self._trusted: State | None = None
-        self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at the start
-        self._turned = False
-        self._beat_ns = 0
-        self._raised: set[str] = set()  # troubles that have not ended
+        self._powered_state: State | None = None
+        self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at connection
+        self._has_rotated = False
+        self._heartbeat_ns = 0
+        self._raised_faults: set[str] = set()  # faults that are still present
         self._stop_number: int | None = None
-        self._stop_due_ns = 0
+        self._stop_deadline_ns = 0
 
     def connect(self) -> PreflightFindings:
-        """Pre-flight, then the worker; raises LinkLost or DeviceFault, as for an arm that moves."""
+        """Run the pre-flight checks, start the worker; raises LinkLost or DeviceFault, also when
+        the arm moves."""
         self.close()
         s = self._settings
         findings = preflight(s.host, s.step_timeout_s)
-        require(findings)
-        require_standing(s.host, s.step_timeout_s)
+        raise_for_failures(findings)
+        require_stationary(s.host, s.step_timeout_s)
         setup = messages.Setup(
             host=s.host,
             tcp_offset=s.tcp_offset,
@@ -105,22 +110,24 @@ class UrLink:
             watchdog_hz=s.watchdog_hz,
             heartbeat_timeout_s=s.heartbeat_timeout_s,
             link_timeout_s=s.link_timeout_s,
-            leave_timeout_s=s.leave_timeout_s,
+            brake_timeout_s=s.brake_timeout_s,
             client_pid=os.getpid(),
         )
         started = WorkerProcess(setup)
-        with on_failure(lambda: started.close(s.close_timeout_s)):  # no program of ours may be left
+        with on_failure(
+            lambda: started.close(s.close_timeout_s)
+        ):  # so that no program of ours is left running
             started.wait_ready(s.start_timeout_s)
-        self._worker, self._trusted = started, started.state
-        self._raised.clear()
+        self._worker, self._powered_state = started, started.state
+        self._raised_faults.clear()
         self._stop_number = None
-        self._turned = False
-        if self._trusted is not None:
-            self._rotation = self._trusted.pose[3:]
+        self._has_rotated = False
+        if self._powered_state is not None:
+            self._rotation = self._powered_state.pose[3:]
         return findings
 
     def close(self) -> None:
-        """Brake if need be, end the program on the controller and the worker."""
+        """Brake if necessary, end the program on the controller and the worker."""
         if self._worker is not None:
             self._worker.close(self._settings.close_timeout_s)
             self._worker = None
@@ -136,9 +143,9 @@ class UrLink:
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """False in a safety stop; raises DeviceFault when no program runs on the controller."""
-        process, state = self._live()
-        rotation = state.pose[3:] if self._turned else self._rotation
+        """Start a straight move; False in a safety stop, DeviceFault when no program runs."""
+        process, state = self._connected()
+        rotation = state.pose[3:] if self._has_rotated else self._rotation
         target = (*target_m, *rotation)
         number = process.next_number()
         return self._start(messages.Move(number, target, speed_mps, acceleration_mps2), now_ns)
@@ -146,57 +153,58 @@ class UrLink:
     def speed_l(
         self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
-        """As ``move_l``; the controller keeps the velocity for as long as ``read`` is called."""
-        process, state = self._live()
-        self._turned = self._turned or spin_radps != 0.0
+        """Drive at a velocity while ``read`` is called; results as of ``move_l``."""
+        process, state = self._connected()
+        self._has_rotated = self._has_rotated or spin_radps != 0.0
         wx, wy, wz = (spin_radps * kinematics.rotation(state.pose[3:])[:, 2]).tolist()
         velocity, number = (*velocity_mps, wx, wy, wz), process.next_number()
         return self._start(messages.DriveArm(number, velocity, acceleration_mps2), now_ns)
 
     def _start(self, motion: messages.Move | messages.DriveArm, now_ns: int) -> bool:
-        process, state = self._live()
+        process, state = self._connected()
         if state.stopped_by_safety:
             return False
         if not state.program_running:
             raise _program_ended()
         self._stop_number = None
-        self._beat_ns = now_ns
+        self._heartbeat_ns = now_ns
         process.post(motion, self._settings.step_timeout_s)
         return True
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
-        """``read`` confirms it by the speed, and raises DeviceFault when it does not come to 0."""
-        process, state = self._live()
+        """Brake. ``read`` confirms the stop by the speed, or raises DeviceFault."""
+        process, state = self._connected()
         number = process.next_number()
         process.post(messages.Stop(number, deceleration_mps2), self._settings.step_timeout_s)
         braking_s = math.hypot(*state.velocity_mps) / deceleration_mps2
-        self._stop_number, self._beat_ns = number, now_ns
-        self._stop_due_ns = now_ns + round((braking_s + self._settings.stop_margin_s) * 1e9)
+        self._stop_number, self._heartbeat_ns = number, now_ns
+        self._stop_deadline_ns = now_ns + round((braking_s + self._settings.stop_margin_s) * 1e9)
 
     def set_payload(self, mass_kg: float) -> None:
-        """Waits until the controller has taken it; set again with every connection."""
-        process, _ = self._live()
+        """Set the payload and wait until the controller has accepted it; repeated at each
+        connection."""
+        process, _ = self._connected()
         command = messages.SetPayload(process.next_number(), mass_kg, self._settings.cog_m)
         outcome = process.call(command, self._settings.step_timeout_s)
         if outcome is not Outcome.DONE:
-            raise Refused(f"the arm controller did not take the payload: {outcome}", SEE_PENDANT)
+            raise Refused(f"the arm controller did not accept the payload: {outcome}", SEE_PENDANT)
         self._payload_kg = mass_kg
 
     def read(self, now_ns: int) -> ArmSample:
-        """Latest sample; raises trouble once for each onset, a lost link every time.
+        """Latest sample; raises each fault once at its onset, a lost link every time.
 
-        Position and velocity are the last ones that can be trusted: without power on the motors a
+        Position and velocity are those of the last sample with power on the motors: without power a
         controller reports a pose that the tool does not have.
         """
-        process, state = self._live()
-        if now_ns - self._beat_ns >= _BEAT_NS:
-            self._beat_ns = now_ns
-            process.beat()
+        process, state = self._connected()
+        if now_ns - self._heartbeat_ns >= _HEARTBEAT_NS:
+            self._heartbeat_ns = now_ns
+            process.send_heartbeat()
         if state.robot_mode == ROBOT_RUNNING:
-            self._trusted = state
-        self._raise_trouble(process, state)
+            self._powered_state = state
+        self._raise_faults(process, state)
         self._confirm_stop(process, state, now_ns)
-        trusted = self._trusted or state
+        trusted = self._powered_state or state
         powered = trusted is state
         return ArmSample(
             t_ns=round(state.timestamp_s * 1e9),
@@ -210,13 +218,13 @@ class UrLink:
         )
 
     def _angle(self, rotation: Vector3) -> float:
-        """Turn about the tool's axis since the link was connected."""
-        if not self._turned:
+        """Rotation about the tool's z axis since the link was connected."""
+        if not self._has_rotated:
             return 0.0
         start, present = kinematics.rotation(self._rotation), kinematics.rotation(rotation)
         return kinematics.rotation_vector(start.T @ present)[2]
 
-    def _live(self) -> tuple[WorkerProcess, State]:
+    def _connected(self) -> tuple[WorkerProcess, State]:
         process = self._worker
         if process is None:
             raise LinkLost("the arm link is not connected", "connect it first")
@@ -226,9 +234,9 @@ class UrLink:
             raise LinkLost("the arm controller sent no sample yet", START_AGAIN)
         return process, state
 
-    def _raise_trouble(self, process: WorkerProcess, state: State) -> None:
-        """Each once, when it begins. The driver raises protective stops itself."""
-        failure = process.failure()
+    def _raise_faults(self, process: WorkerProcess, state: State) -> None:
+        """Raise each fault once, at its onset. The driver raises protective stops itself."""
+        failure = process.next_failure()
         stopped = state.stopped_by_safety
         safety_stop = DeviceFault(
             f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
@@ -245,24 +253,24 @@ class UrLink:
             ("program", not state.program_running and not stopped, _program_ended()),
         ):
             if not present:
-                self._raised.discard(name)
-            elif name not in self._raised:
-                self._raised.add(name)
+                self._raised_faults.discard(name)
+            elif name not in self._raised_faults:
+                self._raised_faults.add(name)
                 raise fault
-        if failure is Outcome.NOT_TAKEN:
-            raise Refused("the arm controller did not take a command", SEE_PENDANT)
+        if failure is Outcome.NOT_ACCEPTED:
+            raise Refused("the arm controller did not accept a command", SEE_PENDANT)
 
     def _confirm_stop(self, process: WorkerProcess, state: State, now_ns: int) -> None:
         number = self._stop_number
         if number is None:
             return
-        if not state.moving and not process.awaits(number):
+        if not state.moving and not process.is_pending(number):
             self._stop_number = None
-        elif now_ns > self._stop_due_ns:
+        elif now_ns > self._stop_deadline_ns:
             self._stop_number = None
-            process.kill()  # no more kicks: the watchdog ends the program
+            process.kill()  # ends the watchdog's kicks, so the controller ends the program
             raise DeviceFault(
-                "the arm did not stop when told to; its program is being ended",
+                "the arm did not stop on command; its program is being ended",
                 f"press the emergency stop if it still moves; {START_AGAIN}",
             )
 
@@ -276,5 +284,5 @@ def _program_ended() -> DeviceFault:
 
 
 def _along_axis(state: State) -> float:
-    """Spin about the tool's own axis, rad/s."""
-    return float(kinematics.rotation(state.pose[3:])[:, 2] @ state.turning_radps)
+    """Spin about the tool's z axis, rad/s."""
+    return float(kinematics.rotation(state.pose[3:])[:, 2] @ state.angular_velocity_radps)

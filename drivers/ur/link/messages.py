@@ -1,4 +1,4 @@
-"""What the arm's client and the process that holds ur_rtde say to each other, in msgpack."""
+"""Messages between the arm's client and its worker process, in msgpack."""
 
 from enum import StrEnum
 
@@ -12,24 +12,24 @@ PROGRAM_RUNNING = 2  # runtime_state; RTDE guide
 ROBOT_RUNNING = 7  # robot_mode; RTDE guide
 # safety_status_bits; RTDE guide: 2 protective stop, 10 stopped due to safety (with any of them)
 _STOP_BITS = 1 << 2 | 1 << 10
-_WORSE_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
-LONGEST_MESSAGE = 65536
+_EMERGENCY_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
+MAX_MESSAGE_BYTES = 65536
 
 
 class Outcome(StrEnum):
-    """What became of a command: ur_rtde itself says True or False."""
+    """Result of a command; ur_rtde itself returns True or False."""
 
     DONE = "done"
     STOPPED = "stopped by safety, or the program has ended"
-    NOT_TAKEN = "not taken"
+    NOT_ACCEPTED = "not accepted"
 
 
 class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
-    """Anything on the socket."""
+    """Base of all messages on the socket."""
 
 
 class Setup(Message, frozen=True):
-    """First of all; tcp_offset in m and rad, payload_kg None: as the installation has it."""
+    """First message; tcp_offset in m and rad; payload_kg None: as set in the installation."""
 
     host: str
     tcp_offset: Pose
@@ -38,12 +38,12 @@ class Setup(Message, frozen=True):
     watchdog_hz: float
     heartbeat_timeout_s: float
     link_timeout_s: float
-    leave_timeout_s: float
-    client_pid: int  # the worker does not outlive it
+    brake_timeout_s: float
+    client_pid: int  # the worker ends with it
 
 
 class Move(Message, frozen=True):
-    """Straight to the pose. What is under way brakes first, with this acceleration."""
+    """Move straight to a pose. A current motion is braked first, with this acceleration."""
 
     number: int
     target: Pose
@@ -52,7 +52,7 @@ class Move(Message, frozen=True):
 
 
 class DriveArm(Message, frozen=True):
-    """Keep this velocity, m/s and rad/s in the base frame, until told otherwise."""
+    """Keep this velocity, m/s and rad/s in the base frame, until the next command."""
 
     number: int
     velocity: Pose
@@ -60,30 +60,30 @@ class DriveArm(Message, frozen=True):
 
 
 class Stop(Message, frozen=True):
-    """Brake along the line."""
+    """Brake along the path."""
 
     number: int
     deceleration_mps2: float
 
 
 class SetPayload(Message, frozen=True):
-    """Mass and centre of gravity of what hangs on the flange."""
+    """Set mass and centre of gravity of the payload."""
 
     number: int
     mass_kg: float
     cog_m: Vector3
 
 
-class Beat(Message, frozen=True):
-    """The client lives."""
+class Heartbeat(Message, frozen=True):
+    """Shows that the client is alive."""
 
 
-class Leave(Message, frozen=True):
+class Shutdown(Message, frozen=True):
     """Brake, end the program, end the process."""
 
 
 Command = Move | DriveArm | Stop | SetPayload
-Request = Setup | Command | Beat | Leave
+Request = Setup | Command | Heartbeat | Shutdown
 
 
 class Ready(Message, frozen=True):
@@ -97,14 +97,14 @@ class Failed(Message, frozen=True):
 
 
 class Reply(Message, frozen=True):
-    """At once for each command; once more if a motion that had to wait failed later."""
+    """Sent at once for each command, and again if a delayed motion failed later."""
 
     number: int
     outcome: Outcome
 
 
 class State(Message, frozen=True):
-    """One sample of the controller."""
+    """Sample of the controller."""
 
     timestamp_s: float
     pose: Pose
@@ -113,17 +113,17 @@ class State(Message, frozen=True):
     robot_mode: int
     safety_bits: int
     program_running: bool
-    turning_radps: Vector3 = (0.0, 0.0, 0.0)  # base frame
+    angular_velocity_radps: Vector3 = (0.0, 0.0, 0.0)  # base frame
     speed_fraction: float = 1.0  # of the speed slider
 
     @property
     def stopped_by_safety(self) -> bool:
-        return bool(self.safety_bits & (_STOP_BITS | _WORSE_STOP_BITS))
+        return bool(self.safety_bits & (_STOP_BITS | _EMERGENCY_STOP_BITS))
 
     @property
     def emergency_stop(self) -> bool:
-        """Whatever is worse than a protective stop: safeguard too, violation, fault."""
-        return bool(self.safety_bits & _WORSE_STOP_BITS)
+        """Whether a stop worse than a protective one is active: safeguard, emergency, fault."""
+        return bool(self.safety_bits & _EMERGENCY_STOP_BITS)
 
 
 FromWorker = Ready | Failed | Reply | State

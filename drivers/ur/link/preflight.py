@@ -1,8 +1,8 @@
-"""Ask a controller, each question with a deadline, how it is and whether ur_rtde can work with it.
+"""Pre-flight checks of a controller, each with a deadline, before ur_rtde connects.
 
-ur_rtde blocks for ever on a peer that accepts and stays silent, and reports other trouble late and
-vaguely. This goes first and names every failure with its remedy. RTDE framing and names: UR's
-Real-Time Data Exchange (RTDE) guide; commands: UR's dashboard server guide.
+ur_rtde blocks forever on a peer that accepts and stays silent, and reports other problems late and
+vaguely. These checks run first and report every failure with its remedy. RTDE framing and names:
+UR's Real-Time Data Exchange (RTDE) guide; commands: UR's dashboard server guide.
 """
 
 import contextlib
@@ -16,31 +16,31 @@ from typing import IO, Final, Literal, Self
 import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.interfaces import LEAST_SPEED_FRACTION
+from drivers.interfaces import MIN_SPEED_FRACTION
 from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING, Pose
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
-CONNECT_AGAIN = "check power, cable and address of the robot's controller"
-TURN_UP = "set the speed slider to 100 % at the teach pendant"
-MOVES, END_IT = "the arm moves", "end the program that moves it"
+CHECK_CONNECTION = "check power, cable and address of the robot's controller"
+FULL_SPEED_REMEDY = "set the speed slider to 100 % at the teach pendant"
+ARM_MOVES, END_PROGRAM = "the arm moves", "end the program that moves it"
 Version = tuple[int, ...]
 
 _REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
     f"input_double_register_{i}" for i in range(18)
-]  # what ur_rtde 1.6.5 writes to with its register offset 0
-_ASK_AGAIN_S = 0.05  # for claims: a client that has just gone is noticed a moment later
+]  # written by ur_rtde 1.6.5 with its register offset 0
+_RETRY_S = 0.05  # claims of a disconnected client are released with a delay
 _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
-_FULL_SPEED = 0.995  # a slider that says 100 %
+_FULL_SPEED = 0.995  # shown as 100 %
 _PORTS = {DASHBOARD_PORT: "dashboard", SCRIPT_PORT: "script", RTDE_PORT: "rtde"}
 _HANG_UP_S = 0.2
-_LONGEST_LINE = 1024
+_MAX_LINE_BYTES = 1024
 
 
-# questions
+# connections
 
 
 class Rtde:
-    """One RTDE connection for a handful of questions; they raise OSError and ValueError."""
+    """RTDE connection for a few requests; they raise OSError and ValueError."""
 
     def __init__(self, host: str, timeout_s: float) -> None:
         self._socket = socket.create_connection((host, RTDE_PORT), timeout_s)
@@ -50,23 +50,23 @@ class Rtde:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait briefly for the controller to hang up too: then the claims are free again."""
+        """Wait briefly for the controller to disconnect too, so that claims are free again."""
         deadline = time.monotonic() + _HANG_UP_S
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
             self._socket.settimeout(_HANG_UP_S)
-            while time.monotonic() < deadline and self._socket.recv(_LONGEST_LINE):
+            while time.monotonic() < deadline and self._socket.recv(_MAX_LINE_BYTES):
                 pass
         self._file.close()
         self._socket.close()
 
-    def ask(self, kind: bytes, body: bytes = b"") -> bytes:
-        """Body of the answer of the same kind; other packets (messages) are skipped."""
-        self.tell(kind, body)
+    def request(self, kind: bytes, body: bytes = b"") -> bytes:
+        """Body of the reply of the same kind; other packets (messages) are skipped."""
+        self.send(kind, body)
         return self.wait(kind)
 
-    def tell(self, kind: bytes, body: bytes) -> None:
-        """A packet that is not answered."""
+    def send(self, kind: bytes, body: bytes) -> None:
+        """Send a packet that has no reply."""
         self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
 
     def wait(self, kind: bytes) -> bytes:
@@ -80,14 +80,14 @@ class Rtde:
                 return body
 
     def subscribe(self, frequency_hz: float, names: Mapping[str, str]) -> None:
-        """Have these fields sent, as packets of kind U."""
-        types = self.ask(b"O", struct.pack(">d", frequency_hz) + ",".join(names).encode())[1:]
-        if b"NOT_FOUND" in types or self.ask(b"S") != b"\x01":
+        """Subscribe to these fields, sent as packets of kind U."""
+        types = self.request(b"O", struct.pack(">d", frequency_hz) + ",".join(names).encode())[1:]
+        if b"NOT_FOUND" in types or self.request(b"S") != b"\x01":
             raise ValueError(f"it does not send {','.join(names)}: {types.decode()}")
 
 
 class Dashboard:
-    """Line by line: one command, one answer; raises OSError and ValueError."""
+    """Dashboard connection: one command, one reply; raises OSError and ValueError."""
 
     def __init__(self, host: str, timeout_s: float) -> None:
         self._socket = socket.create_connection((host, DASHBOARD_PORT), timeout_s)
@@ -101,12 +101,12 @@ class Dashboard:
         self._socket.close()
 
     def line(self) -> str:
-        line = self._file.readline(_LONGEST_LINE)
+        line = self._file.readline(_MAX_LINE_BYTES)
         if not line.endswith(b"\n"):
             raise ValueError("no end of line" if line else "the peer hung up")
         return line.decode("utf-8", "replace").strip()
 
-    def ask(self, command: str) -> str:
+    def request(self, command: str) -> str:
         self._socket.sendall(command.encode() + b"\n")
         return self.line()
 
@@ -119,14 +119,14 @@ def _exactly(stream: IO[bytes], count: int) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    return "no answer in time" if isinstance(error, TimeoutError) else str(error) or "no answer"
+    return "no reply in time" if isinstance(error, TimeoutError) else str(error) or "no reply"
 
 
 # preflight
 
 
 class PreflightCheck(msgspec.Struct, frozen=True):
-    """One question and its answer; ``remedy`` is empty when there is nothing to do."""
+    """Result of one check; ``remedy`` is empty when there is nothing to do."""
 
     name: str
     status: Literal["ok", "warn", "fail"]
@@ -135,7 +135,7 @@ class PreflightCheck(msgspec.Struct, frozen=True):
 
 
 class PreflightFindings(msgspec.Struct, frozen=True):
-    """Everything that was asked; questions that hang on a failed one are left out."""
+    """Results of all checks; those that depend on a failed one are omitted."""
 
     host: str
     checks: tuple[PreflightCheck, ...]
@@ -146,148 +146,153 @@ class PreflightFindings(msgspec.Struct, frozen=True):
         return tuple(check for check in self.checks if check.status == "fail")
 
 
-# checks that fail although the controller answers: it is set up wrongly, or in no state to move
-_ANSWERED = (
+# checks that fail on a reachable controller: wrong setup, or a state that prevents motion
+_STATE_CHECKS = (
     "version", "registers", "program", "speed slider", "remote control", "robot mode",
     "safety mode",
 )  # fmt: skip
 
 
 def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
-    """Ask everything; never raises on an unfit controller, and no step takes longer than told."""
-    asked = _Questions(host, step_timeout_s)
-    open_ports = [port for port in _PORTS if asked.port(port)]
+    """Run all checks; never raises on an unfit controller, each step has a time-out."""
+    checks = _Checks(host, step_timeout_s)
+    open_ports = [port for port in _PORTS if checks.port(port)]
     if RTDE_PORT in open_ports:
-        asked.rtde()
+        checks.rtde()
     if DASHBOARD_PORT in open_ports:
-        asked.dashboard()
-    return PreflightFindings(host, tuple(asked.checks), asked.version)
+        checks.dashboard()
+    return PreflightFindings(host, tuple(checks.checks), checks.version)
 
 
-def require(findings: PreflightFindings) -> None:
+def raise_for_failures(findings: PreflightFindings) -> None:
     """Raise for findings with failures: all of them in one message, by the gravest kind.
 
-    LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion or
+    LinkLost when something does not reply, DeviceFault when robot or safety state prevent motion or
     the controller is not set up for remote control by RTDE.
     """
     if not (failures := findings.failures):
         return
-    answered = all(check.name in _ANSWERED for check in failures)
-    raise (DeviceFault if answered else LinkLost)(
+    reachable = all(check.name in _STATE_CHECKS for check in failures)
+    raise (DeviceFault if reachable else LinkLost)(
         f"arm at {findings.host}: " + "; ".join(check.detail for check in failures),
         "; ".join(dict.fromkeys(check.remedy for check in failures)),
     )
 
 
-class _Questions:
-    """What is asked of a controller, and how each answer is judged."""
+class _Checks:
+    """The checks of a controller and their results."""
 
     def __init__(self, host: str, timeout_s: float) -> None:
         self.checks: list[PreflightCheck] = []
         self.version: Version | None = None
         self._host, self._timeout_s = host, timeout_s
 
-    def _add(self, name: str, fine: str, trouble: str = "", remedy: str = "") -> None:
-        fit = PreflightCheck(name, "ok", fine)
-        self.checks.append(PreflightCheck(name, "fail", trouble, remedy) if trouble else fit)
+    def _add(self, name: str, ok_text: str, problem: str = "", remedy: str = "") -> None:
+        fit = PreflightCheck(name, "ok", ok_text)
+        self.checks.append(PreflightCheck(name, "fail", problem, remedy) if problem else fit)
 
     def port(self, port: int) -> bool:
-        what, trouble = f"{_PORTS[port]} port {port}", ""
+        what, problem = f"{_PORTS[port]} port {port}", ""
         try:
             socket.create_connection((self._host, port), self._timeout_s).close()
         except OSError as error:
-            trouble = f"{what}: {_reason(error)}"
-        remedy = f"{CONNECT_AGAIN}; no firewall may stand before its ports"
-        self._add(f"{_PORTS[port]} port", f"{what} open", trouble, remedy)
-        return not trouble
+            problem = f"{what}: {_reason(error)}"
+        remedy = f"{CHECK_CONNECTION}; no firewall may block its ports"
+        self._add(f"{_PORTS[port]} port", f"{what} open", problem, remedy)
+        return not problem
 
     def rtde(self) -> None:
-        """Protocol, then version, then registers and state: each needs the one before."""
+        """Check protocol, then version, then registers and state: each needs the previous one."""
         try:
             with Rtde(self._host, self._timeout_s) as rtde:
-                if rtde.ask(b"V", struct.pack(">H", 2)) != b"\x01":
-                    trouble = "RTDE protocol version 2 is refused"
-                    self._add("version", "", trouble, "update PolyScope")
+                if rtde.request(b"V", struct.pack(">H", 2)) != b"\x01":
+                    problem = "RTDE protocol version 2 is refused"
+                    self._add("version", "", problem, "update PolyScope")
                     return
                 self._add("rtde protocol", "RTDE protocol version 2")
-                self.version = struct.unpack(">4I", rtde.ask(b"v"))
-                self.checks.append(judge_version(self.version))
+                self.version = struct.unpack(">4I", rtde.request(b"v"))
+                self.checks.append(check_version(self.version))
                 if self.checks[-1].status != "fail":
                     self._registers(rtde)
                     self._readiness(rtde)
         except (OSError, ValueError, struct.error) as error:
-            trouble = f"RTDE port {RTDE_PORT} answers no RTDE: {_reason(error)}"
-            self._add("rtde protocol", "", trouble, CONNECT_AGAIN)
+            problem = f"no RTDE reply from port {RTDE_PORT}: {_reason(error)}"
+            self._add("rtde protocol", "", problem, CHECK_CONNECTION)
 
     def _registers(self, rtde: Rtde) -> None:
-        """What is in use is asked for again while the step's time lasts."""
+        """Check the input registers; those in use are requested again until the step's time-out."""
         deadline = time.monotonic() + self._timeout_s
         while True:
-            types = rtde.ask(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
-            if "IN_USE" not in types or time.monotonic() + _ASK_AGAIN_S > deadline:
+            types = rtde.request(b"I", ",".join(_REGISTERS).encode())[1:].decode("ascii").split(",")
+            if "IN_USE" not in types or time.monotonic() + _RETRY_S > deadline:
                 break
-            time.sleep(_ASK_AGAIN_S)
-        answers = dict(zip(_REGISTERS, types, strict=False))
-        taken = [name for name in _REGISTERS if answers.get(name) == "IN_USE"]
-        missing = [name for name in _REGISTERS if answers.get(name, "NOT_FOUND") == "NOT_FOUND"]
-        fine = f"{len(_REGISTERS)} RTDE input registers free"
+            time.sleep(_RETRY_S)
+        by_name = dict.fromkeys(_REGISTERS, "NOT_FOUND") | dict(
+            zip(_REGISTERS, types, strict=False)
+        )
+        taken = [name for name, kind in by_name.items() if kind == "IN_USE"]
+        missing = [name for name, kind in by_name.items() if kind == "NOT_FOUND"]
+        ok_text = f"{len(_REGISTERS)} RTDE input registers free"
         if taken:
-            trouble = f"RTDE input registers are in use by another client: {_shortened(taken)}"
+            problem = f"RTDE input registers are in use by another client: {_shortened_list(taken)}"
             remedy = (
                 "end other RTDE clients, disable the fieldbus (EtherNet/IP, PROFINET, MODBUS) and "
                 "URCaps that claim registers, then try again"
             )
-            self._add("registers", fine, trouble, remedy)
+            self._add("registers", ok_text, problem, remedy)
         else:
-            trouble = f"the controller does not know {_shortened(missing)}" if missing else ""
-            self._add("registers", fine, trouble, "update PolyScope")
+            problem = f"the controller does not know {_shortened_list(missing)}" if missing else ""
+            self._add("registers", ok_text, problem, "update PolyScope")
 
     def _readiness(self, rtde: Rtde) -> None:
-        """A program is looked at again while the step's time lasts: one whose client has just gone
-        is ending."""
+        """Check for a running program and the speed slider.
+
+        A running program is checked again until the step's time-out, since the program of a client
+        that has just disconnected is ending.
+        """
         rtde.subscribe(25.0, {"runtime_state": "I", "target_speed_fraction": "d"})
         deadline = time.monotonic() + self._timeout_s
         while True:
             state, fraction = struct.unpack(">xId", rtde.wait(b"U"))
             if state not in _PLAYING or time.monotonic() > deadline:
                 break
-        trouble = state in _PLAYING and (
+        problem = state in _PLAYING and (
             f"a program {_PLAYING[state]} on the arm already, another client's or the teach "
             "pendant's"
         )
         remedy = "end it where it was started, or by `grasp arm stop`"
-        self._add("program", "no program runs on the arm", trouble or "", remedy)
-        self.checks.append(judge_speed(fraction))
+        self._add("program", "no program runs on the arm", problem or "", remedy)
+        self.checks.append(check_speed_slider(fraction))
 
     def dashboard(self) -> None:
         try:
             with Dashboard(self._host, self._timeout_s) as dashboard:
                 banner = dashboard.line()
                 known = "Dashboard Server" in banner
-                trouble = "" if known else f"no dashboard server: it says {banner!r}"
-                self._add("dashboard", banner, trouble, CONNECT_AGAIN)
+                problem = "" if known else f"no dashboard server: it sends {banner!r}"
+                self._add("dashboard", banner, problem, CHECK_CONNECTION)
                 if self.version is not None and self.version >= (5, 6):  # CB3 has no such switch
-                    self._state("remote control", dashboard.ask("is in remote control"), "TRUE")
-                self._state("robot mode", dashboard.ask("robotmode"), "RUNNING")
-                safety = dashboard.ask("safetystatus")
+                    self._state("remote control", dashboard.request("is in remote control"), "TRUE")
+                self._state("robot mode", dashboard.request("robotmode"), "RUNNING")
+                safety = dashboard.request("safetystatus")
                 if not safety.lower().startswith("safetystatus"):  # before PolyScope 5.4
-                    safety = dashboard.ask("safetymode")
+                    safety = dashboard.request("safetymode")
                 self._state("safety mode", safety, "NORMAL")
         except (OSError, ValueError) as error:
-            trouble = f"dashboard server does not answer: {_reason(error)}"
-            self._add("dashboard", "", trouble, CONNECT_AGAIN)
+            problem = f"dashboard server does not reply: {_reason(error)}"
+            self._add("dashboard", "", problem, CHECK_CONNECTION)
 
-    def _state(self, name: str, answer: str, wanted: str) -> None:
-        """Judge the value of an answer such as "Safetystatus: NORMAL"."""
-        state = answer.rpartition(":")[2].strip().upper()
-        trouble = "" if state == wanted else f"{name} is {state}, not {wanted}"
+    def _state(self, name: str, reply: str, expected: str) -> None:
+        """Check the value of a reply such as "Safetystatus: NORMAL"."""
+        state = reply.rpartition(":")[2].strip().upper()
+        problem = "" if state == expected else f"{name} is {state}, not {expected}"
         remedies = ((key, remedy) for key, remedy in _REMEDIES.items() if key in f"{name} {state}")
         self._add(
-            name, f"{name} {state}", trouble, next(remedies, ("", "see the teach pendant"))[1]
+            name, f"{name} {state}", problem, next(remedies, ("", "see the teach pendant"))[1]
         )
 
 
-_REMEDIES = {  # by words of the check and the state
+_REMEDIES = {  # by text of the check and the state
     "remote control": "enable remote control in PolyScope's settings, then switch from Local to "
     "Remote at the top right of the teach pendant",
     "robot mode": "power the robot on and release its brakes at the teach pendant",
@@ -298,8 +303,8 @@ _REMEDIES = {  # by words of the check and the state
 }
 
 
-def judge_version(version: Version) -> PreflightCheck:
-    """Tested with 3.15 and 5.5 to 5.22; refused where the registers do not exist yet."""
+def check_version(version: Version) -> PreflightCheck:
+    """Check of the version: tested with 3.15 and 5.5 to 5.22; fails where registers are missing."""
     release, text = version[:2], ".".join(map(str, version))
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         detail = f"PolyScope {text} has no RTDE registers for ur_rtde"
@@ -311,35 +316,37 @@ def judge_version(version: Version) -> PreflightCheck:
     return PreflightCheck("version", "warn", f"PolyScope {text} is untested", remedy)
 
 
-def judge_speed(fraction: float) -> PreflightCheck:
-    """Of the speed slider: a slower arm gets a warning, one that is too slow is refused."""
-    said = f"speed slider at {100 * fraction:.3g} %"
+def check_speed_slider(fraction: float) -> PreflightCheck:
+    """Check of the speed slider: a slower arm gets a warning, one that is too slow fails."""
+    text = f"speed slider at {100 * fraction:.3g} %"
     if fraction >= _FULL_SPEED:
-        return PreflightCheck("speed slider", "ok", said)
-    if fraction >= LEAST_SPEED_FRACTION:
-        slower = f"{said}: the arm moves at this share of every commanded speed"
-        return PreflightCheck("speed slider", "warn", slower, TURN_UP)
-    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % slip may go undetected"
-    return PreflightCheck("speed slider", "fail", least, f"{TURN_UP}; go slower by settings")
+        return PreflightCheck("speed slider", "ok", text)
+    if fraction >= MIN_SPEED_FRACTION:
+        slower = f"{text}: the arm moves at this share of every commanded speed"
+        return PreflightCheck("speed slider", "warn", slower, FULL_SPEED_REMEDY)
+    least = f"{text}, and below {100 * MIN_SPEED_FRACTION:g} % slip may go undetected"
+    return PreflightCheck(
+        "speed slider", "fail", least, f"{FULL_SPEED_REMEDY}; go slower by settings"
+    )
 
 
-def _shortened(names: list[str]) -> str:
+def _shortened_list(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-# one look at the arm
+# status of the arm
 
 
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
-MOST_REACH_M: Final = 2.5  # of the tool from the base; UR20 manual: 1.75 m, and a long tool
-STANDS_MPS: Final = 0.001  # as `ur.standing_below_mps`
+MAX_REACH_M: Final = 2.5  # of the tool from the base; UR20 manual: 1.75 m, plus a long tool
+STATIONARY_MPS: Final = 0.001  # as ``_STATIONARY_BELOW_MPS`` of the worker
 _FIELDS: Final = {
     "timestamp": "d", "actual_q": "6d", "actual_TCP_pose": "6d", "actual_TCP_speed": "6d",
     "robot_mode": "i", "safety_mode": "i", "runtime_state": "I", "target_speed_fraction": "d",
 }  # fmt: skip
 _DATA: Final = struct.Struct(">B" + "".join(_FIELDS.values()))
-_FREQUENCY_HZ: Final = 125.0  # that every controller can send
-_APART: Final = 10  # samples between the two that are compared
+_FREQUENCY_HZ: Final = 125.0  # available on every controller
+_SAMPLES_APART: Final = 10  # number of samples between the two that are compared
 
 ROBOT_MODES: Final = {
     -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off",
@@ -351,8 +358,8 @@ SAFETY_MODES: Final = {
 }  # fmt: skip
 
 
-class ArmLook(msgspec.Struct, frozen=True):
-    """What the controller said in one cycle; angles in rad, the rest in m and s."""
+class ArmStatus(msgspec.Struct, frozen=True):
+    """Status of one controller cycle; angles in rad, the rest in m and s."""
 
     t_s: float
     joints_rad: Pose
@@ -364,62 +371,62 @@ class ArmLook(msgspec.Struct, frozen=True):
     speed_fraction: float
 
     @property
-    def stands(self) -> bool:
-        return math.hypot(*self.speed[:3]) < STANDS_MPS
+    def stationary(self) -> bool:
+        return math.hypot(*self.speed[:3]) < STATIONARY_MPS
 
     @property
     def running(self) -> bool:
-        """Powered, brakes released: else pose and speed are not those of the tool."""
+        """Powered and brakes released; otherwise pose and speed are not those of the tool."""
         return self.robot_mode == ROBOT_RUNNING
 
 
-def look(host: str, timeout_s: float) -> tuple[ArmLook, ArmLook]:
-    """Two looks, a moment apart. Raises LinkLost for a controller that answers otherwise."""
+def read_status(host: str, timeout_s: float) -> tuple[ArmStatus, ArmStatus]:
+    """Two statuses, shortly after each other. Raises LinkLost without valid replies."""
     try:
         with Rtde(host, timeout_s) as rtde:
-            rtde.ask(b"V", struct.pack(">H", 2))
+            rtde.request(b"V", struct.pack(">H", 2))
             rtde.subscribe(_FREQUENCY_HZ, _FIELDS)
-            samples = [_decoded(rtde.wait(b"U")) for _ in range(_APART + 1)]
+            samples = [_decoded(rtde.wait(b"U")) for _ in range(_SAMPLES_APART + 1)]
             return samples[0], samples[-1]
     except (OSError, ValueError, struct.error) as error:
         why = _reason(error)
-        raise LinkLost(f"arm at {host}, RTDE port {RTDE_PORT}: {why}", CONNECT_AGAIN) from None
+        raise LinkLost(f"arm at {host}, RTDE port {RTDE_PORT}: {why}", CHECK_CONNECTION) from None
 
 
-def require_standing(host: str, timeout_s: float) -> None:
-    """Raises DeviceFault where the arm moves: a program of ours would end that which moves it."""
-    if any(each.running and not each.stands for each in look(host, timeout_s)):
-        raise DeviceFault(f"arm at {host}: {MOVES}", END_IT)
+def require_stationary(host: str, timeout_s: float) -> None:
+    """Raises DeviceFault where the arm moves: our program would end the one that moves it."""
+    if any(each.running and not each.stationary for each in read_status(host, timeout_s)):
+        raise DeviceFault(f"arm at {host}: {ARM_MOVES}", END_PROGRAM)
 
 
-def _decoded(body: bytes) -> ArmLook:
+def _decoded(body: bytes) -> ArmStatus:
     _, t_s, *v = _DATA.unpack(body)
     one, two, three = (tuple(v[i : i + 6]) for i in (0, 6, 12))
-    return ArmLook(t_s, one, two, three, *v[18:])
+    return ArmStatus(t_s, one, two, three, *v[18:])
 
 
-def doubts(now: ArmLook, before: ArmLook) -> list[str]:
-    """What no arm says; empty where nothing is strange. Of an arm without power only its clock."""
+def implausible_values(now: ArmStatus, before: ArmStatus) -> list[str]:
+    """Values of two statuses that no arm reports; without motor power only the clock is checked."""
     found = []
     if now.t_s <= before.t_s:
         found.append("the controller's clock stands still")
     if not now.running:
         return found
     if not all(map(math.isfinite, (*now.joints_rad, *now.pose, *now.speed))):
-        return [*found, "joints or pose are no numbers"]
+        return [*found, "joints or pose are not numbers"]
     if not any(now.joints_rad):
         found.append("all joints read exactly 0")
     away_m = math.hypot(*now.pose[:3])
-    if away_m > MOST_REACH_M:
+    if away_m > MAX_REACH_M:
         found.append(f"the tool is {away_m:.2f} m from the base, beyond any arm's reach")
     moved_m, passed_s = math.dist(now.pose[:3], before.pose[:3]), now.t_s - before.t_s
-    if now.stands and before.stands and moved_m > 0.005 + passed_s * STANDS_MPS:
+    if now.stationary and before.stationary and moved_m > 0.005 + passed_s * STATIONARY_MPS:
         found.append(f"the tool went {moved_m * 1e3:.0f} mm at no speed")
     return found
 
 
-def lines(now: ArmLook) -> list[str]:
-    """A person's words, a line each."""
+def status_lines(now: ArmStatus) -> list[str]:
+    """Text of a status, one line for each item."""
     degrees = ", ".join(
         f"{name} {math.degrees(q):.1f}" for name, q in zip(JOINTS, now.joints_rad, strict=True)
     )

@@ -1,4 +1,4 @@
-"""Supervision of the process that holds ur_rtde: started, heard and ended within deadlines."""
+"""Supervision of the worker process that holds ur_rtde: start, messages, deadlines, end."""
 
 import contextlib
 import socket
@@ -14,7 +14,7 @@ import msgspec
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.ur.link import messages, worker
 from drivers.ur.link.messages import Outcome, State
-from drivers.ur.link.preflight import CONNECT_AGAIN
+from drivers.ur.link.preflight import CHECK_CONNECTION
 
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
@@ -22,17 +22,17 @@ _LOG_LINES = 200
 
 
 class WorkerProcess:
-    """One worker, from start to end; never restarted, another one takes its place."""
+    """Worker process from start to end; it is never restarted but replaced."""
 
     def __init__(self, setup: messages.Setup, command: tuple[str, ...] = ()) -> None:
-        self.state: State | None = None  # latest value
+        self.state: State | None = None  # latest sample
         self.log: deque[str] = deque(maxlen=_LOG_LINES)  # what ur_rtde printed
         self._failures: deque[Outcome] = deque(maxlen=16)
         self._changed = threading.Condition()
         self._ready = False
-        self._ended = ""  # why, once it has
-        self._due: dict[int, float] = {}  # commands without reply: monotonic deadline
-        self._outcomes: dict[int, Outcome] = {}  # of calls that wait for it
+        self._end_reason = ""  # reason, once it has ended
+        self._deadlines: dict[int, float] = {}  # monotonic deadlines of commands without reply
+        self._outcomes: dict[int, Outcome] = {}  # of finished calls
         self._calls: set[int] = set()
         self._number = 0
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -48,12 +48,12 @@ class WorkerProcess:
         self._send(setup)
 
     def wait_ready(self, timeout_s: float) -> None:
-        """Until states flow; kills the worker and raises what is wrong when they do not."""
+        """Wait until states arrive; otherwise kill the worker and raise the reason."""
         with self._changed:
             self._changed.wait_for(
-                lambda: self._ended or (self._ready and self.state), timeout=timeout_s
+                lambda: self._end_reason or (self._ready and self.state), timeout=timeout_s
             )
-            reason = self._ended
+            reason = self._end_reason
             if self._ready and self.state and not reason:
                 return
         self.kill()
@@ -62,62 +62,62 @@ class WorkerProcess:
         raise _start_error(f"{reason} (ur_rtde: {printed[0]})" if printed else reason)
 
     def post(self, command: messages.Command, timeout_s: float) -> None:
-        """Send without waiting; ``failure`` and ``check`` say what went wrong."""
+        """Send without waiting; errors appear in ``next_failure`` and ``check``."""
         with self._changed:
-            self._due[command.number] = time.monotonic() + timeout_s
+            self._deadlines[command.number] = time.monotonic() + timeout_s
         self._send(command)
 
     def call(self, command: messages.Command, timeout_s: float) -> Outcome:
-        """Send and wait for what became of it; raises LinkLost when there is no answer."""
+        """Send and wait for the outcome; raises LinkLost when there is no reply."""
         self._calls.add(command.number)
         self.post(command, timeout_s)
         with self._changed:
             self._changed.wait_for(
-                lambda: self._ended or command.number in self._outcomes, timeout=timeout_s
+                lambda: self._end_reason or command.number in self._outcomes, timeout=timeout_s
             )
         outcome = self._outcomes.pop(command.number, None)
         if outcome is None:
             self.check()
-            self._give_up()
+            self._kill_and_raise()
         return outcome
 
     def next_number(self) -> int:
         self._number += 1
         return self._number
 
-    def beat(self) -> None:
-        self._send(messages.Beat())
+    def send_heartbeat(self) -> None:
+        self._send(messages.Heartbeat())
 
-    def failure(self) -> Outcome | None:
-        """One command that failed since it was asked last."""
+    def next_failure(self) -> Outcome | None:
+        """Outcome of a command that failed since the last call; None if none did."""
         return self._failures.popleft() if self._failures else None
 
-    def awaits(self, number: int) -> bool:
-        return number in self._due
+    def is_pending(self, number: int) -> bool:
+        return number in self._deadlines
 
     def check(self) -> None:
-        """Raise LinkLost when the worker has ended or owes a reply for too long (it is killed)."""
-        if self._ended:
-            remedy = f"{CONNECT_AGAIN}; {START_AGAIN}"
-            raise LinkLost(f"link to the arm lost: {self._ended}", remedy)
+        """Raise LinkLost when the worker has ended or a reply is overdue (then it is killed)."""
+        if self._end_reason:
+            remedy = f"{CHECK_CONNECTION}; {START_AGAIN}"
+            raise LinkLost(f"link to the arm lost: {self._end_reason}", remedy)
         with self._changed:
-            late = any(due < time.monotonic() for due in self._due.values())
+            late = any(due < time.monotonic() for due in self._deadlines.values())
         if late:
-            self._give_up()
+            self._kill_and_raise()
 
-    def _give_up(self) -> NoReturn:
+    def _kill_and_raise(self) -> NoReturn:
         self.kill()
-        raise LinkLost("the arm controller did not take a command in time", START_AGAIN)
+        raise LinkLost("the arm controller did not accept a command in time", START_AGAIN)
 
     def close(self, timeout_s: float) -> None:
-        """Let it brake and end its program; kill it when that takes too long."""
-        self._send(messages.Leave())
+        """Let the worker brake and end its program; kill it when that takes too long."""
+        self._send(messages.Shutdown())
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         self.kill()
 
     def kill(self) -> None:
-        """At once, without a word: the controller's watchdog then stops the arm."""
+        """Kill the worker at once: the controller's watchdog then stops the arm."""
         self._process.kill()
         self._process.wait()
         for thread in self._threads:
@@ -125,53 +125,56 @@ class WorkerProcess:
         self._socket.close()
 
     def _send(self, message: messages.Request) -> None:
-        """A worker that does not read or is gone shows by its silence, so nothing is raised."""
+        """Send a message; a worker that does not read or is gone is detected by its missing
+        replies."""
         with contextlib.suppress(OSError):
             self._socket.send(msgspec.msgpack.encode(message), socket.MSG_DONTWAIT)
 
     def _listen(self) -> None:
-        """Thread: take in messages until the worker ends."""
+        """Thread: handle messages until the worker ends."""
         decoder = msgspec.msgpack.Decoder(messages.FromWorker)
         alive = True
         while alive:
             try:
-                data = self._socket.recv(messages.LONGEST_MESSAGE)
-                alive = self._take(decoder.decode(data) if data else None)
-            except ConnectionResetError:  # it ended with requests unread; what it sent still comes
+                data = self._socket.recv(messages.MAX_MESSAGE_BYTES)
+                alive = self._handle(decoder.decode(data) if data else None)
+            except (
+                ConnectionResetError
+            ):  # the worker ended with unread requests; its last messages can still be read
                 continue
             except (OSError, msgspec.DecodeError):
-                alive = self._take(None)
+                alive = self._handle(None)
 
     def _keep_log(self) -> None:
-        """Thread: what ur_rtde prints."""
+        """Thread: keep the output of ur_rtde."""
         assert self._process.stdout is not None  # noqa: S101
         with self._process.stdout as printed:
             for line in printed:
                 self.log.append(line.decode("utf-8", "replace").rstrip("\n"))
 
-    def _take(self, said: messages.FromWorker | None) -> bool:
+    def _handle(self, message: messages.FromWorker | None) -> bool:
         with self._changed:
-            if said is None:
-                self._ended = self._ended or "its worker process ended"
-            elif isinstance(said, State):
-                self.state = said
-            elif isinstance(said, messages.Reply):
-                self._due.pop(said.number, None)
-                if said.number in self._calls:
-                    self._calls.discard(said.number)
-                    self._outcomes[said.number] = said.outcome
-                elif said.outcome is not Outcome.DONE:
-                    self._failures.append(said.outcome)
-            elif isinstance(said, messages.Ready):
+            if message is None:
+                self._end_reason = self._end_reason or "its worker process ended"
+            elif isinstance(message, State):
+                self.state = message
+            elif isinstance(message, messages.Reply):
+                self._deadlines.pop(message.number, None)
+                if message.number in self._calls:
+                    self._calls.discard(message.number)
+                    self._outcomes[message.number] = message.outcome
+                elif message.outcome is not Outcome.DONE:
+                    self._failures.append(message.outcome)
+            elif isinstance(message, messages.Ready):
                 self._ready = True
-            elif isinstance(said, messages.Failed):
-                self._ended = said.reason
+            elif isinstance(message, messages.Failed):
+                self._end_reason = message.reason
             self._changed.notify_all()
-        return said is not None
+        return message is not None
 
 
 def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
-    """A fresh interpreter with this one's search path, out of reach of the terminal's Ctrl-C."""
+    """Start an interpreter with the same search path, unaffected by the terminal's Ctrl-C."""
     path = f"import sys; sys.path[:] = {sys.path!r}"
     code = f"{path}; from {worker.__name__} import main; main()"
     return subprocess.Popen(
@@ -185,13 +188,13 @@ def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes
 
 
 def _start_error(reason: str) -> GraspError:
-    """By what ur_rtde says; pre-flight has ruled most of it out a moment before."""
+    """Error for ur_rtde's failure text; pre-flight has excluded most causes before."""
     if "No module named" in reason:
         return Refused(f"ur_rtde is not installed: {reason}", "pip install 'ur-rtde>=1.6.3'")
     if "in use" in reason:
         return DeviceFault(reason, "end other RTDE clients and URCaps, then try again")
     if "remote control" in reason:
         return DeviceFault(reason, "switch the teach pendant to remote control")
-    if "start control script" in reason or "took no setting" in reason:
+    if "start control script" in reason or "accepted no setting" in reason:
         return DeviceFault(reason, SEE_PENDANT)
-    return LinkLost(reason, CONNECT_AGAIN)
+    return LinkLost(reason, CHECK_CONNECTION)

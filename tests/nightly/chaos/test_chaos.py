@@ -93,7 +93,7 @@ def stated_s() -> float:
     """The longest run by its time-outs, each once: to open, run, stop and close."""
     ur, loop = SETTINGS.ur, SETTINGS.loop
     opening_s = READY_S + ACTIVATION_TIMEOUT_S + 3 * ur.step_timeout_s + ur.start_timeout_s
-    closing_s = ur.leave_timeout_s + ur.step_timeout_s
+    closing_s = ur.brake_timeout_s + ur.step_timeout_s
     return opening_s + loop.deadline_s + ControlLoop.stop_s + closing_s + SLACK_S
 
 

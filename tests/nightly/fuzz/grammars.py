@@ -1,7 +1,7 @@
-"""What a hostile client says on each port, made from a seed: half grammar, half rubble.
+"""Input of hostile clients for each port, generated from a seed: valid grammar and damaged bytes.
 
-A grammar makes the bytes that one connection sends. Nothing here asks for what its owner may ask
-for and others would suffer from by right: a freeze, dropped links, the load of another world.
+A grammar generates the bytes of one connection. It never requests what the protocol allows but
+what would disturb other clients: a freeze, dropped links, the load of another world.
 """
 
 import random
@@ -14,16 +14,16 @@ from drivers.ur.emulator.urscript_functions import BUILTINS
 
 NUMBERS = (0, 1, -1, 6, 0.1, 5e-324, 1e-9, 1e200, 1e308, 2**31 - 1, 2**31, -(2**31))
 OUTPUTS, INPUTS, CALLS = sorted(ur_rtde.OUTPUTS), sorted(ur_rtde.INPUTS), sorted(BUILTINS)
-MOST_BYTES = 200_000  # of one connection
+MAX_BYTES = 200_000  # of one connection
 
 
 def number(r: random.Random) -> str:
     return str(r.choice((r.choice(NUMBERS), r.uniform(-2, 2), r.randint(-5, 300))))
 
 
-def expression(r: random.Random, deep: int = 0) -> str:
-    inner = lambda: expression(r, deep + 1)  # noqa: E731
-    match r.randrange(8 if deep < 4 else 3):
+def expression(r: random.Random, depth: int = 0) -> str:
+    inner = lambda: expression(r, depth + 1)  # noqa: E731
+    match r.randrange(8 if depth < 4 else 3):
         case 0 | 1:
             return number(r)
         case 2:
@@ -36,20 +36,20 @@ def expression(r: random.Random, deep: int = 0) -> str:
             return f"{r.choice('p ')}[{', '.join(inner() for _ in range(r.choice((0, 3, 6, 6))))}]"
         case 6:
             return f"{inner()}[{inner()}]"
-    return call(r, deep)
+    return call(r, depth)
 
 
-def call(r: random.Random, deep: int = 0) -> str:
-    given = [expression(r, deep + 1) for _ in range(r.randrange(4))]
+def call(r: random.Random, depth: int = 0) -> str:
+    arguments = [expression(r, depth + 1) for _ in range(r.randrange(4))]
     if r.random() < 0.5:
         pose = ", ".join(f"{r.uniform(-0.6, 0.6):.3f}" for _ in range(6))
-        given[:1] = [f"{r.choice('p ')}[{pose}]"]
-    return f"{r.choice(CALLS)}({', '.join(given)})"
+        arguments[:1] = [f"{r.choice('p ')}[{pose}]"]
+    return f"{r.choice(CALLS)}({', '.join(arguments)})"
 
 
-def statement(r: random.Random, deep: int = 0) -> str:
-    inner = lambda: "\n".join(statement(r, deep + 1) for _ in range(r.randrange(5)))  # noqa: E731
-    match r.randrange(9 if deep < 4 else 4):
+def statement(r: random.Random, depth: int = 0) -> str:
+    inner = lambda: "\n".join(statement(r, depth + 1) for _ in range(r.randrange(5)))  # noqa: E731
+    match r.randrange(9 if depth < 4 else 4):
         case 0 | 1:
             return call(r)
         case 2:
@@ -69,8 +69,8 @@ def urscript(r: random.Random) -> bytes:
     kind = r.random()
     if kind < 0.1:  # long
         line = statement(r)
-        return f"def f():\na=1\n{(line + chr(10)) * (MOST_BYTES // (len(line) + 1))}end\n".encode()
-    if kind < 0.2:  # deep
+        return f"def f():\na=1\n{(line + chr(10)) * (MAX_BYTES // (len(line) + 1))}end\n".encode()
+    if kind < 0.2:  # depth
         opening = r.choice(("(", "[", "-", "not ", "if 1:", "f("))
         return f"def f():\n{opening * r.randrange(20_000)}\nend\n".encode()
     body = "\n".join(statement(r) for _ in range(r.randrange(5)))
@@ -104,10 +104,10 @@ def rtde_packet(r: random.Random, recipes: list[list[str]]) -> bytes:
 
 
 def modbus(r: random.Random) -> bytes:
-    return b"".join(frame(r) for _ in range(r.choice((1, 20, 2000))))
+    return b"".join(modbus_frame(r) for _ in range(r.choice((1, 20, 2000))))
 
 
-def frame(r: random.Random) -> bytes:
+def modbus_frame(r: random.Random) -> bytes:
     function = r.choice((4, 4, 4, 16, 16, 3, 6, 23, r.randrange(256)))
     if function == 16 and r.random() < 0.7:
         count = r.randrange(4)
@@ -119,11 +119,11 @@ def frame(r: random.Random) -> bytes:
     return struct.pack(">HHHBB", r.randrange(65536), 0, length, unit, function) + body
 
 
-def hop(r: random.Random) -> bytes:
-    return b"".join(hop_message(r) for _ in range(r.choice((1, 20, 500))))
+def usb(r: random.Random) -> bytes:
+    return b"".join(usb_message(r) for _ in range(r.choice((1, 20, 500))))
 
 
-def hop_message(r: random.Random) -> bytes:
+def usb_message(r: random.Random) -> bytes:
     fields = [r.choice((0, 1, 2, 3, 6, 8, 9, 10, 11, 12, -1))]
     fields += [r.choice((0, 1, 0x81, 0xC0, 0x80, 0x5C, 0xBA, 64, 512, 2**40)) for _ in range(6)]
     fields = [*fields[: r.choice((1, 4, 7))], *([r.choice((1, 5))] if r.random() < 0.9 else [])]
@@ -143,8 +143,8 @@ def dashboard(r: random.Random) -> bytes:
     return "\n".join(r.choice(words) for _ in range(r.choice((3, 900)))).encode() + b"\n"
 
 
-def rubble(r: random.Random, data: bytes) -> bytes:
-    """Some bytes changed, cut out or doubled, or the end missing."""
+def damaged(r: random.Random, data: bytes) -> bytes:
+    """Data with some bytes changed, removed or repeated, or with the end cut off."""
     changed = bytearray(data)
     for _ in range(r.choice((1, 3, 30))):
         at = r.randrange(len(changed) + 1)
@@ -159,13 +159,13 @@ def rubble(r: random.Random, data: bytes) -> bytes:
 
 
 GRAMMARS = {
-    "urscript": urscript, "rtde": rtde, "modbus": modbus, "hop": hop, "dashboard": dashboard,
+    "urscript": urscript, "rtde": rtde, "modbus": modbus, "usb": usb, "dashboard": dashboard,
 }  # fmt: skip
 
 
 def pieces(name: str, r: random.Random) -> list[bytes]:
-    """What a connection sends, a third of it damaged, in a few pieces of any size."""
-    data = GRAMMARS[name](r)[:MOST_BYTES]
-    data = rubble(r, data) if r.random() < 0.3 else data
+    """Bytes of a connection in a few pieces of any size; damaged in a third of the cases."""
+    data = GRAMMARS[name](r)[:MAX_BYTES]
+    data = damaged(r, data) if r.random() < 0.3 else data
     cuts = sorted(r.randrange(len(data) + 1) for _ in range(r.choice((0, 0, 1, 8))))
     return [data[a:b] for a, b in zip([0, *cuts], [*cuts, len(data)], strict=True)]

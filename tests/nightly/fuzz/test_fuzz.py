@@ -1,7 +1,8 @@
-"""Hostile clients on every port of the emulated devices, and a well-behaved client beside them.
+"""Hostile clients on every port of the emulated devices, together with a well-behaved client.
 
-`make test-fuzz MINUTES=60 SEED=1` attacks for an hour. The cell must live, answer everybody, not
-grow, and end after SIGTERM. A failure prints the last cases, each a grammar and a seed.
+`make test-fuzz MINUTES=60 SEED=1` runs for an hour. The cell must keep running, reply to every
+valid request, not grow in memory, and end after SIGTERM. A failure prints the last cases, each a
+grammar and a seed.
 """
 
 import json
@@ -29,12 +30,12 @@ from tests.nightly.fuzz.grammars import GRAMMARS, pieces
 
 MINUTES = float(os.environ.get("MINUTES", "0.7"))
 SEED = int(os.environ.get("SEED", "7"))
-FIRST = (("rtde", 6),)  # cases that found something once
+FIRST = (("rtde", 6),)  # cases that have found an error
 ATTACKERS = 6
-PAUSE_S, EACH_S = 0.02, 0.1  # between connections of an attacker, and polite questions
+PAUSE_S, EACH_S = 0.02, 0.1  # between connections of an attacker, and valid requests
 CONNECTION_S = 0.5  # for one connection to send everything
-ANSWER_S = 20.0  # generous for a busy machine
-MOST_GROWTH_MB = 150.0
+REPLY_S = 20.0  # generous for a busy machine
+MAX_GROWTH_MB = 150.0
 END_S = 30.0  # from SIGTERM
 
 Case = tuple[str, int]
@@ -42,7 +43,7 @@ Ports = dict[str, list[tuple[str, int]]]
 
 
 class Attack:
-    """Threads that play cases until they are stopped."""
+    """Threads that run cases until they are stopped."""
 
     def __init__(self, ports: Ports) -> None:
         self.last: deque[Case] = deque(maxlen=100)
@@ -76,7 +77,7 @@ class Attack:
 
 
 def play(ports: Ports, case: Case) -> None:
-    """One connection: sends its pieces, reads or not, waits or not, closes or resets."""
+    """Open a connection and send the pieces; reads, waits, closes or resets at random."""
     name, seed = case
     r = random.Random(seed)
     data = pieces(name, r)
@@ -101,28 +102,28 @@ def ports_of(at: dict[str, Any]) -> Ports:
         "urscript": [(host, 30001), (host, 30002), (host, arm["script"])],
         "rtde": [(host, arm["rtde"])],
         "modbus": [(at["gripper"]["host"], at["gripper"]["port"])],
-        "hop": [(board, int(port))],
+        "usb": [(board, int(port))],
         "dashboard": [(host, arm["dashboard"])],
     }
 
 
-def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]:
-    """Of a well-behaved client, one connection to each port, kept open; each ends with its answer,
-    or raises."""
-    lines = ("dashboard", "modbus", "hop", "rtde")
+def requests(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]:
+    """Requests of a well-behaved client, with one open connection to each port; each call returns
+    after its reply, or raises."""
+    lines = ("dashboard", "modbus", "usb", "rtde")
     socks = {
-        name: stack.enter_context(socket.create_connection(ports[name][0], ANSWER_S))
+        name: stack.enter_context(socket.create_connection(ports[name][0], REPLY_S))
         for name in lines
     }
     files = {name: stack.enter_context(sock.makefile("rb")) for name, sock in socks.items()}
 
-    def ask(name: str, data: bytes, begins: bytes) -> None:
+    def request(name: str, data: bytes, begins: bytes) -> None:
         socks[name].sendall(data)
-        answer = files[name].read(11) if name == "modbus" else files[name].readline()
-        assert answer.startswith(begins), f"{name}: answered {answer[:80]!r}"
+        reply = files[name].read(11) if name == "modbus" else files[name].readline()
+        assert reply.startswith(begins), f"{name}: replied {reply[:80]!r}"
 
     def version() -> None:
-        """Its answer comes within a stream."""
+        """Request the version; its reply arrives within a stream."""
         socks["rtde"].sendall(packet(PacketType.CONTROLLER_VERSION))
         kind = 0
         while kind != PacketType.CONTROLLER_VERSION:
@@ -130,17 +131,17 @@ def questions(ports: Ports, stack: ExitStack) -> dict[str, Callable[[], object]]
             files["rtde"].read(size - 3)
 
     def list_boards() -> None:
-        bus.send(socks["hop"], BusRequest(Op.LIST))
-        bus.receive(socks["hop"], BusReply)
+        bus.send(socks["usb"], BusRequest(Op.LIST))
+        bus.receive(socks["usb"], BusReply)
 
     files["dashboard"].readline()
     outputs = struct.pack(">d", 125.0) + b"timestamp,actual_q,actual_TCP_pose,robot_mode"
     socks["rtde"].sendall(packet(PacketType.OUTPUTS, outputs) + packet(PacketType.START))
     read = bytes.fromhex("000100000006020400000001")
     return {
-        "dashboard": lambda: ask("dashboard", b"robotmode\n", b"Robotmode"),
-        "modbus": lambda: ask("modbus", read, b"\0\1\0\0\0\5\2\4\2"),
-        "hop": list_boards,
+        "dashboard": lambda: request("dashboard", b"robotmode\n", b"Robotmode"),
+        "modbus": lambda: request("modbus", read, b"\0\1\0\0\0\5\2\4\2"),
+        "usb": list_boards,
         "rtde": version,
     }
 
@@ -149,8 +150,8 @@ def memory_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * 4096 / 1e6
 
 
-def ends_well(pid: int) -> bool:
-    """Whether a child ends after SIGTERM with exit code 0; leaves it to be waited for."""
+def ends_cleanly(pid: int) -> bool:
+    """Whether a child ends after SIGTERM with exit code 0; it is not reaped here."""
     os.kill(pid, signal.SIGTERM)
     until = time.monotonic() + END_S
     while time.monotonic() < until:
@@ -162,24 +163,24 @@ def ends_well(pid: int) -> bool:
 
 
 @pytest.mark.timeout(300 + 120 * MINUTES)
-def test_hostile_clients_of_all_ports_leave_a_cell_that_serves_the_others() -> None:
+def test_hostile_clients_on_all_ports_do_not_disturb_a_well_behaved_client() -> None:
     config = load_for_devices("can", "emulated", [], [])
     with cell_process(config, 0) as cell, ExitStack() as stack:
         pid, ports = cell.endpoints["pid"], ports_of(cell.endpoints)
-        asked, least_mb = questions(ports, stack), memory_mb(pid)
+        requests_of_client, least_mb = requests(ports, stack), memory_mb(pid)
         until = time.monotonic() + 60.0 * MINUTES
         attack = Attack(ports)
         try:
             with attack:
                 while time.monotonic() < until:
-                    for name, ask in asked.items():
+                    for name, request in requests_of_client.items():
                         try:
-                            ask()
+                            request()
                         except (OSError, struct.error) as error:
-                            pytest.fail(f"{name} did not answer: {error!r}")
-                        time.sleep(EACH_S / len(asked))
-                    assert memory_mb(pid) - least_mb <= MOST_GROWTH_MB
-            assert ends_well(pid)
+                            pytest.fail(f"{name} did not reply: {error!r}")
+                        time.sleep(EACH_S / len(requests_of_client))
+                    assert memory_mb(pid) - least_mb <= MAX_GROWTH_MB
+            assert ends_cleanly(pid)
         except BaseException:
             print("last cases:", json.dumps(list(attack.last)))
             raise

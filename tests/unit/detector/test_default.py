@@ -10,7 +10,7 @@ from scenarios.campaign.config import load_config
 
 DEFAULT = load_config("can", "simulated")
 # What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
-# by the rule of docs/default-detector.md ("Which one is the default, and why") that new ones are no
+# with `make results` that new ones are no
 # worse, and write the new values here. A test that fails for any other reason has found a mistake.
 RULES = {
     "tcn": RuleSettings(

@@ -1,4 +1,4 @@
-"""Where a setting of a driver takes effect: the drivers, over links that obey."""
+"""Probes for the effect of driver settings: the drivers on simulated links."""
 
 import math
 from collections.abc import Callable
@@ -20,10 +20,10 @@ MS = 1_000_000
 ZERO = (0.0, 0.0, 0.0)
 
 
-# Arm: a link that stands where it is told to and writes down what it is sent
+# Arm: a link that stays at rest and records the commands
 
 
-class StandingArm:
+class StationaryArm:
     def __init__(self) -> None:
         self.sample = ArmSample(0, ZERO, ZERO, moving=False, protective_stop=False)
         self.stopped = False
@@ -44,28 +44,28 @@ class StandingArm:
         return self.sample
 
 
-def arm_driver(**settings: Any) -> tuple[ArmDriver, StandingArm]:
-    link = StandingArm()
+def arm_driver(**settings: Any) -> tuple[ArmDriver, StationaryArm]:
+    link = StationaryArm()
     wide = {"workspace_low_m": (-1.0,) * 3, "workspace_high_m": (1.0,) * 3, "max_jump_m": 1.0}
     driver = ArmDriver(link, ArmSettings(**{**wide, **settings}))
     driver.poll(0)
     return driver, link
 
 
-def taken(act: Callable[[], object]) -> bool:
+def accepted(command: Callable[[], object]) -> bool:
     try:
-        act()
+        command()
     except Refused:
         return False
     return True
 
 
 def moves(to: tuple[float, float, float], speed: float = 0.1, ramp: float = 0.5, **s: Any) -> bool:
-    return taken(lambda: arm_driver(**s)[0].move_to(to, speed, ramp))
+    return accepted(lambda: arm_driver(**s)[0].move_to(to, speed, ramp))
 
 
 def moves_along_any(x: float, **settings: Any) -> bool:
-    """The same verdict on all three axes."""
+    """Whether a move is accepted; the same result on all three axes."""
     verdicts = {
         moves((x if axis == 0 else 0.0, x if axis == 1 else 0.0, x if axis == 2 else 0.0),
               **settings)
@@ -98,7 +98,7 @@ def rest_taken(codes: int | None = None, noise: int = 0, **settings: Any) -> boo
     if codes is not None:
         bench.codes = np.full(18, codes, np.int16)
     bench.noise = np.full(18, noise, np.int16)
-    return taken(bench.take_rest)
+    return accepted(bench.take_rest)
 
 
 def missed_until_stale(v: int) -> int:
@@ -110,30 +110,30 @@ def missed_until_stale(v: int) -> int:
 
 
 def still_new(v: float, age_ms: float) -> bool:
-    """Whether a sample that was converted so long ago is taken."""
+    """Whether a sample that was converted so long ago is accepted."""
 
     def bench() -> Bench:
         return Bench(TakkTileSettings(max_age_ms=v)).take_rest()
 
     usual, late = bench(), bench()
     usual.poll()
-    late.link.advance(usual.now_ns)  # the same sample has come
+    late.link.advance(usual.now_ns)  # the same sample has arrived
     late.driver.poll(usual.frame.sampled_ns + round(age_ms * MS))
     return late.frame.missed == 0
 
 
-# Gripper: a hand whose positions are believed is held by targets, any other by stopping it
+# Gripper: a hand with trusted positions is held by targets, any other by stopping it
 
 
 def hand(at_counts: int, **settings: Any) -> Rig:
-    """On its way there, at full speed."""
+    """A hand on its way to a position, at full speed."""
     made = Rig(HandSettings(), PAPER, settings=DriverSettings(**settings))
     made.driver.move_to((at_counts,) * 3, 0.11, 10.0)
     return made
 
 
 def between_writes_s(value: float) -> float:
-    """Least time between two writes of commands that change all the time."""
+    """Shortest time between two writes of constantly changing commands."""
     made = hand(50, write_interval_s=value)
     for counts in range(50, 250):
         made.driver.move_to((counts,) * 3, 0.11, 10.0)
@@ -160,7 +160,7 @@ def calibrated(**figures: float) -> GripperCalibration:
 
 
 def exponent_of_force(v: float) -> float:
-    """How force grows from a byte to the next, from what the hand is told at a quarter of it."""
+    """Exponent of force over byte, from the force at a fifth of the range."""
     own = calibrated(force_exponent=v)
     share = (own.force_n(51) - own.force_n(0)) / (own.force_n(255) - own.force_n(0))
     return math.log(share) / math.log(51 / 255)

@@ -1,4 +1,4 @@
-"""Expected errors: one line, one remedy, and the same in another process."""
+"""Expected errors: one line, one remedy, and pickling."""
 
 import pickle
 
@@ -16,7 +16,7 @@ from drivers.errors import (
 PLAIN = (LinkLost, DeviceFault, Refused, Stale, UsageError, CouldNotRecord)
 
 
-def test_an_error_survives_another_process() -> None:
+def test_an_error_can_be_pickled() -> None:
     for error in [
         *(kind("what happened", "what to do") for kind in PLAIN),
         BadFile("file.csv", "has no column p5", "another file", 1),

@@ -285,7 +285,7 @@ def test_hand_in_scissor_mode_closes_nothing_and_is_let_go(ready: Lab) -> None:
         )
     )  # fmt: skip
     until(lambda: (ready.places, ready.hand.scissor.position) == ((60, 60, 60), 200))
-    told = "the hand is in scissor mode, in which it is only opened"
+    told = "the hand is in scissor mode, in which it may only be opened"
     for words in (
         ("run", "lift", *HARDWARE), ("gripper", "close"), ("gripper", "step", "--finger", "A"),
     ):  # fmt: skip
@@ -294,7 +294,7 @@ def test_hand_in_scissor_mode_closes_nothing_and_is_let_go(ready: Lab) -> None:
             assert refused.code == 4, (words, refused)
             assert told in refused.err
     kept = ready.grasp("gripper", "activate", "--empty", *CONFIRMED)
-    assert kept.code == 4 and "would drop what the fingers hold" in kept.err
+    assert kept.code == 4 and "would drop the object" in kept.err
     assert (ready.hand.mode, ready.places) == (SCISSOR, (60, 60, 60))
     ready.done("release", *HARDWARE)
     now = ready.hand

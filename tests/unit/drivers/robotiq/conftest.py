@@ -1,5 +1,5 @@
-"""A driver over a modelled hand in virtual time, with springs to close on; a core under its thread,
-closed behind each test."""
+"""Fixtures: a driver on a modelled hand in virtual time, with springs to close on, and a gripper
+thread that is closed after each test."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSetting
 from drivers.robotiq.model.hand import Command, decode
 from drivers.robotiq.protocol import to_bytes
 from tests.calibrations import MANUAL, PAPER
-from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, settled
+from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, wait_for_polls
 
 MS = 1_000_000
 
@@ -35,7 +35,7 @@ class Springs:
 
 
 class Transport(ModelTransport):
-    """The model's registers, over a link that a test can break or garble."""
+    """The model's registers over a link that a test can break or corrupt."""
 
     def __init__(self, model: GripperModel) -> None:
         super().__init__(model)
@@ -108,20 +108,20 @@ class Rig:
             self.advance(10)
             self.driver.poll(self.now_ns)
 
-    def answer_late(self, ms: int) -> None:
-        """One exchange whose answer tells of how the hand is that much later."""
-        asked_ns, read = self.now_ns, self.transport.read
+    def reply_late(self, ms: int) -> None:
+        """Do an exchange whose reply arrives so much later, with the state of that time."""
+        requested_ns, read = self.now_ns, self.transport.read
 
         def late(first_register: int, count: int, now_ns: int) -> Sequence[int]:
             self.advance(ms)
             return read(first_register, count, self.now_ns)
 
         self.transport.read = late
-        self.driver.poll(asked_ns)
+        self.driver.poll(requested_ns)
         self.transport.read = read
 
     def settle(self, limit: int = 1000) -> None:
-        """Poll until everything rests; fails when it does not."""
+        """Poll until all fingers are at rest; fails after ``limit`` polls."""
         for _ in range(limit):
             self.step()
             if self.state.at_rest and not self.model.moving:
@@ -159,15 +159,15 @@ def made() -> Iterator[Made]:
     opened: list[ThreadedGripper] = []
 
     def make(
-        *acts: Callable[[Cell], None], period_s: float = NEVER_S, **more: Any
+        *actions: Callable[[Cell], None], period_s: float = NEVER_S, **more: Any
     ) -> tuple[Cell, ThreadedGripper]:
         cell: Any = Cell()
-        cell.acts = [lambda act=act: act(cell) for act in acts]
+        cell.actions = [lambda act=act: act(cell) for act in actions]
         gripper = ThreadedGripper(cell, period_s, clock=cell.clock, **more)
         opened.append(gripper)
         gripper.start(within_s=FOR_EVER_S)
         cell.wait()
-        settled(gripper, 1)
+        wait_for_polls(gripper, 1)
         return cell, gripper
 
     yield make

@@ -1,4 +1,4 @@
-"""What the tests of the driver core share: a quick hand, and a rig that has gripped."""
+"""Shared by tests of the driver core: a hand with a short activation, and a rig in contact."""
 
 from drivers.interfaces import Detection
 from drivers.robotiq.model.gripper import HandSettings
@@ -22,7 +22,7 @@ THUMB = (True, False, False)
 
 
 def gripped(rig, springs, **kwargs):
-    """A rig whose three fingers have met rigid objects at force byte 0."""
+    """A rig whose three fingers are in contact with rigid objects at force byte 0."""
     made = rig(springs=springs([RIGID] * 3, [0.03] * 3), **kwargs)
     made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST)
     made.settle()

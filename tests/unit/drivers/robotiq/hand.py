@@ -55,7 +55,7 @@ class Hand:
         return self.status()
 
     def frame(self) -> str:
-        """The status as it goes out, in hex."""
+        """The status bytes, in hex."""
         return to_bytes(self.model.read(self.now_ns)).hex()
 
     def frame_after(self, ms: int) -> str:
@@ -73,7 +73,7 @@ class Hand:
         raise AssertionError("the hand did not come to rest")
 
     def grip(self, force: int = 0) -> StatusRegisters:
-        """Close on rigid objects until all fingers have met them."""
+        """Close on rigid objects until all fingers are in contact."""
         self.put(5000.0, 0.03)
         self.write(command(255, force=force))
         return self.rest()

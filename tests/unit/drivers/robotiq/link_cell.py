@@ -1,4 +1,4 @@
-"""A gripper's core under its thread, on a clock that stands until it is told to go on."""
+"""A gripper core under its thread, on a clock that a test advances."""
 
 import threading
 from collections.abc import Callable
@@ -9,12 +9,12 @@ from drivers.robotiq.link import ThreadedGripper
 
 MS = 1_000_000
 NEVER_S = 600.0
-FOR_EVER_S = 3600.0  # for what is to come by itself
+FOR_EVER_S = 3600.0  # timeout of waits that end by themselves
 BEGIN_NS = 10**12
 
 
 class Cell:
-    """A core, its transport's stopwatch and the clock of both: nothing passes by itself."""
+    """Driver core, its transport and their clock, which only a test advances."""
 
     least_force_n = 10.0
     m_per_count = 0.00077
@@ -26,7 +26,7 @@ class Cell:
         self.state: Any = None
         self.polled_ns: list[int] = []
         self.verbs: list[tuple[object, ...]] = []
-        self.acts: list[Callable[[], None]] = []  # one a poll
+        self.actions: list[Callable[[], None]] = []  # one a poll
         self.refuses = False
         self.writes_from_ns = 1 << 62
         self._polled = threading.Semaphore(0)
@@ -37,25 +37,25 @@ class Cell:
     def poll(self, now_ns: int) -> None:
         self.polled_ns.append(now_ns)
         self._polled.release()
-        if self.acts:
-            self.acts.pop(0)()
+        if self.actions:
+            self.actions.pop(0)()
         if now_ns >= self.writes_from_ns:
             self.acknowledges()
 
     def __getattr__(self, name: str) -> Any:
-        def act(*asked: object) -> str:
-            self.verbs.append((name, *asked))
+        def verb(*arguments: object) -> str:
+            self.verbs.append((name, *arguments))
             if self.refuses:
                 raise Refused("not so", "otherwise")
             return f"applied {name}"
 
-        return act
+        return verb
 
     def passes(self, ns: int) -> None:
         self.now_ns += ns
 
     def acknowledges(self) -> None:
-        """Whatever was written, 3 ms after it was begun."""
+        """Acknowledge the write, 3 ms after it began."""
         self.now_ns += 3 * MS
         self.acknowledged_ns = self.now_ns
 
@@ -66,8 +66,8 @@ class Cell:
 Made = Callable[..., tuple[Cell, ThreadedGripper]]
 
 
-def settled(gripper: ThreadedGripper, polls: int) -> None:
-    """After so many exchanges, with what follows from them."""
+def wait_for_polls(gripper: ThreadedGripper, polls: int) -> None:
+    """Wait until so many exchanges are complete."""
     until(lambda: gripper.polls >= polls)
 
 
@@ -82,9 +82,9 @@ def until(true: Callable[[], bool]) -> None:
 
 
 def polling() -> int:
-    """How many threads there are that poll a gripper."""
+    """Number of threads that poll a gripper."""
     return [thread.name for thread in threading.enumerate()].count("gripper")
 
 
-def idle(cell: Cell) -> None:
+def no_write(cell: Cell) -> None:
     """A poll that takes no time and writes nothing."""

@@ -1,5 +1,5 @@
-"""Another client writes the hand's registers, which no driver can prevent. The driver writes its
-own image again, whole, and reports the other client to its caller."""
+"""Another client writes the hand's registers. The driver writes all its registers again and reports
+the other client to its caller."""
 
 import pytest
 
@@ -14,8 +14,8 @@ CLOSED = command(255, force=255)
 SLOW = 0.03
 
 
-def told(made, another: CommandRegisters) -> str:
-    """What is raised within three exchanges of another client's write."""
+def reported_change(made, another: CommandRegisters) -> str:
+    """Change reported by the fault within three exchanges of another client's write."""
     made.model.write(0, another.to_registers(), made.now_ns)
     with pytest.raises(DeviceFault, match="another client changed the gripper's registers") as it:
         made.step(3)
@@ -32,23 +32,23 @@ def told(made, another: CommandRegisters) -> str:
         (command(255, 255, 255, force=255), "a finger moves without a command"),
     ],
 )
-def test_what_another_client_writes_is_told_with_its_values_and_written_over_whole(
+def test_another_clients_write_is_reported_with_its_values_and_overwritten(
     rig, springs, another: CommandRegisters, said: str
 ) -> None:
     made = gripped(rig, springs)
     made.step(60)
-    ours, firsts, most_n = made.written[-1], [], max(made.peak_n)
+    own, firsts, peak_n = made.written[-1], [], max(made.peak_n)
     write = made.transport.write
     made.transport.write = lambda first, *rest: (firsts.append(first), write(first, *rest))
-    assert told(made, another) == said
+    assert reported_change(made, another) == said
     made.settle()
-    assert firsts[0] == 0 and made.written[-1] == ours
+    assert firsts[0] == 0 and made.written[-1] == own
     assert made.state.fresh
-    assert max(made.peak_n) < most_n + OVERSHOOT_N
+    assert max(made.peak_n) < peak_n + OVERSHOOT_N
 
 
 @pytest.mark.parametrize("late_ms", range(0, 20, 4))
-def test_fingers_that_are_to_hold_stay_though_another_client_wrote_just_before_a_close(
+def test_holding_fingers_stay_when_another_client_writes_just_before_a_close(
     rig, springs, late_ms: int
 ) -> None:
     made = rig(springs=springs([RIGID] * 3, [0.03] * 3))
@@ -65,15 +65,15 @@ def test_fingers_that_are_to_hold_stay_though_another_client_wrote_just_before_a
     assert max(made.peak_n[1:]) <= 0.0, "B and C touched nothing"
 
 
-def test_a_client_that_writes_again_and_again_is_written_over_each_time(rig, springs) -> None:
+def test_repeated_writes_of_another_client_are_overwritten_each_time(rig, springs) -> None:
     made = gripped(rig, springs)
     for _ in range(5):
-        told(made, OPENED)
+        reported_change(made, OPENED)
         made.step(3)
         assert made.state.fresh and made.state.requested == (255, 255, 255)
 
 
-def test_nothing_is_said_nor_written_by_who_has_told_the_hand_nothing(rig) -> None:
+def test_driver_without_a_command_ignores_another_client(rig) -> None:
     made = rig()
     made.step(60)
     made.model.write(0, CLOSED.to_registers(), made.now_ns)
@@ -81,17 +81,17 @@ def test_nothing_is_said_nor_written_by_who_has_told_the_hand_nothing(rig) -> No
     assert made.state.positions == (240, 240, 240) and made.written == []
 
 
-def test_a_command_that_the_hand_does_not_take_up_is_no_other_client_s(rig) -> None:
+def test_a_command_that_is_not_taken_up_is_not_taken_for_another_client(rig) -> None:
     made = rig()
     made.driver.move_to((60, 60, 60), FAST, LIMIT_N)
     made.settle()
-    made.model.swallows = True
+    made.model.ignores_writes = True
     made.driver.close_fast(LIMIT_N, ALL, (200, 200, 200), FAST)
     made.step(50)
     assert not made.state.fresh
 
 
-def test_commands_in_quick_succession_that_the_hand_takes_up_late_are_no_other_client_s(
+def test_quick_commands_taken_up_late_are_not_taken_for_another_client(
     rig,
 ) -> None:
     made = rig()
@@ -102,20 +102,20 @@ def test_commands_in_quick_succession_that_the_hand_takes_up_late_are_no_other_c
     assert made.state.positions == (116, 117, 118)
 
 
-def test_a_hand_that_another_client_has_change_its_mode_is_not_told_to_move(rig) -> None:
-    """It would be, once its mode has changed: with nobody there who expects that."""
+def test_no_motion_is_commanded_after_another_client_changed_the_mode(rig) -> None:
+    """Otherwise it would move unexpectedly once its mode has changed."""
     made = rig(hand=QUICK)
     made.driver.move_to((60, 60, 60), FAST, LIMIT_N)
     made.settle()
     written = len(made.written)
     made.model.write(0, command(0, mode=1).to_registers(), made.now_ns)
-    with pytest.raises(DeviceFault, match="in mode 1, and was taken over in mode 0"):
+    with pytest.raises(DeviceFault, match="reports mode 1, but was in mode 0"):
         made.step(500)
     assert len(made.written) == written
 
 
 @pytest.mark.parametrize("late_ms", range(0, 60, 12))
-def test_force_and_speed_that_no_status_shows_are_written_over_while_a_finger_closes(
+def test_another_clients_force_and_speed_are_overwritten_while_a_finger_closes(
     rig, springs, late_ms: int
 ) -> None:
     made = rig(springs=springs([RIGID] * 3, [0.03] * 3))

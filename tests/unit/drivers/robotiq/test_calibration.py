@@ -1,4 +1,4 @@
-"""What a byte is worth: newtons and metres a second, by a calibration."""
+"""Force and speed of a byte by a calibration."""
 
 import hypothesis.strategies as st
 import pytest
@@ -40,14 +40,14 @@ def test_ten_newtons_are_byte_zero_of_the_paper_and_impossible_for_the_manual() 
     assert "limit" in refusal.value.remedy
 
 
-def test_a_force_that_is_none_is_refused() -> None:
+def test_an_invalid_force_is_refused() -> None:
     for force in [float("nan"), float("inf"), -1.0, 0.0]:
         with pytest.raises(Refused):
             PAPER.byte_at_most(force)
 
 
 @given(st.integers(0, 255))
-def test_a_speed_made_from_a_byte_gives_that_byte_back(value: int) -> None:
+def test_speed_bytes_survive_a_round_trip(value: int) -> None:
     assert PAPER.speed_byte_at_most(PAPER.speed_mps(value)) == value
 
 

@@ -1,4 +1,4 @@
-"""The driver core: what it knows of contact, freshness, closing."""
+"""Driver core: freshness of the state, contact, closing."""
 
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
@@ -39,7 +39,7 @@ def test_an_unchanged_position_waits_two_refreshes_because_no_echo_changes(rig) 
     assert fresh == [False, False, True, True]
 
 
-def test_an_echo_of_the_command_before_last_proves_nothing(rig) -> None:
+def test_an_echo_of_the_command_before_last_does_not_confirm_the_last(rig) -> None:
     made = rig(hand=HandSettings(tick_phase_s=0.0))
     made.driver.move_to((50, 50, 50), FAST, 10.0)
     made.settle()
@@ -101,14 +101,14 @@ def test_a_close_right_after_open_does_not_trust_the_stale_contact(rig, springs)
     assert made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST).effective
 
 
-def test_a_grip_taken_over_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
+def test_an_existing_grip_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
     made = gripped(rig, springs)
     other = RobotiqDriver(made.transport, DriverSettings(), PAPER)
     other.poll(made.now_ns)
     assert not other.close_fast(20.0, ALL, (255, 255, 255), FAST).effective
 
 
-def test_a_limit_behind_a_finger_never_opens_it(rig) -> None:
+def test_a_limit_more_open_than_the_finger_never_opens_it(rig) -> None:
     made = rig()
     made.driver.move_to((100, 100, 100), FAST, 10.0)
     made.settle()
@@ -141,7 +141,7 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     assert closing.targets_counts == (120, 100, 100)
 
 
-def test_hold_on_a_status_that_stands_still_stops_the_fingers_and_moves_none_back(rig) -> None:
+def test_hold_on_a_frozen_status_stops_the_fingers_without_moving_them_back(rig) -> None:
     for since in ["before the motion", "in the motion"]:
         made = rig()
         if since == "before the motion":
@@ -160,7 +160,7 @@ def test_hold_on_a_status_that_stands_still_stops_the_fingers_and_moves_none_bac
         assert (made.model.travel_m == stopped).all(), since
 
 
-def test_hold_and_what_is_asked_again_do_not_activate_a_hand_behind_an_old_status(rig) -> None:
+def test_hold_and_repeated_requests_on_a_frozen_status_do_not_activate_the_hand(rig) -> None:
     made = rig(hand=QUICK)
     made.step(100)
     made.driver.move_to((200, 200, 200), FAST, 10.0)

@@ -1,4 +1,4 @@
-"""The driver core: faults, lost links, garbage, and the force cap under any verbs."""
+"""Driver core: faults, lost links, malformed replies, and the force cap under any verbs."""
 
 from contextlib import suppress
 
@@ -16,10 +16,10 @@ from drivers.robotiq.protocol import (
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK
 
-# Faults, link, garbage
+# Faults, link, malformed replies
 
 
-def test_a_major_fault_is_raised_once_per_onset_and_told_in_the_state(rig) -> None:
+def test_a_major_fault_is_raised_once_per_onset_and_shown_in_the_state(rig) -> None:
     made = rig()
     for _ in range(2):
         made.model.inject_fault(0x0F)
@@ -32,13 +32,13 @@ def test_a_major_fault_is_raised_once_per_onset_and_told_in_the_state(rig) -> No
         made.step(40)
 
 
-def test_a_hand_that_says_it_is_in_another_mode_is_a_fault_and_is_not_told_that_mode(rig) -> None:
-    """To be told another mode opens the fingers, whatever they hold."""
+def test_another_reported_mode_is_a_fault_and_is_not_commanded(rig) -> None:
+    """A mode change would open the fingers even while they hold an object."""
     made = rig()
     made.driver.move_to((60, 60, 60), 0.02, 15.0)
     made.step(200)
     made.model.misreport(lambda words: (words[0] ^ 0x0200, *words[1:]))
-    with pytest.raises(DeviceFault, match="in mode 1, and was taken over in mode 0"):
+    with pytest.raises(DeviceFault, match="reports mode 1, but was in mode 0"):
         made.step()
     made.step()  # once
     made.driver.move_to((80, 80, 80), 0.02, 15.0)
@@ -46,7 +46,7 @@ def test_a_hand_that_says_it_is_in_another_mode_is_a_fault_and_is_not_told_that_
     assert min(made.state.positions) > 70
 
 
-def test_garbage_is_counted_and_the_last_state_grows_old(rig) -> None:
+def test_malformed_replies_are_counted_and_the_last_state_is_kept(rig) -> None:
     for reply in [(), (1, 2, 3), (0,) * 9, (70000,) * 8, (-1,) * 8]:
         made = rig()
         before = made.state
@@ -76,8 +76,8 @@ def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
     assert made.driver.statistics.link_losses == 1
     here = made.state.positions
     made.step()
-    held = made.written[-1]
-    assert tuple(finger.position for finger in held.fingers) == here
+    holding = made.written[-1]
+    assert tuple(finger.position for finger in holding.fingers) == here
     made.settle()
     assert made.state.positions[0] < 230
 
@@ -94,7 +94,7 @@ def test_a_command_whose_write_was_lost_is_not_sent_again(rig) -> None:
     assert made.written[-1].fingers[0].position < 230
 
 
-def test_verbs_while_the_link_is_lost_neither_raise_nor_wait_to_be_sent(rig) -> None:
+def test_verbs_on_a_lost_link_neither_raise_nor_are_sent_later(rig) -> None:
     made = rig()
     made.step(2)
     lose_link(made)
@@ -125,7 +125,7 @@ def test_a_hand_that_lost_power_is_never_activated_without_a_verb(rig) -> None:
     assert made.driver.activate().effective
 
 
-def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
+def test_an_unrequested_reset_drops_the_last_request(rig) -> None:
     made = rig(hand=QUICK)
     made.driver.move_to((90, 90, 90), FAST, 10.0)
     made.settle()
@@ -141,8 +141,8 @@ def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
 FIRST = 2  # polls after which a status has been read
 
 
-def lie_about_a_reset(made, boot_s: float = 0.0) -> None:
-    """The hand loses power, and its status does not tell so for a moment."""
+def hide_a_reset(made, boot_s: float = 0.0) -> None:
+    """The hand loses power, and its status does not show that for one exchange."""
     kept = made.model.read(made.now_ns)
     made.model.power_cycle(boot_s)
     made.model.misreport(lambda words: kept)
@@ -150,11 +150,11 @@ def lie_about_a_reset(made, boot_s: float = 0.0) -> None:
     made.model.misreport(lambda words: words)
 
 
-def test_a_hand_set_activating_by_a_command_is_reset_at_once_and_told_as_a_fault(rig) -> None:
+def test_unrequested_activation_is_reset_at_once_and_reported_as_a_fault(rig) -> None:
     made = rig()
     made.step(FIRST)
     made.driver.move_to((90, 90, 90), FAST, 10.0)
-    lie_about_a_reset(made)
+    hide_a_reset(made)
     with pytest.raises(DeviceFault, match="lost its activation"):
         made.step(3)
     made.step(300)
@@ -163,7 +163,7 @@ def test_a_hand_set_activating_by_a_command_is_reset_at_once_and_told_as_a_fault
     assert not made.model.moving
 
 
-TO_LOST = {
+MOTION_VERBS = {
     "move_to": lambda driver: driver.move_to((90, 90, 90), FAST, 10.0),
     "close_fast": lambda driver: driver.close_fast(10.0, ALL, (200, 200, 200), FAST),
     "open": lambda driver: driver.open(FAST),
@@ -172,26 +172,26 @@ TO_LOST = {
 
 
 def test_a_command_to_a_hand_that_has_just_lost_power_moves_nothing(rig) -> None:
-    """Whether its status tells so in time or not, and though it waits for the hand to boot."""
-    for name, verb in TO_LOST.items():
-        for lies, boot_s in ((False, 0.0), (True, 0.0), (True, 0.5)):
-            made, case = rig(hand=QUICK), (name, lies, boot_s)
+    """Also when the status shows the reset late, and when the write waits for the hand to boot."""
+    for name, verb in MOTION_VERBS.items():
+        for hidden, boot_s in ((False, 0.0), (True, 0.0), (True, 0.5)):
+            made, case = rig(hand=QUICK), (name, hidden, boot_s)
             made.driver.move_to((60, 60, 60), FAST, 10.0)
             made.settle()
-            before, stood = len(made.written), made.model.travel_m.copy()
+            before, travel_m = len(made.written), made.model.travel_m.copy()
             verb(made.driver)
-            if lies:
-                lie_about_a_reset(made, boot_s)
+            if hidden:
+                hide_a_reset(made, boot_s)
             else:
                 made.model.power_cycle()
             made.step(300)
-            assert (made.model.travel_m == stood).all(), case
-            assert lies or len(made.written) == before, case
+            assert (made.model.travel_m == travel_m).all(), case
+            assert hidden or len(made.written) == before, case
             assert not made.state.active, case
             assert made.driver.activate().effective, case
 
 
-def test_a_status_within_one_refresh_needs_no_other_read_before_a_write(rig) -> None:
+def test_a_status_within_one_refresh_is_not_read_again_before_a_write(rig) -> None:
     made = rig()
     made.step(FIRST)
     reads = made.driver.statistics.reads

@@ -1,4 +1,4 @@
-"""The driver core and a hand that somebody else has put into another mode than basic."""
+"""Driver core with a hand that another client has put into a mode other than basic."""
 
 import pytest
 
@@ -9,11 +9,11 @@ from tests.unit.drivers.robotiq.gripping import ALL, FAST, QUICK
 from tests.unit.drivers.robotiq.hand import command
 
 SCISSOR = 3
-SPREAD = 23  # where the test leaves the scissor, no mode's own place
+SPREAD = 23  # scissor position that belongs to no mode
 
 
-def left_in(made: Rig, mode: int, at: int = 0) -> Rig:
-    """Another master has set the mode, then closed the fingers there, B and C a little apart."""
+def in_mode(made: Rig, mode: int, at: int = 0) -> Rig:
+    """Another client sets the mode and then closes the fingers, with B and C slightly apart."""
     made.model.write(0, CommandRegisters(activate=True, mode=mode).to_registers(), made.now_ns)
     made.step(400)
     if at:
@@ -25,13 +25,13 @@ def left_in(made: Rig, mode: int, at: int = 0) -> Rig:
     return made
 
 
-def scissor_of(made: Rig) -> int:
+def scissor_position(made: Rig) -> int:
     return StatusRegisters.from_registers(made.model.read(made.now_ns)).scissor.position
 
 
-def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
+def test_the_mode_of_an_active_hand_is_kept(rig) -> None:
     for mode in [1, 2]:
-        made = left_in(rig(), mode)
+        made = in_mode(rig(), mode)
         assert made.driver.mode == mode, mode
         made.driver.move_to((50, 50, 50), FAST, 10.0)
         made.step(20)
@@ -40,45 +40,47 @@ def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
 
 
 def test_nothing_closes_in_scissor_mode(rig) -> None:
-    made = left_in(rig(), SCISSOR, at=120)
+    made = in_mode(rig(), SCISSOR, at=120)
     for verb in (
         lambda: made.driver.move_to((120, 121, 120), FAST, 10.0),
         lambda: made.driver.close_fast(10.0, ALL, (130, 130, 130), FAST),
     ):
-        with pytest.raises(Refused, match="scissor mode, in which it is only opened") as told:
+        with pytest.raises(
+            Refused, match="scissor mode, in which it may only be opened"
+        ) as refused:
             verb()
-        assert "`grasp gripper activate`" in told.value.remedy
+        assert "`grasp gripper activate`" in refused.value.remedy
     assert made.frames == []
 
 
-def test_hand_in_scissor_mode_opens_in_that_mode_and_lets_go_of_what_b_and_c_hold(rig) -> None:
-    """A change of the mode would open it too, at a force and a speed that nobody sets."""
-    made = left_in(rig(), SCISSOR, at=120)
+def test_opening_in_scissor_mode_keeps_the_mode_and_releases_b_and_c(rig) -> None:
+    """A mode change would open it too, at an unknown force and speed."""
+    made = in_mode(rig(), SCISSOR, at=120)
     made.driver.open(FAST)
     made.step(3)
     assert not made.state.is_open
     made.settle()
     assert made.state.is_open
-    assert scissor_of(made) == 0
-    assert {(told.mode, told.individual_scissor) for told in made.written} == {(SCISSOR, True)}
-    assert {axis.force for told in made.written for axis in (*told.fingers, told.scissor)} == {0}
+    assert scissor_position(made) == 0
+    assert {(each.mode, each.individual_scissor) for each in made.written} == {(SCISSOR, True)}
+    assert {axis.force for each in made.written for axis in (*each.fingers, each.scissor)} == {0}
 
 
-def test_what_stands_in_scissor_mode_keeps_its_scissor_too(rig) -> None:
-    """Its one position would drive the scissor: to where finger A is."""
+def test_hold_in_scissor_mode_keeps_the_scissor_position(rig) -> None:
+    """Without a target of its own, the scissor would move to finger A's position."""
     for at in [0, 120]:
-        made = left_in(rig(), SCISSOR, at)
-        stood = scissor_of(made), made.state.positions
+        made = in_mode(rig(), SCISSOR, at)
+        before = scissor_position(made), made.state.positions
         made.driver.hold()
         made.step(300)
-        assert (scissor_of(made), made.state.positions) == stood, at
+        assert (scissor_position(made), made.state.positions) == before, at
         assert made.driver.acknowledged, at
-        assert {told.scissor.speed for told in made.written} == {0}, at
+        assert {each.scissor.speed for each in made.written} == {0}, at
 
 
-def test_activation_of_an_open_hand_in_another_mode_sets_the_basic_one(rig) -> None:
+def test_activation_of_an_open_hand_in_another_mode_sets_basic_mode(rig) -> None:
     for mode in [1, 2, SCISSOR]:
-        made = left_in(rig(hand=QUICK), mode)
+        made = in_mode(rig(hand=QUICK), mode)
         assert made.driver.activate().effective, mode
         made.step(3)
         assert not made.state.active, "the mode is being changed"
@@ -88,26 +90,26 @@ def test_activation_of_an_open_hand_in_another_mode_sets_the_basic_one(rig) -> N
             True,
             (6, 6, 6),
         ), mode
-        assert scissor_of(made) == 137, mode
+        assert scissor_position(made) == 137, mode
         assert made.frames == ["01" + "00" * 15], "no reset, which would open and close it fully"
         made.driver.move_to((50, 50, 50), FAST, 10.0)
         made.settle()
         assert made.state.positions == (50, 50, 50), mode
 
 
-def test_activation_changes_no_mode_of_a_hand_that_is_not_open(rig) -> None:
+def test_activation_does_not_change_the_mode_of_a_hand_that_is_not_open(rig) -> None:
     for mode in [1, 2, SCISSOR]:
-        made = left_in(rig(), mode, at=60)
+        made = in_mode(rig(), mode, at=60)
         with pytest.raises(Refused, match="would drop"):
             made.driver.activate()
         assert made.frames == [], mode
 
 
-def test_activation_changes_no_mode_where_b_and_c_have_met_something(rig) -> None:
-    """In scissor mode they hold with open fingers."""
-    made = left_in(rig(), SCISSOR)
-    held = 2 << 6  # gDTS: contact while closing
-    made.model.misreport(lambda words: (words[0] & ~0xC0 | held, *words[1:]))
+def test_activation_does_not_change_the_mode_while_b_and_c_hold_an_object(rig) -> None:
+    """B and C can hold an object with open fingers in scissor mode."""
+    made = in_mode(rig(), SCISSOR)
+    contact = 2 << 6  # gDTS: contact while closing
+    made.model.misreport(lambda words: (words[0] & ~0xC0 | contact, *words[1:]))
     made.step(3)
     assert made.state.is_open
     with pytest.raises(Refused, match="would drop"):

@@ -1,4 +1,4 @@
-"""The driver core: how it starts, and the bytes of each verb."""
+"""Driver core: start, activation, and the bytes of each verb."""
 
 import pytest
 
@@ -17,7 +17,7 @@ from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gri
 # What was written
 
 
-def test_state_tells_the_bytes_that_were_written_and_when_they_were_acknowledged(rig) -> None:
+def test_state_reports_the_written_bytes_and_their_acknowledgement_time(rig) -> None:
     made = rig()
     assert (made.state.written, made.state.written_ns) == ("", 0)
     made.driver.move_to((40, 50, 60), FAST, 10.0)
@@ -27,12 +27,12 @@ def test_state_tells_the_bytes_that_were_written_and_when_they_were_acknowledged
     made.driver.close_fast(10.0, THUMB, (255, 255, 255), FAST)
     assert made.state.written == whole, "not written yet"
     made.step()
-    short = made.state.written  # the register of rACT holds what is wanted, and is not written
+    short = made.state.written  # the register with rACT is confirmed and therefore not written
     assert short == "00" + "ffff00" + "32ff00" + "3cff00" + "00000000"
     assert (made.frames[-1], made.written_ns[-1]) == ("0904" + short, made.state.written_ns)
 
 
-def test_fingers_that_are_not_told_to_close_get_the_least_force(rig) -> None:
+def test_fingers_that_do_not_close_get_the_least_force(rig) -> None:
     made = rig()
     made.step(5)
     made.driver.close_fast(60.0, THUMB, (255, 255, 255), FAST)
@@ -73,7 +73,7 @@ def test_activation_resets_waits_sets_ract_and_polls(rig) -> None:
     assert made.state.active and made.state.fresh and made.state.at_rest
 
 
-def test_an_active_hand_is_taken_over_without_a_byte(rig) -> None:
+def test_activating_an_active_hand_writes_nothing(rig) -> None:
     made = rig(active=True)
     made.step(20)
     applied = made.driver.activate()
@@ -88,7 +88,7 @@ def test_an_active_hand_is_taken_over_without_a_byte(rig) -> None:
     assert made.driver.activate().targets_counts == (50, 60, 70)
 
 
-def test_activation_that_another_master_has_begun_is_waited_for_and_not_begun_anew(rig) -> None:
+def test_activation_started_by_another_client_is_awaited_and_not_restarted(rig) -> None:
     made = rig(hand=QUICK, active=False)
     made.model.write(0, CommandRegisters(activate=True).to_registers(), made.now_ns)
     made.step(3)
@@ -135,7 +135,7 @@ def test_golden_bytes_of_every_motion_verb(rig) -> None:
     ]
 
 
-def test_finger_whose_position_is_doubtful_goes_on_no_faster_than_it_was_told(rig) -> None:
+def test_finger_with_an_uncertain_position_continues_no_faster_than_commanded(rig) -> None:
     made = rig()
     made.driver.close_fast(10.0, THUMB, (200, 0, 0), 0.022)
     made.step(40)
@@ -150,7 +150,7 @@ def test_finger_whose_position_is_doubtful_goes_on_no_faster_than_it_was_told(ri
     assert applied.speed_mps == 0.022
 
 
-def test_applied_tells_what_the_bytes_say_after_rounding(rig) -> None:
+def test_applied_reports_the_values_of_the_rounded_bytes(rig) -> None:
     made = rig()
     applied = made.driver.move_to((100, 90, 80), 0.0500, 20.0)
     assert applied.targets_counts == (100, 90, 80)
@@ -173,7 +173,7 @@ def test_a_limit_below_the_least_force_is_refused_before_a_byte_is_written(rig) 
     assert made.frames == []
 
 
-def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> None:
+def test_fingers_moved_by_a_simple_command_do_not_jump_at_the_first_individual_one(rig) -> None:
     made = rig()
     simple = CommandRegisters(activate=True, go_to=True, a=AxisCommand(120, 255, 0))
     made.model.write(0, simple.to_registers(), made.now_ns)
@@ -216,10 +216,10 @@ def test_activation_is_refused_unless_the_hand_is_open_or_may_drop(rig, springs)
         assert made.driver.activate(dropping=refused).effective, case
 
 
-def test_hand_that_has_lost_its_activation_keeps_what_a_finger_has_met(rig) -> None:
+def test_an_inactive_hand_with_contact_refuses_activation(rig) -> None:
     made = rig(active=False)
-    met, mask = 2, 3  # gDTA: contact while closing
-    made.model.misreport(lambda words: (words[0] & ~mask | met, *words[1:]))
+    contact, mask = 2, 3  # gDTA: contact while closing
+    made.model.misreport(lambda words: (words[0] & ~mask | contact, *words[1:]))
     made.step(3)
     assert not made.state.active
     with pytest.raises(Refused, match="drop"):
@@ -228,7 +228,7 @@ def test_hand_that_has_lost_its_activation_keeps_what_a_finger_has_met(rig) -> N
     assert made.frames == []
 
 
-def test_targets_that_are_no_counts_and_speeds_that_are_none_are_refused(rig) -> None:
+def test_invalid_targets_and_speeds_are_refused(rig) -> None:
     driver = rig().driver
     for targets in ((256, 0, 0), (0, -1, 0), (0, 0)):
         with pytest.raises(Refused, match="not counts"):

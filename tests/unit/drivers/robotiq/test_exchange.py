@@ -1,5 +1,4 @@
-"""What the exchange and the driver on it do where a status is old, a write was lost, or nothing is
-known yet."""
+"""Exchange and driver with an old status, a lost write, or no status yet."""
 
 import msgspec
 import numpy as np
@@ -9,7 +8,7 @@ from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, ExchangeStatistics, RobotiqDriver
 from drivers.robotiq.exchange import Exchange
-from drivers.robotiq.hand_state import THERE, finger_state, held_targets, why_still
+from drivers.robotiq.hand_state import AT_TARGET_NOTE, finger_state, hold_targets, no_motion_reason
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.robotiq.model.hand import Request
 from drivers.robotiq.protocol import AxisCommand, AxisStatus, StatusRegisters
@@ -21,17 +20,17 @@ from tests.unit.drivers.robotiq.hand import command
 LEAST = 0.022
 
 
-def go(made) -> str:
-    """The byte with rACT and rGTO of what was written last."""
+def action_byte(made) -> str:
+    """Byte 0 (rACT, rMOD, rGTO) of the last write."""
     return made.frames[-1][:2]
 
 
-def position(words: tuple[int, ...], moved: int) -> tuple[int, ...]:
-    """A status with finger A so many counts further."""
+def moved_finger_a(words: tuple[int, ...], moved: int) -> tuple[int, ...]:
+    """A status with finger A moved by so many counts."""
     return (*words[:2], words[2] + (moved << 8), *words[3:])
 
 
-def test_defaults_are_those_that_every_result_rests_on() -> None:
+def test_default_settings_and_statistics() -> None:
     assert msgspec.structs.asdict(DriverSettings()) == {
         "calibration": "", "link": "tcp", "refresh_hz": 100, "write_interval_s": 0.01,
         "whole_writes": False,
@@ -47,25 +46,25 @@ def exchange(active: bool = True, log=None) -> tuple[Exchange, Transport]:
     return Exchange(wire, DriverSettings(), log), wire
 
 
-def test_what_is_wanted_at_first_is_written_once_a_status_says_the_hand_is_active() -> None:
+def test_the_first_request_is_written_once_the_status_reports_an_active_hand() -> None:
     for active in [True, False]:
         made, _ = exchange(active)
-        made.want(command(60, 60, 60))
+        made.request(command(60, 60, 60))
         made.poll(0)
         assert made.statistics.writes == active, active
 
 
-def test_nothing_is_written_while_no_status_was_understood() -> None:
+def test_nothing_is_written_before_a_valid_status() -> None:
     made, wire = exchange()
     wire.garbage = [(), ()]
-    made.want(command(60, 60, 60))
+    made.request(command(60, 60, 60))
     assert made.poll(0) is None
     assert made.statistics.writes == 0
 
 
-def test_what_is_wanted_again_after_the_link_was_lost_is_written_again() -> None:
+def test_a_repeated_request_is_written_again_after_a_lost_link() -> None:
     made, wire = exchange()
-    made.want(command(60, 60, 60))
+    made.request(command(60, 60, 60))
     for t_ns in range(0, 100 * MS, 10 * MS):
         made.poll(t_ns)
     assert made.confirmed and made.statistics.writes == 1
@@ -73,7 +72,7 @@ def test_what_is_wanted_again_after_the_link_was_lost_is_written_again() -> None
     with pytest.raises(LinkLost):
         made.poll(100 * MS)
     wire.down = False
-    made.want(command(60, 60, 60))
+    made.request(command(60, 60, 60))
     for t_ns in (110 * MS, 120 * MS):
         made.poll(t_ns)
     assert made.statistics.writes == 2
@@ -82,12 +81,12 @@ def test_what_is_wanted_again_after_the_link_was_lost_is_written_again() -> None
 def test_each_new_write_is_logged_with_all_registers() -> None:
     written: list[tuple[int, ...]] = []
     made, _ = exchange(log=lambda now_ns, registers: written.append(registers))
-    made.want(command(60, 60, 60))
+    made.request(command(60, 60, 60))
     made.poll(0)
     assert written == [command(60, 60, 60).to_registers()]
 
 
-def test_a_write_is_acknowledged_once_it_is_out(rig) -> None:
+def test_a_write_is_acknowledged_after_its_exchange(rig) -> None:
     made = rig()
     assert made.driver.acknowledged
     made.driver.move_to((60, 60, 60), FAST, 10.0)
@@ -96,19 +95,19 @@ def test_a_write_is_acknowledged_once_it_is_out(rig) -> None:
     assert made.driver.acknowledged
 
 
-def test_a_command_that_the_hand_swallowed_is_written_again_when_it_is_wanted_again(rig) -> None:
+def test_an_ignored_command_is_written_again_when_it_is_requested_again(rig) -> None:
     made = rig()
-    made.model.swallows = True
+    made.model.ignores_writes = True
     made.driver.move_to((60, 60, 60), FAST, 10.0)
     made.step(5)
-    made.model.swallows = False
+    made.model.ignores_writes = False
     made.driver.move_to((60, 60, 60), FAST, 10.0)
     made.settle()
     assert made.driver.statistics.writes == 2
     assert made.state.positions == (60, 60, 60)
 
 
-def test_writes_are_no_further_apart_than_they_must(rig) -> None:
+def test_writes_keep_the_minimum_interval(rig) -> None:
     made = rig()
     for count in range(20):
         made.driver.move_to((100 + count,) * 3, FAST, 10.0)
@@ -120,7 +119,7 @@ def test_writes_are_no_further_apart_than_they_must(rig) -> None:
     assert made.written[-1].fingers[0].position == 119, "the newest command wins"
 
 
-def test_a_major_fault_that_was_there_before_is_raised_by_the_first_exchange() -> None:
+def test_an_existing_major_fault_is_raised_by_the_first_exchange() -> None:
     model = GripperModel(QUICK, 0, active=True)
     model.inject_fault(0x0F)
     model.advance(10 * MS, FingerLoads(np.zeros(3), np.zeros(3)))
@@ -131,7 +130,7 @@ def test_a_major_fault_that_was_there_before_is_raised_by_the_first_exchange() -
         driver.open(FAST)
 
 
-def test_a_hand_that_faulted_while_it_activated_can_be_activated_anew(rig) -> None:
+def test_a_hand_that_faulted_during_activation_can_be_activated_again(rig) -> None:
     made = rig(hand=HandSettings(activation_s=1.0), active=False)
     made.driver.activate()
     made.step(20)
@@ -144,17 +143,17 @@ def test_a_hand_that_faulted_while_it_activated_can_be_activated_anew(rig) -> No
 
 def test_activation_ends_at_its_deadline_and_nothing_more_is_written(rig) -> None:
     made = rig(hand=HandSettings(activation_s=30.0), active=False)
-    begun_ns = made.now_ns
+    start_ns = made.now_ns
     made.driver.activate()
     with pytest.raises(DeviceFault) as raised:
         made.step(2100)
-    assert made.now_ns - begun_ns == 20_010 * MS  # the first exchange past it
+    assert made.now_ns - start_ns == 20_010 * MS  # the first exchange past it
     assert raised.value.message.endswith("nothing interferes with the fingers")
     made.step(20)
     assert made.frames == ["00" * 16, "01" + "00" * 15]
 
 
-def test_a_hand_that_lost_power_while_it_activated_can_be_activated_anew(rig) -> None:
+def test_a_hand_that_lost_power_during_activation_can_be_activated_again(rig) -> None:
     made = rig(hand=HandSettings(activation_s=0.5), active=False)
     made.driver.activate()
     made.step(20)
@@ -166,7 +165,7 @@ def test_a_hand_that_lost_power_while_it_activated_can_be_activated_anew(rig) ->
     assert made.state.active
 
 
-def test_a_link_that_was_lost_while_the_hand_activated_ends_that(rig) -> None:
+def test_a_lost_link_ends_an_activation(rig) -> None:
     made = rig(hand=HandSettings(activation_s=5.0), active=False)
     made.driver.activate()
     made.step(10)
@@ -179,7 +178,7 @@ def test_a_link_that_was_lost_while_the_hand_activated_ends_that(rig) -> None:
     assert made.driver.activate().effective
 
 
-def test_after_a_lost_link_the_fingers_are_held_where_they_are_with_the_least_of_all(rig) -> None:
+def test_after_a_lost_link_the_fingers_hold_with_the_least_speed_and_force(rig) -> None:
     made = rig()
     made.driver.move_to((230, 230, 230), FAST, 20.0)
     made.step(30)
@@ -188,8 +187,8 @@ def test_after_a_lost_link_the_fingers_are_held_where_they_are_with_the_least_of
         made.step()
     made.transport.down = False
     made.step(2)
-    assert {(held.speed, held.force) for held in made.written[-1].fingers} == {(0, 0)}
-    assert all(isinstance(held, Request) for held in made.written[-1].fingers)
+    assert {(axis.speed, axis.force) for axis in made.written[-1].fingers} == {(0, 0)}
+    assert all(isinstance(axis, Request) for axis in made.written[-1].fingers)
 
 
 def test_force_of_a_grip_is_not_known_after_the_link_was_lost(rig, springs) -> None:
@@ -203,45 +202,45 @@ def test_force_of_a_grip_is_not_known_after_the_link_was_lost(rig, springs) -> N
     assert not applied.effective and "latched" in applied.note
 
 
-def leap(made, counts: int) -> None:
-    """Finger A is said to be so far from where it is, once, and there from then on."""
+def jump_position(made, counts: int) -> None:
+    """The status reports finger A at a position so far away, from now on."""
     kept = made.model.read(made.now_ns)
-    made.model.misreport(lambda words: position(kept, counts))
+    made.model.misreport(lambda words: moved_finger_a(kept, counts))
     made.step()
 
 
-def test_a_finger_further_than_a_motor_can_have_brought_it_is_stopped_where_it_is(
+def test_hold_stops_the_fingers_after_a_position_jump(
     rig,
 ) -> None:
     for counts, stays in [(11, "09"), (12, "01")]:
         made = rig()
         made.driver.move_to((60, 60, 60), FAST, 10.0)
         made.settle()
-        leap(made, counts)
+        jump_position(made, counts)
         made.driver.hold()
         made.step(2)
-        assert go(made) == stays, (counts, stays)
+        assert action_byte(made) == stays, (counts, stays)
 
 
-def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig) -> None:
+def test_motion_during_a_late_reply_is_not_a_position_jump(rig) -> None:
     for late_ms in [30, 90]:
         made = rig()
         made.driver.move_to((250, 250, 250), FAST, 10.0)
         made.step(40)
         before = made.state
-        made.answer_late(late_ms)
+        made.reply_late(late_ms)
         after = made.state
         assert after.took_ns == late_ms * 1_000_000, late_ms
-        assert after.t_ns == before.t_ns, "asked for at once"
-        assert late_ms < 90 or after.positions[0] - before.positions[0] > 8, "which would be a leap"
+        assert after.t_ns == before.t_ns, "requested at once"
+        assert late_ms < 90 or after.positions[0] - before.positions[0] > 8, "more than a jump"
         made.driver.hold()
         made.step(2)
-        assert go(made) == "09", late_ms
+        assert action_byte(made) == "09", late_ms
 
 
-def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
+def test_positions_are_trusted_again_after_a_lost_link_and_after_activation(rig) -> None:
     made = rig(hand=QUICK)
-    leap(made, 40)
+    jump_position(made, 40)
     made.transport.down = True
     with pytest.raises(LinkLost):
         made.step()
@@ -249,30 +248,30 @@ def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(
     made.step(3)
     made.driver.hold()
     made.step(3)
-    assert go(made) == "09"
+    assert action_byte(made) == "09"
     made = rig(hand=QUICK, active=False)
-    leap(made, 40)
+    jump_position(made, 40)
     made.model.misreport(lambda words: words)
     made.driver.activate()
     while not (made.state.active and made.state.fresh):
         made.step()
     made.driver.hold()
     made.step(3)
-    assert go(made) == "09"
+    assert action_byte(made) == "09"
 
 
-# A status that stands still
+# A frozen status
 
 
 def until_changed(made) -> None:
-    """A finger has just come to another count."""
+    """Step until a reported position changes."""
     before = made.state.positions
     while made.state.positions == before:
         made.step()
 
 
-def still(made, steps: int) -> tuple[int, ...]:
-    """The status stands still from now on; so many exchanges later."""
+def freeze_status(made, steps: int) -> tuple[int, ...]:
+    """Freeze the status and step; returns the reported positions."""
     kept = made.model.read(made.now_ns)
     made.model.misreport(lambda words: kept)
     made.step(steps)
@@ -280,84 +279,82 @@ def still(made, steps: int) -> tuple[int, ...]:
 
 
 # 0.11 s at 28.6 counts a second, and how late it is
-def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_on(rig) -> None:
+def test_hold_targets_the_reported_position_until_the_status_is_old(rig) -> None:
     for steps, reach in [(10, 0), (11, 4 + 2)]:
         made = rig()
         made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
         made.step(40)
         until_changed(made)
-        here = still(made, steps)
+        here = freeze_status(made, steps)
         assert made.state.fingers[0].detection is Detection.MOVING, (steps, reach)
         applied = made.driver.hold()
         assert applied.targets_counts[0] == here[0] + reach, (steps, reach)
         made.step(2)
-        assert go(made) == "09", (steps, reach)
+        assert action_byte(made) == "09", (steps, reach)
 
 
-def test_a_finger_goes_on_by_what_it_may_have_moved_since_the_status_changed(rig) -> None:
+def test_hold_on_an_old_status_targets_the_farthest_possible_position(rig) -> None:
     made = rig()
     made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
     made.step(40)
     made.step(0)
-    here = still(made, 30)
+    here = freeze_status(made, 30)
     applied = made.driver.hold()
     assert 8 + 2 <= applied.targets_counts[0] - here[0] <= 10 + 2
 
 
-def test_fingers_whose_answer_is_awaited_are_stopped_while_the_status_lives(rig) -> None:
+def test_unconfirmed_fingers_are_stopped_while_the_status_changes(rig) -> None:
     for steps, stays in [(10, "01"), (11, "09")]:
         made = rig()
         made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
         made.step(40)
         until_changed(made)
         made.driver.move_to((220, 0, 0), LEAST, 10.0)
-        still(made, steps)
+        freeze_status(made, steps)
         assert not made.state.fresh, (steps, stays)
         made.driver.hold()
         made.step(2)
-        assert go(made) == stays, (steps, stays)
+        assert action_byte(made) == stays, (steps, stays)
 
 
-def moved_by_another_master(rig):
+def moved_by_another_client(rig):
     made = rig()
     made.model.write(0, command(200, 200, 200, speed=0).to_registers(), made.now_ns)
     made.step(30)
-    still(made, 30)
+    freeze_status(made, 30)
     return made
 
 
-def leapt_after_an_activation(rig):
+def jumped_after_activation(rig):
     made = rig(hand=QUICK, active=False)
     made.driver.activate()
     made.step(40)
-    leap(made, 40)
+    jump_position(made, 40)
     made.step(30)
     return made
 
 
-def test_fingers_of_which_little_is_known_are_held_where_they_are_and_closed_as_asked(rig) -> None:
-    for doubtful in [moved_by_another_master, leapt_after_an_activation]:
-        made = doubtful(rig)
-        assert made.driver.hold().targets_counts == made.state.positions, doubtful
-        made = doubtful(rig)
-        assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1, doubtful
+def test_uncommanded_fingers_with_uncertain_positions_hold_and_close_as_requested(rig) -> None:
+    for uncertain in [moved_by_another_client, jumped_after_activation]:
+        made = uncertain(rig)
+        assert made.driver.hold().targets_counts == made.state.positions, uncertain
+        made = uncertain(rig)
+        assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1, uncertain
 
 
 # From registers to fingers
 
 
-def test_a_hand_without_a_request_stands_unless_it_activates_or_changes_its_mode() -> None:
-    for initialization, seen in [
+def test_a_hand_without_a_request_is_stationary_unless_it_activates_or_changes_mode() -> None:
+    for initialization, detection in [
         (0, Detection.AT_TARGET),
         (1, Detection.MOVING),
         (2, Detection.MOVING),
         (3, Detection.AT_TARGET),
     ]:
         status = StatusRegisters(active=True, initialization=initialization)
-        assert finger_state(AxisStatus(detection=0), status).detection is seen, (
-            initialization,
-            seen,
-        )
+        state = finger_state(AxisStatus(detection=0), status)
+        assert state.detection is detection, initialization
 
 
 def finger(at: int, detection: int, requested: int = 0):
@@ -366,35 +363,36 @@ def finger(at: int, detection: int, requested: int = 0):
     return finger_state(axis, status)
 
 
-def test_a_finger_keeps_a_target_that_it_rests_one_count_beside() -> None:
+def test_hold_keeps_a_target_within_one_count_of_the_position() -> None:
     for at, kept in [(61, 60), (62, 62), (59, 60), (58, 58)]:
         resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
-        assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3, (at, kept)
+        assert hold_targets(resting, command(60, 60, 60)) == (kept,) * 3, (at, kept)
 
 
-def test_a_finger_that_says_that_it_is_at_its_target_keeps_that() -> None:
+def test_hold_keeps_the_target_of_a_finger_that_reports_to_be_there() -> None:
     for requested, at, kept in [
         (60, 65, 60),
-        (60, 55, 60),  # an encoder that is off
-        (50, 65, 65),  # that speaks of another request
+        (60, 55, 60),  # encoder error
+        (50, 65, 65),  # status of another request
     ]:
         resting = [finger(at, list(Detection).index(Detection.AT_TARGET), requested)] * 3
-        assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3, (requested, at, kept)
+        assert hold_targets(resting, command(60, 60, 60)) == (kept,) * 3, (requested, at, kept)
 
 
-def test_a_finger_in_contact_is_never_told_further_than_it_was() -> None:
+def test_hold_never_moves_the_target_of_a_finger_in_contact_farther() -> None:
     for at, kept in [(55, 55), (60, 60), (66, 60)]:
         latched = [finger(at, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-        assert held_targets(latched, command(60, 60, 60)) == (kept,) * 3, (at, kept)
+        assert hold_targets(latched, command(60, 60, 60)) == (kept,) * 3, (at, kept)
 
 
-def test_a_finger_that_says_contact_for_ever_is_held_where_it_is_on_its_way_open() -> None:
-    """Unless it was told back by no more than an encoder may be off."""
-    for told, kept in [(0, 60), (43, 60), (44, 44)]:
+def test_hold_stops_an_opening_finger_that_still_reports_contact() -> None:
+    """Except when its target is within the position error."""
+    for target, kept in [(0, 60), (43, 60), (44, 44)]:
         latched = [finger(60, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
-        assert held_targets(latched, command(told, told, told)) == (kept,) * 3, (told, kept)
+        targets = hold_targets(latched, command(target, target, target))
+        assert targets == (kept,) * 3, (target, kept)
 
 
-def test_a_finger_in_contact_that_is_told_where_it_stands_is_there() -> None:
+def test_a_finger_in_contact_commanded_to_its_position_is_at_its_target() -> None:
     latched = finger(60, list(Detection).index(Detection.CONTACT_CLOSING))
-    assert why_still(latched, AxisCommand(60, 255, 0), None, 0) == THERE
+    assert no_motion_reason(latched, AxisCommand(60, 255, 0), None, 0) == AT_TARGET_NOTE

@@ -1,4 +1,4 @@
-"""What the transport makes of a client's replies and failures, without a wire."""
+"""Modbus transport: replies and failures of a pymodbus client, without a wire."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,7 +24,7 @@ class Reply:
 
 
 class Port:
-    """A serial line that has kept something unasked."""
+    """A serial line with unrequested input."""
 
     flushed = 0
 
@@ -33,7 +33,7 @@ class Port:
 
 
 class Client:
-    """In the place of pymodbus's: answers rightly unless it is told otherwise."""
+    """Stand-in for pymodbus's client; replies correctly unless ``replies`` has other ones."""
 
     made: Any = None
 
@@ -44,8 +44,8 @@ class Client:
         self.connects = 0
         self.closes = 0
         self.socket: Any = None
-        self.asked: list[tuple[Any, ...]] = []
-        self.answers: list[Reply | Exception] = []
+        self.requests: list[tuple[Any, ...]] = []
+        self.replies: list[Reply | Exception] = []
         Client.made = self
 
     def connect(self) -> bool:
@@ -57,23 +57,23 @@ class Client:
         self.closes += 1
         self.connected = False
 
-    def _answer(self, rightly: Reply) -> Reply:
-        answer = self.answers.pop(0) if self.answers else rightly
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
+    def _reply(self, correct: Reply) -> Reply:
+        reply = self.replies.pop(0) if self.replies else correct
+        if isinstance(reply, Exception):
+            raise reply
+        return reply
 
     def write_registers(self, first: int, values: Sequence[int], device_id: int) -> Reply:
-        self.asked.append(("write", first, tuple(values), device_id))
-        return self._answer(Reply(16, first, len(values)))
+        self.requests.append(("write", first, tuple(values), device_id))
+        return self._reply(Reply(16, first, len(values)))
 
     def read_input_registers(self, first: int, count: int, device_id: int) -> Reply:
-        self.asked.append(("input", first, count, device_id))
-        return self._answer(Reply(4, first, count))
+        self.requests.append(("input", first, count, device_id))
+        return self._reply(Reply(4, first, count))
 
     def read_holding_registers(self, first: int, count: int, device_id: int) -> Reply:
-        self.asked.append(("holding", first, count, device_id))
-        return self._answer(Reply(3, first, count))
+        self.requests.append(("holding", first, count, device_id))
+        return self._reply(Reply(3, first, count))
 
 
 @pytest.fixture
@@ -88,13 +88,13 @@ def tcp(**settings: Any) -> tuple[ModbusTransport, Client]:
 
 
 def lost(transport: ModbusTransport, now_ns: int = 0) -> str:
-    with pytest.raises(LinkLost) as told:
+    with pytest.raises(LinkLost) as error:
         transport.read(0, 8, now_ns)
-    return told.value.message.removeprefix("the gripper at gripper:1502 ")
+    return error.value.message.removeprefix("the gripper at gripper:1502 ")
 
 
 @pytest.mark.usefixtures("line")
-def test_requests_go_to_the_unit_with_the_functions_that_the_gripper_knows() -> None:
+def test_requests_use_the_unit_and_the_functions_of_the_gripper() -> None:
     transport, client = tcp()
     assert (client.where, client.how) == (
         ("gripper",),
@@ -103,12 +103,12 @@ def test_requests_go_to_the_unit_with_the_functions_that_the_gripper_knows() -> 
     assert client.connects == 0
     transport.write(3, (1, 2), 0)
     assert transport.read(2, 3, 0) == [7, 7, 7]
-    assert client.asked == [("write", 3, (1, 2), 2), ("input", 2, 3, 2)]
+    assert client.requests == [("write", 3, (1, 2), 2), ("input", 2, 3, 2)]
     assert client.connects == transport.connections == 1
 
 
 @pytest.mark.usefixtures("line")
-def test_serial_line_is_115200_baud_reads_by_function_3_and_is_emptied_before_a_request() -> None:
+def test_serial_line_uses_115200_baud_and_function_3_and_is_flushed_before_a_request() -> None:
     settings = ModbusSettings(serial_port="/dev/hand", slave=11, timeout_s=0.2)
     transport, client = ModbusTransport(settings, "rtu"), Client.made
     assert client.where == ("/dev/hand",)
@@ -116,53 +116,53 @@ def test_serial_line_is_115200_baud_reads_by_function_3_and_is_emptied_before_a_
     transport.read(0, 2, 0)
     client.socket = Port()
     transport.write(3, (1,), 0)
-    assert client.asked == [("holding", 0, 2, 11), ("write", 3, (1,), 11)]
+    assert client.requests == [("holding", 0, 2, 11), ("write", 3, (1,), 11)]
     assert client.socket.flushed == 1
-    client.answers = [ModbusIOException("silence")]
+    client.replies = [ModbusIOException("silence")]
     with pytest.raises(LinkLost, match="/dev/hand does not answer"):
         transport.read(0, 2, 0)
-    assert client.closes == 1, "a late reply would pass for the next"
+    assert client.closes == 1, "a late reply would be taken for the next"
 
 
 @pytest.mark.usefixtures("line")
-def test_reply_that_is_none_is_told_and_keeps_the_connection() -> None:
+def test_an_invalid_reply_is_reported_and_keeps_the_connection() -> None:
     for reply, says in (
-        (Reply(4, 0, 8, error=2), "answered exception 2 to function 4"),
-        (Reply(3, 0, 8), "answered function 3 to function 4"),
+        (Reply(4, 0, 8, error=2), "replied with exception 2 to function 4"),
+        (Reply(3, 0, 8), "replied with function 3 to function 4"),
         (ValueError("odd"), "does not answer"),
     ):
         transport, client = tcp()
-        client.answers = [reply]
+        client.replies = [reply]
         assert lost(transport) == says
         assert client.closes == 0, says
         assert len(transport.read(0, 8, 0)) == 8, says
     for other in (Reply(16, 4, 2), Reply(16, 3, 1)):
-        client.answers = [other]
+        client.replies = [other]
         with pytest.raises(LinkLost, match="acknowledged registers that were not written"):
             transport.write(3, (1, 2), 0)
 
 
 @pytest.mark.usefixtures("line")
-def test_connection_is_given_up_after_three_requests_in_a_row_without_a_reply() -> None:
+def test_connection_is_closed_after_three_unanswered_requests_in_a_row() -> None:
     transport, client = tcp()
     transport.read(0, 8, 0)
     for round_ in range(2):
-        client.answers = [ModbusIOException("silence")] * 2
+        client.replies = [ModbusIOException("silence")] * 2
         assert [lost(transport) for _ in range(2)] == ["does not answer"] * 2
         assert len(transport.read(0, 8, 0)) == 8, f"one reply is enough, {round_}"
-    client.answers = [ModbusIOException("silence")] * 3
+    client.replies = [ModbusIOException("silence")] * 3
     assert [lost(transport) for _ in range(3)] == ["does not answer"] * 3
     assert client.closes == 1
-    client.answers = [ModbusIOException("silence")] * 2
+    client.replies = [ModbusIOException("silence")] * 2
     assert [lost(transport, S) for _ in range(2)] == ["does not answer"] * 2
-    assert client.closes == 1, "counted anew on a new connection"
+    assert client.closes == 1, "counted from 0 on a new connection"
 
 
 @pytest.mark.usefixtures("line")
-def test_broken_connection_is_let_go_at_once_and_made_anew_by_a_later_call() -> None:
+def test_broken_connection_is_closed_at_once_and_reopened_by_a_later_call() -> None:
     transport, client = tcp()
     transport.read(0, 8, 0)
-    client.answers = [ConnectionResetError("gone")]
+    client.replies = [ConnectionResetError("gone")]
     assert lost(transport) == "closed the connection"
     assert (client.closes, client.connects) == (1, 1)
     assert lost(transport, S // 2 - 1) == "does not answer", "so soon after the last attempt"
@@ -172,7 +172,7 @@ def test_broken_connection_is_let_go_at_once_and_made_anew_by_a_later_call() -> 
 
 
 class Socket:
-    """With something in it that nobody asked for, or closed by the other side."""
+    """A socket with unrequested input, or closed by the other side."""
 
     def __init__(self, *chunks: bytes, closed: bool = False) -> None:
         self.chunks, self._closed = list(chunks), closed
@@ -191,7 +191,7 @@ class Socket:
 
 
 @pytest.mark.usefixtures("line")
-def test_what_came_unasked_is_dropped_and_a_closed_socket_is_seen() -> None:
+def test_unrequested_input_is_discarded_and_a_closed_socket_is_detected() -> None:
     transport, client = tcp()
     client.socket = Socket(b"late", b"later")
     transport.read(0, 8, 0)

@@ -1,4 +1,4 @@
-"""Verbs of the gripper's thread while the hand is silent, on a clock that stands."""
+"""Verbs of the gripper thread while the hand does not reply, on a stopped clock."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -14,29 +14,29 @@ from tests.unit.drivers.robotiq.link_cell import (
     MS,
     Cell,
     Made,
-    idle,
+    no_write,
     until,
 )
 
-NOT_YET = "the hand has not answered yet: told to it as soon as it has"
+DEFERRED_NOTE = "the hand has not replied yet: the command is sent as soon as it has"
 
 
 class State(msgspec.Struct, frozen=True):
-    """As much of the gripper's as its thread reads."""
+    """The fields of a gripper state that the thread reads."""
 
     fresh: bool = True
     positions: tuple[int, int, int] = (7, 8, 9)
 
 
 class Silence:
-    """A second exchange that is over when it is told to be; its hand speaks of the verb then."""
+    """A gripper thread whose second exchange lasts until ``ends`` is called."""
 
-    def __init__(self, made: Made, ends: Callable[[Cell], None] = idle) -> None:
+    def __init__(self, made: Made, ends: Callable[[Cell], None] = no_write) -> None:
         self._over = threading.Event()
         self._ends = ends
-        self.cell, self.gripper = made(idle, self._lasts, idle)
+        self.cell, self.gripper = made(no_write, self._lasts, no_write)
         self.cell.state = State()
-        self.gripper.hold()  # with which the exchange begins
+        self.gripper.hold()  # starts the exchange
         self.cell.wait()
         self.cell.verbs.clear()
 
@@ -61,25 +61,25 @@ def silent(made: Made) -> Iterator[Callable[..., Silence]]:
         silence.ends()
 
 
-def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exchange_is_over(
+def test_verbs_to_a_silent_hand_return_the_request_and_run_after_the_exchange(
     silent: Callable[..., Silence],
 ) -> None:
     hand = silent()
     cell, gripper = hand.cell, hand.gripper
     asked: tuple[tuple[Callable[[], Applied], Applied], ...] = (
-        (lambda: gripper.open(0.1), Applied((0, 0, 0), 0.1, 10.0, note=NOT_YET)),
+        (lambda: gripper.open(0.1), Applied((0, 0, 0), 0.1, 10.0, note=DEFERRED_NOTE)),
         (lambda: gripper.move_to((1, 2, 3), 0.05, 7.0),
-         Applied((1, 2, 3), 0.05, 7.0, note=NOT_YET)),
-        (gripper.hold, Applied((7, 8, 9), 0.0, 10.0, note=NOT_YET)),
+         Applied((1, 2, 3), 0.05, 7.0, note=DEFERRED_NOTE)),
+        (gripper.hold, Applied((7, 8, 9), 0.0, 10.0, note=DEFERRED_NOTE)),
         (lambda: gripper.close_fast(9.0, (True, False, True), (255, 255, 6), 0.03),
-         Applied((255, 8, 9), 0.03, 9.0, note=NOT_YET)),
+         Applied((255, 8, 9), 0.03, 9.0, note=DEFERRED_NOTE)),
     )  # fmt: skip
     for verb, applied in asked:
         cell.passes(MS)
         assert verb() == applied
         assert not gripper.acknowledged
-        seen: Any = gripper.state
-        assert seen == State(fresh=False), "it speaks of no verb that was put off"
+        state: Any = gripper.state
+        assert state == State(fresh=False), "it does not reflect the deferred verb"
     assert cell.verbs == []
     cell.state = State(fresh=False)
     cell.writes_from_ns = cell.now_ns
@@ -87,10 +87,10 @@ def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exch
     until(lambda: gripper.acknowledged)
     latest = ("close_fast", 9.0, (True, False, True), (255, 255, 6), 0.03)
     assert cell.verbs == [latest]
-    assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from when it was given"
+    assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from the time of its call"
 
 
-def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_poll(
+def test_refusal_of_a_deferred_verb_is_raised_by_the_next_poll(
     silent: Callable[..., Silence],
 ) -> None:
     hand = silent()
@@ -105,7 +105,7 @@ def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_poll(
     assert len(hand.cell.verbs) == 1
 
 
-def test_activation_alone_waits_for_a_silent_hand(silent: Callable[..., Silence]) -> None:
+def test_only_activation_waits_for_a_silent_hand(silent: Callable[..., Silence]) -> None:
     hand = silent()
     waiting = threading.Thread(target=hand.gripper.activate)
     waiting.start()

@@ -1,4 +1,4 @@
-"""The gripper's thread on a clock that stands until it is told to go on."""
+"""The gripper thread, on a clock that the test advances."""
 
 import logging
 import threading
@@ -13,9 +13,9 @@ from tests.unit.drivers.robotiq.link_cell import (
     MS,
     Cell,
     Made,
-    idle,
-    settled,
+    no_write,
     until,
+    wait_for_polls,
 )
 
 
@@ -24,31 +24,31 @@ def breaks(bug: type[BaseException] = ZeroDivisionError) -> None:
 
 
 def raised(gripper: ThreadedGripper) -> None:
-    """Until the thread has come so far."""
+    """Poll until the thread's exception is raised."""
     pause = threading.Event()
     for _ in range(2000):
         gripper.poll(0)
         pause.wait(0.005)
 
 
-def test_a_bug_that_comes_back_ends_the_thread_and_is_told_by_every_call(made: Made) -> None:
-    _, gripper = made(idle, *[lambda cell: breaks()] * 3)
+def test_repeated_exceptions_end_the_thread_and_are_raised_by_every_call(made: Made) -> None:
+    _, gripper = made(no_write, *[lambda cell: breaks()] * 3)
     gripper.hold()
     for _ in range(6):
         with pytest.raises(ZeroDivisionError):
             raised(gripper)
-    with pytest.raises(LinkLost, match="nothing reaches the gripper"):
+    with pytest.raises(LinkLost, match="no command reaches the gripper"):
         gripper.hold()
 
 
-def test_verb_waits_for_the_reply_to_its_write_and_is_timed_from_when_it_was_given(
+def test_verb_is_acknowledged_by_the_reply_and_timed_from_its_call(
     made: Made,
 ) -> None:
-    cell, gripper = made(idle, Cell.acknowledges)
+    cell, gripper = made(no_write, Cell.acknowledges)
     cell.passes(500 * MS)
     gripper.hold()
     cell.wait()
-    settled(gripper, 2)
+    wait_for_polls(gripper, 2)
     assert cell.verbs == [("hold",)]
     called_ns = BEGIN_NS + 500 * MS
     assert gripper.acknowledgements_ns == ((called_ns, called_ns + 3 * MS),)
@@ -64,11 +64,11 @@ def closes(core: Any) -> Any:
 
 
 def exchanges(cell: Cell, gripper: ThreadedGripper) -> None:
-    """Two more, the second of which began after now."""
-    settled(gripper, gripper.polls + 2)
+    """Wait for two more exchanges; the second begins after now."""
+    wait_for_polls(gripper, gripper.polls + 2)
 
 
-def test_without_a_poll_for_a_second_the_thread_gives_the_fallback_command_once_and_logs_it(
+def test_the_fallback_command_is_sent_once_after_a_second_without_a_poll(
     made: Made, caplog: pytest.LogCaptureFixture
 ) -> None:
     cell, gripper = made(period_s=0.001)
@@ -97,17 +97,17 @@ def test_hand_that_is_polled_or_commanded_gets_no_fallback_command(polls: str, m
     assert CLOSING not in cell.verbs
 
 
-def test_fallback_command_is_given_again_once_a_lost_link_is_back(
+def test_fallback_command_is_sent_again_after_a_lost_link_has_returned(
     made: Made, caplog: pytest.LogCaptureFixture
 ) -> None:
     cell, gripper = made(period_s=0.001)
     gripper.set_fallback(closes, "close")
-    cell.acts = [lambda: unplugged("gone")] * 3
-    until(lambda: not cell.acts)
+    cell.actions = [lambda: unplugged("gone")] * 3
+    until(lambda: not cell.actions)
     cell.passes(SECOND_NS)
     until(lambda: len(cell.verbs) == 1)
     exchanges(cell, gripper)
-    cell.acts = [lambda: unplugged("gone again")]
+    cell.actions = [lambda: unplugged("gone again")]
     until(lambda: len(cell.verbs) == 2)
     assert cell.verbs == [CLOSING] * 2
 
@@ -116,22 +116,22 @@ def unplugged(message: str) -> None:
     raise LinkLost(message, "look")
 
 
-def test_periods_that_passed_are_missed_and_the_grid_is_kept(made: Made) -> None:
+def test_periods_that_passed_are_skipped_and_the_grid_is_kept(made: Made) -> None:
     cell, gripper = made(lambda cell: cell.passes(35 * MS), period_s=0.01)
     cell.wait()
-    settled(gripper, 2)
+    wait_for_polls(gripper, 2)
     assert cell.polled_ns[:2] == [BEGIN_NS, BEGIN_NS + 35 * MS]
 
 
-def test_verbs_go_to_the_core_as_they_are(made: Made) -> None:
+def test_verbs_are_passed_to_the_core_unchanged(made: Made) -> None:
     cell, gripper = made()
-    answers: list[object] = [
+    results: list[object] = [
         gripper.activate(dropping=True), gripper.activate(), gripper.open(0.1),
         gripper.move_to((1, 2, 3), 0.05, 7.0),
         gripper.close_fast(9.0, (True, False, True), (4, 5, 6), 0.03), gripper.hold(),
     ]  # fmt: skip
     verbs = ("activate", "activate", "open", "move_to", "close_fast", "hold")
-    assert answers == [f"applied {verb}" for verb in verbs]
+    assert results == [f"applied {verb}" for verb in verbs]
     assert cell.verbs == [
         ("activate", True), ("activate", False), ("open", 0.1), ("move_to", (1, 2, 3), 0.05, 7.0),
         ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03), ("hold",),

@@ -1,4 +1,4 @@
-"""The modelled hand: contact, motion and force."""
+"""Model of the hand: contact, motion and force."""
 
 import msgspec
 import numpy as np
@@ -37,7 +37,7 @@ def test_after_contact_a_close_at_equal_or_lower_force_does_nothing() -> None:
         assert np.array_equal(hand.model.travel_m, where)
 
 
-def test_more_force_pushes_on_from_contact() -> None:
+def test_a_higher_force_closes_further_from_contact() -> None:
     for position in [255, 200]:
         hand = Hand()
         hand.grip(force=0)

@@ -1,4 +1,4 @@
-"""The modelled hand: activation, registers and their refresh."""
+"""Model of the hand: activation, registers and their refresh."""
 
 import msgspec
 
@@ -9,7 +9,7 @@ from tests.unit.drivers.robotiq.hand import QUICK, Hand, command
 # Activation
 
 
-def test_activation_takes_its_time_and_ends_ready_and_open() -> None:
+def test_activation_ends_ready_and_open_after_its_duration() -> None:
     hand = Hand(HandSettings(), active=False)
     hand.write(CommandRegisters(activate=True))
     assert hand.frame_after(20)[:4] == "1100"
@@ -28,9 +28,9 @@ def test_requests_are_taken_up_and_status_is_sampled_on_refresh_ticks_only() -> 
     hand.write(command(100))
     assert hand.run(8).a.echo == 0, "tick at 15 ms has not come"
     assert hand.run(1).a.echo == 100
-    held = hand.frame_after(60)
-    assert hand.frame_after(9) == held, "held between ticks"
-    assert hand.frame_after(1) != held
+    before = hand.frame_after(60)
+    assert hand.frame_after(9) == before, "constant between ticks"
+    assert hand.frame_after(1) != before
 
 
 def test_a_short_write_leaves_the_other_bytes_in_force() -> None:

@@ -24,7 +24,7 @@ def test_ready_is_activation_bit_and_both_initialization_bits() -> None:
 
 
 @given(st.binary(min_size=16, max_size=16))
-def test_any_16_bytes_are_some_status(data: bytes) -> None:
+def test_any_16_bytes_decode_as_a_status(data: bytes) -> None:
     StatusRegisters.from_bytes(data)
 
 
@@ -41,7 +41,7 @@ def test_registers_of_a_wrong_shape_are_a_value_error() -> None:
             StatusRegisters.from_registers(registers)
 
 
-def test_values_that_would_spill_into_other_bits_are_refused() -> None:
+def test_values_beyond_their_field_are_refused() -> None:
     for make in (
         lambda: CommandRegisters(mode=4),
         lambda: AxisCommand(256),
@@ -52,7 +52,7 @@ def test_values_that_would_spill_into_other_bits_are_refused() -> None:
             make()
 
 
-def test_every_fault_has_a_rank_and_a_text() -> None:
+def test_every_fault_has_a_severity_and_a_text() -> None:
     ranks = {code: FAULTS[code].severity for code in range(16)}
     assert [c for c, r in ranks.items() if r is Severity.PRIORITY] == [5, 6, 7]
     assert [c for c, r in ranks.items() if r is Severity.MAJOR] == [0x0D, 0x0E, 0x0F]

@@ -1,4 +1,4 @@
-"""Bytes of the registers, by hand, against the driver's codec and against the model's own.
+"""Register bytes written by hand, compared with the driver's codec and with the model's.
 
 Worked frames: Robotiq 3-Finger manual, 2014, p. 67-74; layout: its register map, p. 39-57.
 """
@@ -110,7 +110,7 @@ def test_the_model_reads_a_command_frame() -> None:
         st.tuples(*[st.builds(model.AxisStatus, byte, byte, byte, two_bits)] * 4),
     )
 )  # fmt: skip
-def test_any_status_of_the_model_is_read_as_it_was_meant(status: model.HandStatus) -> None:
+def test_the_driver_decodes_any_status_of_the_model(status: model.HandStatus) -> None:
     read = StatusRegisters.from_registers(model.encode(status))
     assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(status)[:6]
     assert [msgspec.structs.astuple(axis) for axis in axes_of(read)] == [
@@ -129,7 +129,7 @@ axis_commands = st.builds(AxisCommand, byte, byte, byte)
         scissor=axis_commands,
     )
 )  # fmt: skip
-def test_any_command_of_the_driver_is_understood_by_the_model(command: CommandRegisters) -> None:
+def test_the_model_decodes_any_command_of_the_driver(command: CommandRegisters) -> None:
     read = model.decode(command.to_registers())
     assert msgspec.structs.astuple(read)[:5] == msgspec.structs.astuple(command)[:5]
     assert [msgspec.structs.astuple(axis) for axis in (*read.fingers, read.scissor)] == [
@@ -137,7 +137,7 @@ def test_any_command_of_the_driver_is_understood_by_the_model(command: CommandRe
     ]
 
 
-def test_registers_that_do_not_exist_or_do_not_fit_are_not_written() -> None:
+def test_invalid_registers_are_not_written() -> None:
     for values in [(), (0,) * 9, (-1,), (65536,), ("x",)]:
         with pytest.raises(ValueError, match="register"):
             model.written(8 * (0,), 0, values)

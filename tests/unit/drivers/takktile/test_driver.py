@@ -1,4 +1,4 @@
-"""The TakkTile driver on a board model: what a naive client gets wrong."""
+"""TakkTile driver on a board model: sample age, missed frames, rest counts, recovery."""
 
 import contextlib
 
@@ -18,7 +18,7 @@ PERIOD_NS = 10 * MS
 
 
 class Bench:
-    """A driver on a board whose codes the test sets; time advances a period a poll."""
+    """A driver on a board whose codes the test sets; time advances one period per poll."""
 
     def __init__(
         self,
@@ -27,7 +27,7 @@ class Bench:
     ) -> None:
         self.codes = np.arange(440, 458, dtype=np.int16)  # board order
         self.noise = np.zeros(18, np.int16)
-        self.tell_time = False  # temperature codes: tenths of a millisecond, modulo 1024
+        self.time_as_temperature = False  # temperature codes: tenths of a millisecond, modulo 1024
         self.now_ns = 0
         self.board = BoardModel(board or BoardModelSettings(), self._sample)
         settings = settings or TakkTileSettings()
@@ -36,9 +36,9 @@ class Bench:
 
     def _sample(self, t_ns: int):
         sign = 1 if t_ns // PERIOD_NS % 2 else -1
-        temperature = t_ns // 100_000 % 1024 if self.tell_time else 500
-        felt = self.codes + sign * self.noise, np.full(18, temperature, np.int16)
-        return lambda: felt
+        temperature = t_ns // 100_000 % 1024 if self.time_as_temperature else 500
+        codes = self.codes + sign * self.noise, np.full(18, temperature, np.int16)
+        return lambda: codes
 
     def poll(self, times: int = 1) -> None:
         for _ in range(times):
@@ -53,7 +53,7 @@ class Bench:
         return self
 
     def failure(self, polls: int) -> GraspError:
-        """What the last of so many polls raises."""
+        """Error that the last of so many polls raises."""
         for _ in range(polls - 1):
             with contextlib.suppress(LinkLost, DeviceFault):
                 self.poll()
@@ -84,10 +84,10 @@ def test_counts_are_raw_minus_rest_and_pressing_is_negative(bench):
     }
 
 
-def test_a_frame_is_the_newest_that_a_pending_read_has_brought_and_says_how_old_it_is():
-    """208 frames a second: converted 4.8 to 9.6 ms before the tick, told by mid-conversion."""
+def test_a_frame_is_the_newest_of_the_pending_reads_and_has_its_sample_time():
+    """208 frames a second: converted 4.8 to 9.6 ms before the tick, timed at mid-conversion."""
     bench = Bench()
-    bench.tell_time = True
+    bench.time_as_temperature = True
     bench.take_rest()
     ages = []
     for _ in range(200):
@@ -99,7 +99,7 @@ def test_a_frame_is_the_newest_that_a_pending_read_has_brought_and_says_how_old_
     assert np.median(ages) == pytest.approx(5.7, abs=0.3)
 
 
-def test_a_frame_that_waited_long_to_be_taken_is_missed_not_taken_for_new(bench):
+def test_a_frame_that_is_too_old_counts_as_missed(bench):
     bench.link.advance(bench.now_ns + PERIOD_NS)
     bench.driver.poll(bench.now_ns + 200 * MS)
     assert bench.frame.missed == 1
@@ -133,19 +133,19 @@ def test_three_timeouts_restart_the_board_and_keep_the_rest(bench):
     assert bench.frame.missed == 0
 
 
-def test_a_shrunken_frame_never_shifts_taxels_and_is_named_in_the_end(bench):
+def test_a_short_frame_never_shifts_taxels_and_dead_cells_are_named(bench):
     before = bench.frame.counts
     bench.board.kill_column(2)
     bench.codes = bench.codes - 100
     with pytest.raises(DeviceFault, match="no whole frames"):
         bench.poll(6)
     assert bench.frame.counts is before
-    assert "other cells alive: row 0 column 2, row 1 column 2" in bench.failure(20).message
+    assert "other live cells: row 0 column 2, row 1 column 2" in bench.failure(20).message
     assert bench.driver.statistics.wrong_lengths == 9
 
 
 @pytest.mark.parametrize(("fault", "args"), [("split_frame", ()), ("shorten_frame", (4,))])
-def test_a_frame_that_is_not_whole_is_dropped_and_the_next_one_read_in_step(bench, fault, args):
+def test_an_incomplete_frame_is_dropped_and_the_next_one_is_read_correctly(bench, fault, args):
     getattr(bench.board, fault)(*args)
     bench.poll()
     assert bench.frame.missed == 0
@@ -170,7 +170,7 @@ def test_opening_names_the_finger_and_taxel_whose_cell_is_dead():
     assert "cable of finger A" in caught.value.remedy
 
 
-def test_the_rest_is_the_median_so_one_outlier_leaves_no_trace():
+def test_the_rest_is_the_median_so_one_outlier_has_no_effect():
     bench = Bench()
     bench.driver.start()
     bench.driver.begin_rest()
@@ -182,12 +182,12 @@ def test_the_rest_is_the_median_so_one_outlier_leaves_no_trace():
     assert bench.frame.rest[0, 0] == 440
 
 
-def test_a_sample_converted_before_rest_was_asked_for_is_not_part_of_it():
+def test_a_sample_converted_before_begin_rest_is_not_part_of_it():
     bench = Bench()
     bench.codes[9] = 380
     bench.driver.start()
     bench.poll(3)
-    bench.codes[9] = 449  # the hand has opened, and at once the rest is taken
+    bench.codes[9] = 449  # the hand has opened, and the rest is taken at once
     bench.driver.begin_rest()
     bench.poll(51)
     assert bench.frame.rest[1, 3] == 449
@@ -217,7 +217,7 @@ def test_a_rest_far_from_the_stored_reference_is_refused():
         bench.take_rest()
 
 
-def test_an_unplugged_board_is_a_lost_link_and_comes_back_without_its_rest(bench):
+def test_an_unplugged_board_is_a_lost_link_and_returns_without_rest(bench):
     bench.board.unplug()
     for _ in range(10):
         with pytest.raises(LinkLost, match="unplugged"):

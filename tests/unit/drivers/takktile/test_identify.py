@@ -1,4 +1,4 @@
-"""Which taxel is being pressed: presses by their fall from the rest, in time that a test holds."""
+"""Identification of the pressed taxel by the fall from its rest code, in virtual time."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ from drivers.takktile.model.link import ModelUsb
 from drivers.takktile.settings import TakkTileSettings
 
 MS = 1_000_000
-REST = 400 + np.arange(18)  # each cell has its own
+REST = 400 + np.arange(18)  # rest codes
 LEAST = 20
 
 Press = tuple[int, int]  # cell in board order, and how far its code falls
 
 
 class Fingertips:
-    """A board that is read every 10 ms: at rest until it has been taken, then one press a frame."""
+    """A board that is read every 10 ms: at rest until rest is taken, then one press per frame."""
 
     def __init__(
         self, presses: Sequence[Press] = (), cells: Sequence[tuple[int, int]] | None = None
@@ -43,7 +43,7 @@ class Fingertips:
     def _rest_taken(self) -> None:
         self._rested = True
 
-    def told(self, seconds: float = 1.0) -> list[TaxelPress]:
+    def identified(self, seconds: float = 1.0) -> list[TaxelPress]:
         return list(
             identify.watch(
                 ModelUsb(self.board), TakkTileSettings(), seconds, self._rest_taken, LEAST,
@@ -53,28 +53,28 @@ class Fingertips:
 
 
 def of(*presses: Press) -> list[tuple[int, int, int]]:
-    """Row, column and fall of what is told."""
-    return [(p.row, p.column, p.fall_counts) for p in Fingertips(presses).told()]
+    """Row, column and fall of the identified presses."""
+    return [(p.row, p.column, p.fall_counts) for p in Fingertips(presses).identified()]
 
 
-def test_a_press_is_told_with_its_cell_and_with_the_finger_that_has_it() -> None:
-    assert Fingertips([(10, 30)]).told() == [TaxelPress(1, 4, 30, "B", 4)]
+def test_a_press_is_identified_with_its_cell_and_finger() -> None:
+    assert Fingertips([(10, 30)]).identified() == [TaxelPress(1, 4, 30, "B", 4)]
 
 
-def test_a_press_is_told_once_and_again_where_it_is_stronger_or_another() -> None:
-    for presses, told in [
+def test_a_press_is_reported_once_and_again_when_it_is_stronger_or_another() -> None:
+    for presses, reported in [
         ([(4, LEAST - 1)], []),
         ([(4, LEAST)], [(0, 4, LEAST)]),
-        ([(4, -200)], []),  # a code that rises is no press
+        ([(4, -200)], []),  # a rising code is not a press
         ([(4, 30), (4, 30), (4, 29), (4, 31)], [(0, 4, 30), (0, 4, 31)]),  # stronger than before
         ([(4, 30), (5, 25)], [(0, 4, 30), (0, 5, 25)]),  # another cell
-        ([(4, 30), (4, 0), (4, 25)], [(0, 4, 30), (0, 4, 25)]),  # let go between them
+        ([(4, 30), (4, 0), (4, 25)], [(0, 4, 30), (0, 4, 25)]),  # released between them
     ]:
-        assert of(*presses) == told, (presses, told)
+        assert of(*presses) == reported, (presses, reported)
 
 
-def test_it_ends_after_its_time_and_stops_the_board() -> None:
+def test_identification_ends_after_its_time_and_stops_the_board() -> None:
     fingertips = Fingertips()
-    assert fingertips.told(seconds=2.0) == []
+    assert fingertips.identified(seconds=2.0) == []
     assert fingertips.board.ready_ns is None
     assert 2.0 <= fingertips.now_ns * 1e-9 - REST_FRAMES * 0.01 <= 2.2

@@ -1,4 +1,4 @@
-"""Golden bytes of the TakkTile board: the firmware's codec, the driver's, and one on the other."""
+"""Golden bytes of the TakkTile board: codec of the model, of the driver, and both together."""
 
 import numpy as np
 from hypothesis import given
@@ -23,13 +23,13 @@ def test_a_frame_holds_msb_and_lsb_of_pressure_then_of_temperature():
 
 
 @given(CODES)
-def test_every_code_survives_the_frame(values):
+def test_every_code_survives_encoding_and_decoding(values):
     parsed = protocol.parse_frame(codec.bulk_frame(codes(*values), codes(*values)), len(values))
     assert parsed is not None
     assert parsed[0].tolist() == parsed[1].tolist() == values
 
 
-def test_both_sides_name_the_same_requests_and_ticks():
+def test_driver_and_model_use_the_same_requests_and_ticks():
     assert [*protocol.UsbRequest] == [codec.SCAN, codec.CONFIGURE_TIMER] == [0x5C, 0xC7]
     assert codec.ticks_ns(375) == 375 * protocol.TICK_NS == 3_000_000
 

@@ -1,4 +1,4 @@
-"""Driving the arm: it must be renewed, and cannot leave the workspace even if it is forgotten."""
+"""Drives of the arm: they must be renewed, and cannot leave the workspace without renewal."""
 
 import math
 
@@ -25,7 +25,7 @@ def driver(model: ArmModel) -> ArmDriver:
     return driver
 
 
-def test_a_drive_is_followed_and_told_in_the_state(driver: ArmDriver) -> None:
+def test_a_drive_is_executed_and_shown_in_the_state(driver: ArmDriver) -> None:
     for t in range(10, 700, 10):
         driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
         driver.poll(t * MS)
@@ -69,8 +69,8 @@ def test_no_drive_before_the_first_sample(model: ArmModel) -> None:
 
 
 @pytest.mark.parametrize("what", ["speed", "spin"])
-def test_a_drive_forgotten_at_the_worst_moment_stays_inside(driver, model, what):
-    """Renewed until it is refused, and then forgotten."""
+def test_a_drive_not_renewed_at_the_worst_moment_stays_within_limits(driver, model, what):
+    """The drive is renewed until it is refused, and then no more."""
     speed, spin = (0.1, 0.0) if what == "speed" else (0.0, 1.0)
     t = 0
     with pytest.raises(Refused):
@@ -81,7 +81,7 @@ def test_a_drive_forgotten_at_the_worst_moment_stays_inside(driver, model, what)
         driver.poll(later * MS)
     end = model.read((t + 3_000) * MS)
     assert not end.moving
-    slack = 0.03  # of a controller cycle and the command's way there
+    slack = 0.03  # allowance for a controller cycle and the command latency
     assert end.position_m[0] - START[0] <= BOX + slack * speed
     assert abs(end.angle_rad) <= MAX_TURN_RAD + slack * abs(spin)
     assert end.position_m[0] - START[0] > 0.5 * BOX or what == "spin"

@@ -1,4 +1,4 @@
-"""The arm driver: limits before anything is sent, staleness, protective stops."""
+"""Arm driver: limits before anything is sent, staleness, protective stops."""
 
 import math
 
@@ -14,7 +14,7 @@ X, Y, Z = START = (0.5, 0.1, 0.3)
 
 
 class Wire:
-    """An arm model that writes down what it is sent and can stop reporting."""
+    """An arm model that records the commands and can stop reporting."""
 
     def __init__(self) -> None:
         self.model = ArmModel(ArmModelSettings(), 0)
@@ -120,7 +120,7 @@ def test_a_stop_is_never_refused(wire, driver, deceleration):
     assert wire.sent == [("stop", 1.2, 0)]
 
 
-def test_a_stop_is_no_harder_than_the_arm_may_brake() -> None:
+def test_the_deceleration_of_a_stop_is_limited() -> None:
     for most, asked, sent in ((4.0, 8.0, 4.0), (10.0, 8.0, 8.0), (0.5, math.nan, 0.5)):
         wire = Wire()
         ArmDriver(wire, ArmSettings(max_stop_mps2=most)).stop(asked)
@@ -170,14 +170,14 @@ def test_a_protective_stop_is_a_fault_once_an_onset_and_stays_in_the_state(wire,
         driver.poll(510 * MS)
 
 
-def test_a_move_that_the_controller_does_not_take_is_refused(wire, driver):
-    wire.model.trip(1 * MS)  # not seen by the driver yet
-    with pytest.raises(Refused, match="did not take"):
+def test_a_move_that_the_controller_rejects_is_refused(wire, driver):
+    wire.model.trip(1 * MS)  # not read by the driver yet
+    with pytest.raises(Refused, match="did not accept"):
         driver.move_to((X, Y, Z + 0.1), 0.1, 0.5)
     assert not driver.state.moving
 
 
-def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
+def test_default_limits() -> None:
     assert msgspec.structs.asdict(ArmSettings()) == {
         "max_speed_mps": 0.25, "max_acceleration_mps2": 1.2, "max_stop_mps2": 10.0,
         "workspace_low_m": (-0.05, -0.05, -0.01), "workspace_high_m": (0.05, 0.05, 0.5),

@@ -1,4 +1,4 @@
-"""Kinematics of the UR10 against closed forms, and against itself by other ways."""
+"""Kinematics of the UR10 against closed forms, finite differences and round trips."""
 
 import math
 
@@ -14,7 +14,7 @@ joints = st.tuples(*[angle] * 6)
 rotation_vectors = st.tuples(*[st.floats(-1.8, 1.8)] * 3)
 
 
-def test_stretched_arm():
+def test_forward_kinematics_of_the_stretched_arm():
     """All joints at zero: the arm lies along -x, by sums of link lengths."""
     flange = kinematics.forward([0.0] * 6)
     assert flange[:3, 3] == pytest.approx((-0.612 - 0.5723, -0.163941 - 0.0922, 0.1273 - 0.1157))
@@ -40,12 +40,12 @@ def test_jacobian_against_finite_differences(q):
     [(0.9, 0.9, 0.9, 1, 2, 3), (0.5, 0.1, 1.6, 0, 0, 0), (0.1, 0.1, 0.5, math.pi, 0, 0),
      (math.nan, 0, 0, 0, 0, 0), (1e300, 0, 0, 0, 0, 0)],
 )  # fmt: skip
-def test_what_no_wrist_reaches_is_not_looked_for(pose):
+def test_unreachable_poses_have_no_inverse(pose):
     assert kinematics.inverse(kinematics.frame(pose), kinematics.ELBOW_UP) is None
 
 
 @given(st.floats(0.4, 0.8), st.floats(-0.3, 0.4), st.floats(0.1, 0.6))
-def test_working_space_with_the_tool_down(x, y, z):
+def test_inverse_kinematics_in_the_working_space(x, y, z):
     goal = kinematics.frame((x, y, z, math.pi, 0.0, 0.0))
     found = kinematics.inverse(goal, kinematics.ELBOW_UP)
     assert found is not None

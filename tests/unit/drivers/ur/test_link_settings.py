@@ -1,4 +1,4 @@
-"""Every setting of the arm's link takes effect where its name says."""
+"""Every setting of the arm link has its effect."""
 
 import os
 from typing import Any
@@ -17,13 +17,14 @@ SETTINGS = UrSettings(
 )  # fmt: skip
 SPEED_MPS, BRAKING_MPS2 = 0.2, 0.5
 MOVING = State(
-    timestamp_s=0.0, pose=(0.0,) * 6, velocity_mps=(0.0, 0.0, SPEED_MPS), turning_radps=(0.0,) * 3,
-    moving=True, robot_mode=ROBOT_RUNNING, safety_bits=0, program_running=True,
+    timestamp_s=0.0, pose=(0.0,) * 6, velocity_mps=(0.0, 0.0, SPEED_MPS),
+    angular_velocity_radps=(0.0,) * 3, moving=True, robot_mode=ROBOT_RUNNING,
+    safety_bits=0, program_running=True,
 )  # fmt: skip
 
 
-class Told:
-    """A worker that takes everything and whose arm goes on for ever; what it was told."""
+class RecordingWorker:
+    """A worker that records its settings; it accepts every command, and its arm never stops."""
 
     state = MOVING
 
@@ -47,46 +48,46 @@ class Told:
     def next_number(self) -> int:
         return 1
 
-    def awaits(self, number: int) -> bool:
+    def is_pending(self, number: int) -> bool:
         return False
 
-    def beat(self) -> None: ...
+    def send_heartbeat(self) -> None: ...
 
     def check(self) -> None: ...
 
     def kill(self) -> None: ...
 
-    def failure(self) -> None: ...
+    def next_failure(self) -> None: ...
 
 
 @pytest.fixture
-def workers(monkeypatch: pytest.MonkeyPatch) -> list[Told]:
-    """Those that were started."""
-    started: list[Told] = []
+def workers(monkeypatch: pytest.MonkeyPatch) -> list[RecordingWorker]:
+    """The workers that were started."""
+    started: list[RecordingWorker] = []
 
-    def start(setup: Setup) -> Told:
-        started.append(Told(setup))
+    def start(setup: Setup) -> RecordingWorker:
+        started.append(RecordingWorker(setup))
         return started[-1]
 
     def preflight(host: str, step_timeout_s: float) -> None:
         assert host == SETTINGS.host and step_timeout_s > 0.0
 
     monkeypatch.setattr(client, "preflight", preflight)
-    monkeypatch.setattr(client, "require", lambda _: None)
-    monkeypatch.setattr(client, "require_standing", preflight)
+    monkeypatch.setattr(client, "raise_for_failures", lambda _: None)
+    monkeypatch.setattr(client, "require_stationary", preflight)
     monkeypatch.setattr(client, "WorkerProcess", start)
     return started
 
 
-def test_the_worker_is_told_the_settings_of_the_link(workers: list[Told]) -> None:
+def test_the_worker_gets_the_settings_of_the_link(workers: list[RecordingWorker]) -> None:
     UrLink(SETTINGS).connect()
-    said = msgspec.structs.asdict(workers[0].setup)
-    assert said.pop("payload_kg") is None
-    assert said.pop("client_pid") == os.getpid()
-    assert said == {name: getattr(SETTINGS, name) for name in said}
+    values = msgspec.structs.asdict(workers[0].setup)
+    assert values.pop("payload_kg") is None
+    assert values.pop("client_pid") == os.getpid()
+    assert values == {name: getattr(SETTINGS, name) for name in values}
 
 
-def test_a_stop_may_take_what_braking_does_and_its_margin(workers: list[Told]) -> None:
+def test_a_stop_may_take_the_braking_time_and_a_margin(workers: list[RecordingWorker]) -> None:
     for step_timeout_s in [1.2, 6.0]:
         link = UrLink(msgspec.structs.replace(SETTINGS, step_timeout_s=step_timeout_s))
         link.connect()

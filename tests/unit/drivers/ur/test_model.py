@@ -1,4 +1,4 @@
-"""The arm model: closed-form trapezoids, commands at controller cycles, stops at any instant."""
+"""Arm model: closed-form trapezoids, commands at controller cycles, stops at any time."""
 
 import math
 
@@ -28,7 +28,7 @@ def above(height_m: float) -> tuple[float, float, float]:
 
 
 def trapezoid(distance: float, v: float, a: float, t: float) -> float:
-    """Distance after t, by the textbook."""
+    """Distance after t of a trapezoidal speed profile."""
     if v * v / a > distance:
         v = math.sqrt(a * distance)
     ramp, end = v / a, distance / v + v / a
@@ -58,7 +58,7 @@ def test_a_move_from_rest_is_the_textbook_trapezoid_and_ends_exactly_at_its_targ
 
 
 @given(targets, speeds, accelerations, instants, accelerations)
-def test_a_stop_at_any_instant_takes_v_squared_over_2a_along_the_line(
+def test_stopping_distance_is_v_squared_over_2a_along_the_line(
     target, speed, acceleration, stop_ns, deceleration
 ):
     model = arm()
@@ -76,7 +76,7 @@ def test_a_stop_at_any_instant_takes_v_squared_over_2a_along_the_line(
 commands = st.lists(
     st.tuples(
         st.sampled_from(["move", "up", "stop", "trip"]),
-        st.integers(0, 400 * MS),  # since the command before
+        st.integers(0, 400 * MS),  # since the previous command
         targets,
         speeds,
         accelerations,
@@ -86,8 +86,8 @@ commands = st.lists(
 )
 
 
-def obey(model: ArmModel, commands) -> tuple[list[int], float, float]:
-    """Carry out the commands; their times, the highest speed and acceleration asked for."""
+def execute(model: ArmModel, commands) -> tuple[list[int], float, float]:
+    """Execute the commands; returns their times, the highest speed and acceleration commanded."""
     now_ns, times, v, a = 0, [0], 0.0, 0.0
     for verb, pause_ns, target, speed, acceleration in commands:
         now_ns += pause_ns
@@ -106,9 +106,9 @@ def obey(model: ArmModel, commands) -> tuple[list[int], float, float]:
 
 
 @given(commands, instants, st.integers(1, 5 * MS))
-def test_position_and_velocity_never_jump_whatever_is_commanded(commands, t_ns, dt_ns):
+def test_position_and_velocity_are_continuous_under_any_commands(commands, t_ns, dt_ns):
     model = arm()
-    _, v, a = obey(model, commands)
+    _, v, a = execute(model, commands)
     dt = dt_ns * 1e-9
     before, after = model.position(t_ns), model.position(t_ns + dt_ns)
     assert math.dist(before, after) <= v * dt + 1e-8
@@ -142,7 +142,7 @@ def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.2, 5), instants, instants)
-def test_the_tool_turns_as_its_spin_says(first, second, acceleration, change_ns, t_ns):
+def test_the_tool_angle_is_the_integral_of_its_spin(first, second, acceleration, change_ns, t_ns):
     model = arm()
     model.speed_l((0.0, 0.0, 0.0), first, acceleration, 0)
     model.speed_l((0.0, 0.0, 0.0), second, acceleration, change_ns)
@@ -167,4 +167,4 @@ def test_a_stop_and_a_move_end_a_drive_and_its_spin(verb):
     assert model.spin(60_000 * MS) == 0.0
     sample = model.read(60_000 * MS)
     assert not sample.moving
-    assert sample.angle_rad == pytest.approx(2.0, abs=0.01)  # 0.5 s up, 1.5 s on, 1 s down
+    assert sample.angle_rad == pytest.approx(2.0, abs=0.01)  # 0.5 s up, 1.5 s, 1 s down

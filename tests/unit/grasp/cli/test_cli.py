@@ -173,7 +173,7 @@ def test_options_that_do_not_fit_are_told_with_their_remedy_before_anything_move
 
 
 def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_field(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "no runs" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     code, result = run_json(capsys, "run", "lift", "--runs", str(tmp_path), "--seed", "2")
@@ -193,6 +193,9 @@ def test_a_lift_leaves_a_run_that_is_listed_and_drawn_and_its_verdict_has_every_
     if find_spec("matplotlib"):
         assert call("export", str(folder), "--to", "svg", capsys=capsys)[0] == 0
         assert (folder / "run.svg").read_text().startswith("<?xml")
+        monkeypatch.setattr("scenarios.report.animation.AFTER_S", -0.17)  # few frames
+        assert call("export", str(folder), "--to", "gif", capsys=capsys)[0] == 0
+        assert (folder / "run.gif").read_bytes().startswith(b"GIF89a")
     (tmp_path / "damaged").mkdir()
     damaged = tmp_path / "damaged" / "result.json"
     for content in (b"", b"[" * 100_000, b"\xff\xfe", b"{}", b'{"seed": [], "outcome": "held"}'):

@@ -161,7 +161,7 @@ def taking(patch: pytest.MonkeyPatch, seconds: float) -> Act:
 
 
 def swallow_writes(rig: Rig) -> None:
-    cell(rig).gripper.swallows = True
+    cell(rig).gripper.ignores_writes = True
 
 
 def freeze_gripper_status(rig: Rig) -> None:
@@ -211,7 +211,7 @@ def freeze_arm_values(rig: Rig) -> None:
 
 def turn_arm_round(rig: Rig) -> None:
     """It makes the opposite of the moves that it is told from now on."""
-    cell(rig).arm.contrary = True
+    cell(rig).arm.reversed_moves = True
 
 
 def push_arm(rig: Rig) -> None:

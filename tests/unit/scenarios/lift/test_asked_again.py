@@ -94,7 +94,7 @@ def test_hand_that_loses_the_closing_itself_is_told_again() -> None:
 
             def hear(tick: Tick) -> None:
                 late = tick.t_ns - (staged.done_at_ns or 0) > ms * 1_000_000
-                fault.cell(rig).gripper.swallows = not late
+                fault.cell(rig).gripper.ignores_writes = not late
 
             staged.on_tick = hear
 

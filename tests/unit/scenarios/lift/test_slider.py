@@ -8,7 +8,7 @@ from tests.unit.scenarios.lift.device_faults import Act, cell
 
 
 def turn_to(fraction: float) -> Act:
-    return lambda rig: cell(rig).arm.turn_slider(fraction, rig.clock.now_ns)
+    return lambda rig: cell(rig).arm.set_speed_slider(fraction, rig.clock.now_ns)
 
 
 def seconds(staged: Staged) -> float:

@@ -75,7 +75,7 @@ def test_hand_that_a_run_would_refuse_stands_against_it(
         active=active, initialization=3 if active else 0, a=AxisStatus(position=at)
     )
     monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
-    monkeypatch.setattr(device_checks, "doubts", lambda *looks: [])
+    monkeypatch.setattr(device_checks, "implausible_values", lambda *looks: [])
     checks = doctor._devices(
         "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
     )

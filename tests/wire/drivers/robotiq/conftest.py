@@ -1,4 +1,4 @@
-"""The gripper behind its wire: everything opened is closed again."""
+"""Fixtures: an emulated gripper and driver clients, closed after each test."""
 
 from collections.abc import Callable, Iterator
 
@@ -49,7 +49,7 @@ def connect() -> Iterator[Callable[..., Client]]:
 
 @pytest.fixture
 def joined(serve, connect) -> Callable[..., tuple[Served, Client]]:
-    """An emulator and a driver that has had its first exchange."""
+    """An emulator and a driver after its first exchange."""
 
     def make(**options: object) -> tuple[Served, Client]:
         served = serve(**options)

@@ -1,4 +1,4 @@
-"""Emulators, drivers that talk to them, objects to close on."""
+"""Emulators, drivers connected to them, and objects to close on."""
 
 import time
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSetting
 from tests.calibrations import PAPER
 
 QUICK = HandSettings(activation_s=0.1)
-PATIENT_S = 60.0  # nothing here takes long; a loaded machine may
+PATIENT_S = 60.0  # long enough for a loaded machine
 TIMEOUT_S = 1.0  # long enough for a reply on a loaded machine
 TOUCH_M = 0.03
 STIFFNESS_NPM = 5000.0
 
 
 class FastClock:
-    """Monotonic time of the wall, run ``rate`` times as fast."""
+    """Monotonic wall time, ``rate`` times as fast."""
 
     def __init__(self, rate: int) -> None:
         self._rate = rate
@@ -40,7 +40,7 @@ def until(true: Callable[[], bool], within_s: float = PATIENT_S) -> None:
 
 
 def with_objects(model: GripperModel, touch_m: float = TOUCH_M) -> GripperModel:
-    """A spring fixed in space before each finger: loads given once stay where they are."""
+    """The model with a spring fixed in space in front of each finger."""
     stiffness = np.full(3, STIFFNESS_NPM)
     model.advance(0, FingerLoads(stiffness * (model.travel_m - touch_m), stiffness))
     return model
@@ -67,7 +67,7 @@ class Client:
             self.driver.poll(time.monotonic_ns())
 
     def poll_until(self, true: Callable[[], bool]) -> None:
-        """Poll through losses of the link, which are kept."""
+        """Poll until a condition holds; link losses are collected in ``errors``."""
 
         def once() -> bool:
             try:
@@ -90,7 +90,7 @@ class Client:
 
 
 class Served:
-    """An emulator and all that it has received."""
+    """An emulator and the frames that it has received."""
 
     def __init__(self, model: GripperModel | HandSettings, clock: Callable[[], int]) -> None:
         self.frames: list[bytes] = []
@@ -98,7 +98,7 @@ class Served:
 
     @property
     def writes(self) -> list[bytes]:
-        """All registers after every function 16 that arrived; one may leave out the first."""
+        """All registers after each received write (function 16), which may omit the first."""
         image, found = bytes(16), list[bytes]()
         for frame in self.frames:
             if frame[7] == 16:

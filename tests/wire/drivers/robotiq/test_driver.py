@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import Trouble, WireFault
+from drivers.robotiq.emulator import FaultKind, WireFault
 from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S
@@ -14,7 +14,7 @@ from tests.wire.drivers.robotiq.rig import TIMEOUT_S
 FAST = 0.11
 ALL = (True, True, True)
 FAR = (200, 200, 200)
-LOST_AND_FOUND = [Trouble.DROP, Trouble.GARBLE, Trouble.DISCONNECT, Trouble.EXCEPTION]
+LINK_FAULTS = [FaultKind.DROP, FaultKind.GARBLE, FaultKind.DISCONNECT, FaultKind.EXCEPTION]
 
 
 def force_bytes(written: bytes) -> set[int]:
@@ -43,7 +43,7 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
 # The link
 
 
-def test_a_lost_link_is_taken_up_again_without_moving_anything(joined) -> None:
+def test_reconnection_after_a_lost_link_moves_nothing(joined) -> None:
     served, client = joined()
     client.driver.move_to((200, 200, 200), 0.022, 10.0)
     client.poll_until(lambda: client.state.fresh and client.state.positions[0] > 12)
@@ -53,10 +53,10 @@ def test_a_lost_link_is_taken_up_again_without_moving_anything(joined) -> None:
     before = len(served.writes)
     client.poll_until(lambda: client.driver.statistics.reconnects == 1)
     client.settle()
-    held = served.writes[before:]
-    assert held, "the hand that was moving is told to stay"
-    assert {written[3] for written in held} != {200}, "nothing is sent again"
-    assert all(force_bytes(written) == {0} for written in held)
+    holding = served.writes[before:]
+    assert holding, "the moving hand is commanded to hold"
+    assert {written[3] for written in holding} != {200}, "nothing is sent again"
+    assert all(force_bytes(written) == {0} for written in holding)
     assert max(client.state.positions) < 200
     assert client.transport.connections == 2
 
@@ -66,10 +66,10 @@ def raised(error: Exception) -> bool:
 
 
 @pytest.mark.parametrize("function", [4, 16])
-@pytest.mark.parametrize("trouble", LOST_AND_FOUND)
-def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: int) -> None:
+@pytest.mark.parametrize("kind", LINK_FAULTS)
+def test_every_failure_is_a_lost_link_with_a_remedy(joined, kind, function: int) -> None:
     served, client = joined()
-    served.emulator.faults.add(WireFault(trouble=trouble, function=function))
+    served.emulator.faults.add(WireFault(kind=kind, function=function))
     client.driver.move_to((60, 60, 60), FAST, 10.0)
     with pytest.raises(LinkLost) as lost:
         for _ in range(3):
@@ -84,24 +84,24 @@ def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: i
     assert client.state.positions == (50, 50, 50)
 
 
-def test_an_exception_reply_says_so_and_keeps_the_connection(joined) -> None:
+def test_an_exception_reply_is_reported_and_keeps_the_connection(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, code=6))
+    served.emulator.faults.add(WireFault(kind=FaultKind.EXCEPTION, code=6))
     with pytest.raises(LinkLost, match="exception 6 to function 4"):
         client.poll()
     client.poll()
     assert client.transport.connections == 1
 
 
-def test_a_reply_in_pieces_is_a_reply(joined) -> None:
+def test_a_fragmented_reply_is_accepted(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(WireFault(trouble=Trouble.SPLIT, seconds=0.001))
+    served.emulator.faults.add(WireFault(kind=FaultKind.SPLIT, seconds=0.001))
     client.poll()
 
 
-def test_a_late_reply_does_not_pass_for_the_next(joined) -> None:
+def test_a_late_reply_is_not_taken_for_the_next(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(WireFault(trouble=Trouble.DELAY, seconds=1.5 * TIMEOUT_S))
+    served.emulator.faults.add(WireFault(kind=FaultKind.DELAY, seconds=1.5 * TIMEOUT_S))
     with pytest.raises(LinkLost, match="does not answer"):
         client.transport.read(0, 1, 0)
     assert len(client.transport.read(0, 8, 0)) == 8
@@ -110,7 +110,7 @@ def test_a_late_reply_does_not_pass_for_the_next(joined) -> None:
     assert client.transport.connections == 1
 
 
-def test_a_connection_closed_between_requests_is_noticed_before_the_next(joined) -> None:
+def test_a_connection_closed_between_requests_is_detected_before_the_next(joined) -> None:
     served, client = joined()
     served.emulator.disconnect()
     time.sleep(0.05)
@@ -118,10 +118,10 @@ def test_a_connection_closed_between_requests_is_noticed_before_the_next(joined)
     client.driver.move_to((60, 60, 60), FAST, 10.0)
     with pytest.raises(LinkLost, match="closed"):
         client.poll()
-    assert len(served.frames) == before, "nothing went over a new connection unnoticed"
+    assert len(served.frames) == before, "nothing was sent over a new connection without notice"
 
 
-def test_a_connection_that_the_library_gave_up_is_not_renewed_silently(joined) -> None:
+def test_a_connection_closed_by_pymodbus_is_not_renewed_silently(joined) -> None:
     served, client = joined()
     client.transport.close()  # as pymodbus does by itself
     before = len(served.frames)
@@ -131,19 +131,19 @@ def test_a_connection_that_the_library_gave_up_is_not_renewed_silently(joined) -
     client.poll_until(lambda: client.driver.statistics.reconnects == 1)
 
 
-def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
-    """With its defaults pymodbus waits 3 s and asks four times: 12 s for one read."""
+def test_a_silent_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
+    """Without settings pymodbus waits 3 s and tries four times: 12 s for one read."""
     served = serve()
     client = connect(served)
     client.poll_until(lambda: client.state is not None)
-    served.emulator.faults.add(WireFault(trouble=Trouble.DROP, times=1000))
+    served.emulator.faults.add(WireFault(kind=FaultKind.DROP, times=1000))
     before = served.emulator.requests
     with pytest.raises(LinkLost):
         client.poll()
     assert served.emulator.requests == before + 1, "asked once"
 
 
-def test_nobody_there() -> None:
+def test_unreachable_gripper_is_a_lost_link() -> None:
     settings = ModbusSettings(host="127.0.0.1", port=1)
     transport = ModbusTransport(settings, reconnect_s=0.5)
     driver = RobotiqDriver(transport, DriverSettings(), PAPER)

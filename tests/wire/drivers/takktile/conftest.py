@@ -1,4 +1,4 @@
-"""An emulated board that the test can press, spoil, unplug and plug in again."""
+"""An emulated board that a test can press, give faults, unplug and plug in again."""
 
 import sys
 import threading
@@ -14,15 +14,13 @@ from drivers.takktile.emulator.server import BoardServer, backend
 from drivers.takktile.link import UsbLink
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 
-PATIENCE_S = 60.0  # for what must come at last, on a machine however busy
+PATIENCE_S = 60.0  # longest wait, also on a busy machine
 MS = 1_000_000
 
 
 class Bench:
-    """A board model behind a server; pressure codes are the test's, temperature codes tell when.
-
-    The temperature code is the time of conversion in ms, modulo 1024.
-    """
+    """A board model behind a server. The test sets the pressure codes; the temperature code is the
+    time of conversion in ms, modulo 1024."""
 
     def __init__(self, settings: BoardModelSettings | None = None) -> None:
         settings = settings or BoardModelSettings()
@@ -37,8 +35,8 @@ class Bench:
         self.conversions += 1
         if self.conversions > self.pressed_after:
             self.codes[self.pressed] = 300
-        felt = self.codes.copy(), np.full(len(self.codes), t_ns // MS % 1024, np.int16)
-        return lambda: felt
+        codes = self.codes.copy(), np.full(len(self.codes), t_ns // MS % 1024, np.int16)
+        return lambda: codes
 
     @cached_property
     def bus(self):
@@ -50,7 +48,7 @@ class Bench:
     def connect(self, serial: str | None = None) -> UsbLink:
         return UsbLink.find(serial, self.bus, control_timeout_ms=1000)
 
-    def spoil(self, fault: str, *args: object) -> None:
+    def inject(self, fault: str, *args: object) -> None:
         with self.lock:
             getattr(self.board, fault)(*args)
 

@@ -1,4 +1,4 @@
-"""What other people's pyusb programs see: the emulated bus through pyusb's own interface."""
+"""The emulated bus through pyusb's interface, as any pyusb program uses it."""
 
 import errno
 
@@ -26,7 +26,7 @@ def test_descriptors_are_those_of_the_firmware(device):
     assert ends == [(0x81, 2, 64), (0x02, 2, 32)]
 
 
-def test_strings_come_over_the_control_endpoint(device):
+def test_strings_are_read_over_the_control_endpoint(device):
     assert device.manufacturer == "The Biorobotics Lab"
     assert device.product == "TakkTile"
     assert len(device.serial_number) == 22
@@ -55,9 +55,9 @@ def test_a_board_that_was_not_started_times_out(device):
     assert caught.value.backend_error_code == -7
 
 
-def test_a_stall_is_errno_32_and_passes(bench, device):
+def test_a_stall_is_errno_32_and_ends_by_itself(bench, device):
     start(device)
-    bench.spoil("stall")
+    bench.inject("stall")
     with pytest.raises(usb.core.USBError) as caught:
         device.read(0x81, 512, 1000)
     assert caught.value.errno == errno.EPIPE
@@ -74,7 +74,7 @@ def test_a_hung_board_times_out_on_both_endpoints(device):
         device.read(0x81, 512, 30)
 
 
-def test_a_second_program_is_busy_until_the_first_gives_the_board_back(bench, device):
+def test_a_second_program_gets_busy_until_the_first_releases_the_board(bench, device):
     usb.util.claim_interface(device, 0)
     second = bench.find()
     for attempt in (

@@ -1,4 +1,4 @@
-"""`grasp tactile` through the command line's own entry."""
+"""`grasp tactile` through the entry point of the command line."""
 
 import json
 
@@ -11,7 +11,7 @@ def identify(bench: Bench, *options: str) -> int:
 
 
 def press(bench: Bench, cell: int) -> None:
-    """As soon as the rest has been taken."""
+    """Press a cell after the rest has been taken."""
     bench.pressed, bench.pressed_after = cell, 60
 
 
@@ -27,7 +27,7 @@ def test_identify_names_finger_taxel_and_cell(bench, capsys):
     assert bench.board.ready_ns is None  # stopped
 
 
-def test_identify_reads_board_and_wiring_of_a_lab_s_own_file(bench, capsys, tmp_path):
+def test_identify_uses_board_and_wiring_of_a_config_file(bench, capsys, tmp_path):
     lab, turned = tmp_path / "lab.toml", [[[r, c] for c in range(6)] for r in (2, 1, 0)]
     lab.write_text(f"[usb]\nurl = '{bench.server.url}'\n[tactile]\ncells = {turned}\n")
     press(bench, 4)
@@ -38,13 +38,13 @@ def test_identify_reads_board_and_wiring_of_a_lab_s_own_file(bench, capsys, tmp_
     assert "with serial number another" in capsys.readouterr().err
 
 
-def test_identify_says_when_no_pad_was_pressed(bench, capsys):
+def test_identify_reports_when_no_pad_was_pressed(bench, capsys):
     assert identify(bench, "--seconds", "0.1") == 1
     assert "no pad was pressed" in capsys.readouterr().out
 
 
 def test_identify_without_a_board_refuses_with_a_remedy(bench, capsys):
-    bench.spoil("unplug")
+    bench.inject("unplug")
     assert identify(bench) == 3
     assert "no TakkTile board" in capsys.readouterr().err
     assert identify(bench, "--json") == 3

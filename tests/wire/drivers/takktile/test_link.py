@@ -1,4 +1,4 @@
-"""``UsbLink``: what libusb answers becomes an error that names its remedy."""
+"""``UsbLink``: errors of libusb become errors with a remedy."""
 
 import errno
 
@@ -26,7 +26,7 @@ def test_a_stall_is_a_device_fault(bench, link):
     with pytest.raises(DeviceFault, match="STALL"):
         link.control(0x42, 0, 0, 8, 0)
     start(link)
-    bench.spoil("stall")
+    bench.inject("stall")
     with pytest.raises(DeviceFault, match="STALL"):
         link.bulk_read(512, 0)
     link.clear_halt()
@@ -42,10 +42,10 @@ def test_a_hung_board_must_be_replugged(link):
 
 def test_an_unplugged_board_is_a_lost_link_and_stays_one(bench, link):
     start(link)
-    bench.spoil("unplug")
+    bench.inject("unplug")
     with pytest.raises(LinkLost, match="unplugged"):
         link.bulk_read(512, 0)
-    bench.spoil("replug")
+    bench.inject("replug")
     with pytest.raises(LinkLost, match="has been closed"):
         link.bulk_read(512, 0)
     again = bench.connect(link.serial)
@@ -53,11 +53,11 @@ def test_an_unplugged_board_is_a_lost_link_and_stays_one(bench, link):
     again.close()
 
 
-def test_a_board_may_be_asked_for_by_serial_number(bench, link):
+def test_a_board_can_be_selected_by_serial_number(bench, link):
     serial = link.serial
     link.close()
     bench.connect(serial).close()
-    with pytest.raises(LinkLost, match=rf"serial number 42 .*there is {serial}"):
+    with pytest.raises(LinkLost, match=rf"serial number 42 .*found: {serial}"):
         bench.connect("42")
 
 
@@ -77,19 +77,19 @@ def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("error", "told", "remedy"),
+    ("error", "message", "remedy"),
     [
-        (usb.core.USBError("Configuration not set"), "no USB configuration", "supply of its own"),
+        (usb.core.USBError("Configuration not set"), "no USB configuration", "own power supply"),
         (usb.core.USBError("Overflow", -8, errno.EOVERFLOW), "failed: Overflow", "replug it"),
         (usb.core.USBError("something new"), "failed: something new", "replug it"),
     ],
 )
-def test_a_failure_is_told_in_words_with_its_remedy(link, monkeypatch, error, told, remedy):
+def test_a_usb_error_is_reported_as_text_with_a_remedy(link, monkeypatch, error, message, remedy):
     def fail(*_, **__):
         raise error
 
     monkeypatch.setattr(usb.core.Device, "read", fail)
-    with pytest.raises(DeviceFault, match=told) as caught:
+    with pytest.raises(DeviceFault, match=message) as caught:
         link.bulk_read(64, 0)
     assert remedy in caught.value.remedy
     assert "Errno" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""URScript as the emulator reads and runs it, well-meant and otherwise."""
+"""URScript programs in the emulator, valid and invalid."""
 
 import hypothesis.strategies as st
 import pytest
@@ -9,14 +9,14 @@ from drivers.ur.emulator.urscript_parser import MAX_CHARS, parse
 
 
 class Robot:
-    """Takes down what programs say."""
+    """Records the output of programs."""
 
     def __init__(self):
-        self.said = []
+        self.outputs = []
 
 
 def say(thread, value, more=""):
-    thread.robot.said.append(value)
+    thread.robot.outputs.append(value)
 
 
 def sync(thread):
@@ -36,7 +36,7 @@ KNOWN = {"to_str": to_str, "say": say, "sync": sync, "twice": twice}
 
 
 def run(body, cycles=20):
-    """What a program says within so many cycles."""
+    """Output of a program within so many cycles."""
     robot = Robot()
     text = "def main():\n" + body + "\nend\n"
     program = Program(parse(text, KNOWN), robot)
@@ -46,19 +46,19 @@ def run(body, cycles=20):
                 break
     finally:
         program.close()
-    return robot.said
+    return robot.outputs
 
 
 # reading
 
 
-def test_a_comment_may_stand_between_sign_and_value():
-    """So does ur_rtde's upload: its register offsets are filled in on the next line."""
+def test_a_comment_may_separate_sign_and_value():
+    """ur_rtde's upload has that: its register offsets are filled in on the next line."""
     body = "global a = # offset\n0    global b = # offset\n24\nsay(a)\nsay(b)"
     assert run(body) == [0, 24]
 
 
-def test_what_is_no_program():
+def test_invalid_programs_are_refused():
     for text in [
         "def f(:\nend",
         "def f():\n",
@@ -76,7 +76,7 @@ def test_what_is_no_program():
             parse(text, KNOWN)
 
 
-def test_excess_is_refused():
+def test_excessive_programs_are_refused():
     for text in [
         "x = " + "(" * 10_000 + "1" + ")" * 10_000,
         "x = " + "-" * 10_000 + "1",
@@ -102,7 +102,7 @@ def test_any_text_is_parsed_or_refused(text):
 # running
 
 
-def test_expressions():
+def test_expressions_have_their_values():
     for expression, value in [
         ("1 + 2 * 3", 7),
         ("-2 + 5 % 3", 0),
@@ -114,8 +114,8 @@ def test_expressions():
         ("[1, [2][0]]", [1, 2]),
         ("2147483647", 2147483647),
     ]:
-        (said,) = run(f"say({expression})")
-        assert said == value and type(said) is type(value), (expression, value)
+        (outputs,) = run(f"say({expression})")
+        assert outputs == value and type(outputs) is type(value), (expression, value)
 
 
 def test_functions_scopes_and_copies():
@@ -186,7 +186,7 @@ def test_threads_are_started_killed_and_kept_waiting():
     assert run(body) == [0, 0, True]
 
 
-def test_unknown_names_never_start():
+def test_programs_with_unknown_names_do_not_start():
     for body in [
         "__import__(1)",
         "say(unknown)",
@@ -200,7 +200,7 @@ def test_unknown_names_never_start():
             parse("def main():\n" + body + "\nend", KNOWN)
 
 
-def test_what_ends_a_program():
+def test_run_time_errors_end_a_program():
     for body, message in [
         ("while True:\n x = 1\n end", "infinite loop"),
         ("def f():\n f()\n end\n f()", "too deep"),

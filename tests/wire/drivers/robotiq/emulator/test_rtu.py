@@ -7,7 +7,7 @@ import serial
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import RtuEmulator, Trouble, WireFault
+from drivers.robotiq.emulator import FaultKind, RtuEmulator, WireFault
 from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from tests.calibrations import PAPER
@@ -89,17 +89,17 @@ def test_activate_and_move(driver) -> None:
     assert driver.state.positions == (60, 70, 80)
 
 
-def test_what_is_not_answered_is_a_lost_link_once(quick, driver) -> None:
-    for trouble in [Trouble.DROP, Trouble.GARBLE, Trouble.EXCEPTION]:
-        with case(trouble):
+def test_an_unanswered_request_is_a_lost_link_once(quick, driver) -> None:
+    for kind in [FaultKind.DROP, FaultKind.GARBLE, FaultKind.EXCEPTION]:
+        with case(kind):
             driver.poll(time.monotonic_ns())
-            quick.faults.add(WireFault(trouble=trouble))
+            quick.faults.add(WireFault(kind=kind))
             with pytest.raises(LinkLost, match="does not answer"):
                 driver.poll(time.monotonic_ns())
-            until(lambda: answers(driver))
+            until(lambda: replies(driver))
 
 
-def answers(driver: RobotiqDriver) -> bool:
+def replies(driver: RobotiqDriver) -> bool:
     try:
         driver.poll(time.monotonic_ns())
     except LinkLost:
@@ -107,7 +107,7 @@ def answers(driver: RobotiqDriver) -> bool:
     return True
 
 
-def test_no_such_port() -> None:
+def test_a_missing_serial_port_is_a_lost_link() -> None:
     transport = ModbusTransport(ModbusSettings(serial_port="/dev/no-such-port"), "rtu")
     with pytest.raises(LinkLost, match="/dev/no-such-port") as lost:
         transport.read(2000, 8, 0)

@@ -1,4 +1,4 @@
-"""The core in a thread: paced, woken at once, the same bytes as in a loop, errors once."""
+"""The gripper thread: period, immediate wake-up, the same bytes as a loop, errors raised once."""
 
 import itertools
 import time
@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import Trouble, WireFault
+from drivers.robotiq.emulator import FaultKind, WireFault
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
@@ -17,12 +17,12 @@ MS = 1_000_000
 
 
 def done(state) -> bool:
-    """What was asked is over; a hand that is not active yet has nothing to come to rest from."""
+    """Whether the last verb is complete; an inactive hand has no motion to wait for."""
     return state.fresh and (state.at_rest or not state.active)
 
 
 def script(gripper, rest) -> None:
-    """Verbs, each given when the one before has come to its end."""
+    """Verbs, each after the previous one is complete."""
     rest()
     gripper.activate()
     rest()
@@ -39,7 +39,7 @@ def script(gripper, rest) -> None:
 
 
 def bytes_in_a_loop() -> list[bytes]:
-    """The driver polled in virtual time, no wire."""
+    """Registers written by a driver polled in virtual time, without a wire."""
     model = GripperModel(QUICK, 0)
     written: list[bytes] = []
 
@@ -62,7 +62,7 @@ def bytes_in_a_loop() -> list[bytes]:
 
 
 def without_repeats(images: list[bytes]) -> list[bytes]:
-    """An image is written again for as long as a finger moves."""
+    """Images without repetitions; an image is written again while a finger moves."""
     return [image for image, _ in itertools.groupby(images)]
 
 
@@ -89,7 +89,7 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         assert gripper.polls >= 2
 
 
-def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
+def test_a_verb_delayed_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
     served = serve()
     with connect(served).threaded(period_s=600.0) as gripper:
         for speed in (0.03, 0.05, 0.07):
@@ -100,17 +100,17 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
         until(lambda: gripper.acknowledgements_ns)
 
 
-def test_a_refusal_comes_back_to_the_caller(serve, connect) -> None:
+def test_a_refusal_is_raised_to_the_caller(serve, connect) -> None:
     with connect(serve()).threaded() as gripper, pytest.raises(Refused):
         gripper.move_to((60, 60, 60), FAST, 1.0)
-        until(lambda: gripper.poll(0))  # a verb that met an exchange is refused after it
+        until(lambda: gripper.poll(0))  # a deferred verb is refused after the exchange
 
 
-def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
+def test_a_lost_link_is_raised_once_and_reconnects(serve, connect) -> None:
     served = serve()
     client = connect(served)
     with client.threaded() as gripper:
-        served.emulator.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=5))
+        served.emulator.faults.add(WireFault(kind=FaultKind.DISCONNECT, times=5))
         until(lambda: client.driver.statistics.link_losses == 1)
         until(lambda: client.driver.statistics.reconnects == 1)
         with pytest.raises(LinkLost):
@@ -132,7 +132,7 @@ def test_a_fault_is_raised_once(serve, connect) -> None:
         gripper.poll(0)
 
 
-def test_it_can_be_stopped_and_started_again(serve, connect) -> None:
+def test_the_thread_can_be_stopped_and_started_again(serve, connect) -> None:
     client = connect(serve())
     gripper = client.threaded()
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""The reader: a read always pending, young frames, and the way back after every fault."""
+"""Reading thread: a read always pending, recent frames, and recovery after every fault."""
 
 import contextlib
 import time
@@ -13,7 +13,7 @@ from drivers.takktile.link import ReadingThread
 from drivers.takktile.settings import TakkTileSettings
 from tests.wire.drivers.takktile.conftest import PATIENCE_S, Bench, eventually
 
-# An age bound that a busy machine does not break; that old samples are missed has its own test.
+# An age limit that holds on a busy machine; missed old samples have their own test.
 SETTINGS = TakkTileSettings(max_age_ms=1000.0)
 
 
@@ -28,7 +28,7 @@ def reader(bench: Bench):
 
 
 def poll_until(sensor: TactileSensor, condition: Callable[[], bool], what: str) -> None:
-    """Poll every 10 ms; link trouble on the way is what the caller waits to see the end of."""
+    """Poll every 10 ms until a condition holds; link errors are ignored."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, f"never: {what}"
@@ -43,7 +43,7 @@ def take_rest(sensor: TactileSensor) -> None:
 
 
 def failure(reader: TakkTileDriver) -> LinkLost | DeviceFault:
-    """The error that polling meets in the end."""
+    """First error that polling raises."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         time.sleep(0.01)
@@ -62,7 +62,7 @@ def test_frames_are_raw_minus_rest(bench, reader):
     assert reader.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
 
 
-def test_frames_that_nobody_fetches_are_overruns(reader):
+def test_frames_that_are_not_polled_are_overruns(reader):
     eventually(lambda: reader.statistics.overruns > 0, "ring full")
     reader.poll(time.monotonic_ns())
     assert reader.latest_raw is not None
@@ -72,7 +72,7 @@ def test_frames_that_nobody_fetches_are_overruns(reader):
 def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
     take_rest(reader)
     last = reader.frame
-    bench.spoil("time_out", 2)
+    bench.inject("time_out", 2)
     poll_until(reader, lambda: reader.frame.stale, "stale")
     assert reader.frame.missed >= 5
     assert (reader.frame.counts == last.counts).all()
@@ -83,12 +83,12 @@ def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
     assert reader.statistics.restarts == 0
 
 
-def test_unplugged_while_a_read_is_pending_and_plugged_in_again(bench, reader):
+def test_a_board_unplugged_during_a_read_reconnects_after_replugging(bench, reader):
     take_rest(reader)
-    bench.spoil("unplug")
+    bench.inject("unplug")
     assert isinstance(failure(reader), LinkLost)
     poll_until(reader, lambda: reader.frame.stale, "stale")
-    bench.spoil("replug")
+    bench.inject("replug")
     poll_until(reader, lambda: reader.statistics.reopens == 1, "found again")
     poll_until(reader, lambda: not reader.rest_taken, "rest forgotten")
     assert reader.frame is None
@@ -96,16 +96,16 @@ def test_unplugged_while_a_read_is_pending_and_plugged_in_again(bench, reader):
     assert not reader.frame.counts.any()
 
 
-def test_a_column_that_dies_is_named_in_the_end_and_never_shifts_taxels(bench, reader):
+def test_a_dead_column_is_named_and_never_shifts_taxels(bench, reader):
     take_rest(reader)
     before = reader.frame.counts
-    bench.spoil("kill_column", 2)
+    bench.inject("kill_column", 2)
     eventually(lambda: "row 0 column 2" in failure(reader).message, "dead column named")
     assert (reader.frame.counts == before).all()
     assert reader.frame.stale
 
 
-def test_stopping_stops_the_board_so_that_the_next_start_is_clean(bench):
+def test_stopping_the_driver_stops_the_board(bench):
     for _ in range(3):
         with reader_on(bench) as reader:
             poll_until(reader, lambda: reader.latest_raw is not None, "a frame")
@@ -113,7 +113,7 @@ def test_stopping_stops_the_board_so_that_the_next_start_is_clean(bench):
         assert reader.statistics.wrong_lengths == 0
 
 
-def test_a_board_that_a_crashed_program_left_running_is_taken_over(bench):
+def test_a_board_left_running_by_a_crashed_program_is_restarted(bench):
     link = bench.connect()
     link.control(0xC7, 100, 0xFF, 1, 0)
     link.close()
@@ -122,15 +122,15 @@ def test_a_board_that_a_crashed_program_left_running_is_taken_over(bench):
         assert reader.statistics.wrong_lengths == 0
 
 
-def test_starting_without_a_board_fails_at_once_and_leaves_nothing(bench):
-    bench.spoil("unplug")
+def test_starting_without_a_board_fails_at_once(bench):
+    bench.inject("unplug")
     reader = reader_on(bench)
     with pytest.raises(LinkLost, match="no TakkTile board"):
         reader.start()
     reader.stop()
 
 
-def test_a_server_that_ends_is_a_lost_link_and_stopping_still_works():
+def test_a_server_that_ends_is_a_lost_link_and_the_driver_can_be_stopped():
     bench = Bench()
     with bench.server:
         reader = reader_on(bench).start()

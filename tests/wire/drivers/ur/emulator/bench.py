@@ -16,7 +16,7 @@ DOWN = "3.141592653589793, 0, 0"
 
 
 class Bench:
-    """A controller whose cycles are counted by the test."""
+    """A controller whose cycles are run by the test."""
 
     def __init__(self):
         settings = EmulatorSettings(host="127.0.0.2")
@@ -38,8 +38,8 @@ class Bench:
         return self.controller.messages[-1]
 
 
-def told(bench, body, cycles=600):
-    """The program runs to its end without an error."""
+def run_to_end(bench, body, cycles=600):
+    """Run a program to its end, without an error."""
     bench.run(body)
     for _ in range(cycles):
         bench.cycles(1)

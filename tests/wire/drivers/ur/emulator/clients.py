@@ -18,7 +18,7 @@ WAIT_S = 60.0
 
 
 class Site:
-    """One emulator and ur_rtde's interfaces to it."""
+    """An emulator and ur_rtde's interfaces to it."""
 
     def __init__(self, host, fault_port):
         self.host = host
@@ -34,9 +34,9 @@ class Site:
         with socket.create_connection(self.faults, timeout=10) as sock, sock.makefile("rw") as f:
             f.write(json.dumps(request) + "\n")
             f.flush()
-            answer = json.loads(f.readline())
-        assert answer["ok"], answer
-        return answer
+            reply = json.loads(f.readline())
+        assert reply["ok"], reply
+        return reply
 
     @property
     def position(self):
@@ -86,7 +86,7 @@ def move_l(site):
     assert c.moveL(target, 0.25, 1.2)
     until(lambda: near(site.position, target[:3]), "not at the target")
     assert not near(site.receive.getActualQ(), before, 0.01)
-    # as unmodified clients see it: joints and tool agree
+    # joints and tool agree, as unmodified clients read them
     assert near(c.getForwardKinematics()[:3], target[:3])
     longer = c.getForwardKinematics(site.receive.getActualQ(), [0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
     assert near(longer[:3], [*target[:2], target[2] - 0.01])
@@ -159,7 +159,7 @@ def protective_stop(site):
     site.fault(do="protective_stop")
     mover.join(WAIT_S)
     assert results == [False]
-    # the other interface has a connection, and hence a delay, of its own
+    # the other interface has its own connection, and therefore its own delay
     until(site.receive.isProtectiveStopped, "no protective stop")
     until(lambda: site.receive.getSafetyMode() == 3, "no safety mode")
     until(lambda: site.speed == 0.0, "moves on")
@@ -196,7 +196,8 @@ def recovered(site, c):
 
 
 def stop_after_speed(site):
-    """ur_rtde's own trap: two threads of its script want the arm, the controller ends it."""
+    """Known limitation of ur_rtde: two threads of its script want the arm, the controller ends
+    it."""
     c = site.connect()
     assert c.speedL([0.0, 0.0, 0.02, 0.0, 0.0, 0.0], 0.5)
     until(lambda: site.speed > 0.01, "does not move")
@@ -270,7 +271,7 @@ def main(scenario, host, fault_port):
         site.control.disconnect()
     site.receive.disconnect()
     sys.stdout.flush()
-    os._exit(0)  # ur_rtde's destructors wait, and have crashed
+    os._exit(0)  # ur_rtde's destructors wait, and can crash
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""An emulator process on an address of its own, and real clients in processes of their own.
+"""An emulator process on its own address, and real clients in their own processes.
 
-ur_rtde can hang or take its interpreter down with it, so no test loads it: each scenario of
-`clients.py` runs in a subprocess with a deadline.
+ur_rtde can hang or crash its interpreter, so no test loads it: each scenario of `clients.py` runs
+in a subprocess with a deadline.
 """
 
 import importlib.util
@@ -25,7 +25,7 @@ _numbers = itertools.count(2)
 
 
 class Emulated:
-    """A running emulator: its address, its control channel, and clients to set upon it."""
+    """A running emulator: its address, its control channel, and clients that connect to it."""
 
     def __init__(self, process: subprocess.Popen[str], host: str, fault_port: int) -> None:
         self.process = process
@@ -40,7 +40,7 @@ class Emulated:
             return json.loads(lines.readline())
 
     def client(self, scenario: str) -> str:
-        """Run one scenario of clients.py; fails the test with all that it printed."""
+        """Run one scenario of clients.py; fails the test with all its output."""
         if importlib.util.find_spec("rtde_control") is None:
             pytest.skip("ur_rtde is not installed")
         command = [sys.executable, str(CLIENTS), scenario, self.host, str(self.fault_port)]
@@ -56,7 +56,7 @@ class Emulated:
 
 
 def own_address() -> str:
-    """No two tests that run at the same time share one."""
+    """A loopback address that no test running at the same time uses."""
     pid = os.getpid()
     return f"127.{20 + pid % 200}.{pid // 200 % 250}.{next(_numbers) % 250 + 2}"
 
@@ -82,7 +82,7 @@ def emulate() -> Iterator[Callable[..., Emulated]]:
 
 @pytest.fixture
 def emulator(emulate) -> Emulated:
-    """The default: UR10 of the CB3 series at 125 Hz, unlocked without the wait of five seconds."""
+    """The default emulator: a UR10 of the CB3 series at 125 Hz, unlocked without delay."""
     return emulate("--unlock-delay", "0")
 
 

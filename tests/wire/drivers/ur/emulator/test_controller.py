@@ -1,4 +1,4 @@
-"""The emulated controller without sockets, in virtual time; and around a world of somebody else."""
+"""The emulated controller without sockets, in virtual time, and with an external arm model."""
 
 import itertools
 import math
@@ -34,7 +34,7 @@ def test_two_threads_on_one_arm_end_the_program(bench):
     assert bench.controller.runtime_state is RuntimeState.STOPPED
 
 
-def test_bad_arguments_end_the_program_and_nothing_moves(bench):
+def test_invalid_arguments_end_the_program_without_motion(bench):
     for call in [
         "movel([1e999, 0, 0, 0, 0, 0])",
         "speedl([0, 0, 0, 0, 0.2, 0])",
@@ -66,7 +66,7 @@ def test_bad_arguments_end_the_program_and_nothing_moves(bench):
             assert math.dist(bench.motion.position, (0.5, 0.1, 0.3)) < 1e-9
 
 
-def test_stop_by_the_world_is_a_protective_stop(bench):
+def test_a_trip_of_the_arm_model_is_a_protective_stop(bench):
     bench.run(f"movel(p[0.5, 0.1, 0.5, {DOWN}], a=1, v=0.1)")
     bench.cycles(50)
     bench.arm.trip(bench.now_ns)
@@ -80,8 +80,8 @@ def test_stop_by_the_world_is_a_protective_stop(bench):
     assert bench.controller.runtime_state is RuntimeState.STOPPED
 
 
-def test_world_of_somebody_else_is_advanced_before_it_is_read(emulate):
-    """One loop, one clock: every cycle hands its time to the owner of the arm."""
+def test_the_owner_of_the_world_advances_it_before_each_cycle(emulate):
+    """Every cycle passes its time to the owner of the arm model."""
     host = emulate().host.rsplit(".", 1)[0] + ".253"
     times = []
     arm = ArmModel(ArmModelSettings(start_m=(0.6, 0.0, 0.4)), 0)
@@ -99,10 +99,10 @@ def test_only_loopback_addresses_are_served():
             UrEmulator(EmulatorSettings(host=host))
 
 
-def test_beyond_loopback_its_control_channel_asks_for_a_token(bench):
+def test_beyond_loopback_the_control_channel_requires_a_token(bench):
     rtde = RtdeServer(EmulatorSettings(host="").controller)
     channel = FaultChannel(bench.controller, rtde, None, "secret")
     for wrong in ('{"do": "state"}', '{"do": "state", "token": "secre"}'):
-        assert "token" in channel.answer(wrong)
-    assert '"ok":true' in channel.answer('{"do": "protective_stop", "token": "secret"}')
+        assert "token" in channel.reply(wrong)
+    assert '"ok":true' in channel.reply('{"do": "protective_stop", "token": "secret"}')
     assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP

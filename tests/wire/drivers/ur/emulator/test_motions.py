@@ -1,4 +1,4 @@
-"""What moves the emulated arm, in virtual time."""
+"""Motions of the emulated arm, in virtual time."""
 
 import itertools
 import math
@@ -8,7 +8,7 @@ import pytest
 from drivers.ur import kinematics
 from drivers.ur.emulator.controller import RuntimeState, SafetyMode
 from drivers.ur.model import ArmModel, ArmModelSettings
-from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, told
+from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, run_to_end
 
 
 def test_line_takes_the_time_of_its_trapezoid(bench):
@@ -40,7 +40,7 @@ SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11,
 def test_inverse_gives_the_joints_within_their_range_and_nearest(bench, pose):
     from_here = bench.motion.q
     values = ", ".join(map(str, pose))
-    told(
+    run_to_end(
         bench,
         f"q = get_inverse_kin(p[{values}])\nif is_within_safety_limits(q):\n"
         "write_output_integer_register(0, 1)\nend\ni = 0\nwhile i < 6:\n"
@@ -55,7 +55,7 @@ def test_inverse_gives_the_joints_within_their_range_and_nearest(bench, pose):
         assert all(abs(angle - start) <= abs(other - start) for other in possible)
 
 
-def test_tool_that_spins_about_its_own_axis_goes_on_pointing_where_it_did(bench):
+def test_spin_about_the_tool_axis_keeps_the_axis_direction(bench):
     start = kinematics.rotation(bench.motion.tcp_pose[3:])
     bench.run("speedl([0, 0, 0, 0, 0, 0.5], a=2, t=1)")
     bench.cycles(60)
@@ -73,7 +73,7 @@ def test_tool_that_spins_about_its_own_axis_goes_on_pointing_where_it_did(bench)
         ("while True:\n speedl([-0.5, 0, 0, 0, 0, 0], a=5)\n end", "joint"),
     ],
 )
-def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
+def test_exceeding_a_joint_limit_is_a_protective_stop(bench, body, said):
     bench.run(body)
     bench.cycles(600)
     assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
@@ -82,19 +82,19 @@ def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
 
 
 def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does(bench):
-    """0.1 m at 0.25 m/s, slowed down to two fifths after 0.2 s, and let go on after another 2."""
+    """0.1 m at 0.25 m/s, slowed down to 0.4 after 0.2 s, stopped, and continued at full speed."""
     virtual = ArmModel(ArmModelSettings(), 0, command_latency_s=0.0)
     bench.run(f"movel(p[0.5, 0.1, 0.4, {DOWN}], a=1.2, v=0.25)")
     until = bench.now_ns + PERIOD_NS
     virtual.move_l((0.5, 0.1, 0.4), 0.25, 1.2, until)
     for cycles, fraction in ((25, 0.4), (12, 0.0), (250, 1.0)):
         bench.cycles(cycles)
-        virtual.turn_slider(fraction, bench.now_ns)
-        bench.controller.set_speed(fraction)
-    places, told = [], []
+        virtual.set_speed_slider(fraction, bench.now_ns)
+        bench.controller.set_speed_slider(fraction)
+    places, expected = [], []
     for _ in range(60):
         bench.cycles(1)
         places.append(bench.motion.position)
-        told.append(virtual.position(bench.now_ns))
-    assert places == told
+        expected.append(virtual.position(bench.now_ns))
+    assert places == expected
     assert len(set(places)) > 10 and places[-1] == (0.5, 0.1, 0.4)

@@ -1,4 +1,4 @@
-"""The emulator as a process, and its ports as bytes."""
+"""The emulator as a process, and the bytes on its ports."""
 
 import itertools
 import json
@@ -21,7 +21,7 @@ def packet(kind, body=b""):
 
 
 class Rtde:
-    """Frames of its own, so that a mistake of the emulator's cannot cancel out."""
+    """RTDE client with its own encoding, so that a mistake in the emulator's cannot cancel out."""
 
     def __init__(self, host):
         self.sock = socket.create_connection((host, 30004), timeout=10.0)
@@ -32,7 +32,7 @@ class Rtde:
     def __exit__(self, *_):
         self.sock.close()
 
-    def ask(self, kind, body=b""):
+    def request(self, kind, body=b""):
         self.sock.sendall(packet(kind, body))
         return self.read()
 
@@ -64,7 +64,7 @@ def test_ends_on_signal(emulate):
 
 
 def refused(*arguments):
-    """The one line with which an emulator does not start."""
+    """The line of the error with which an emulator does not start."""
     command = [sys.executable, "-m", "drivers.ur.emulator", *arguments]
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, timeout=60.0, check=False
@@ -75,13 +75,13 @@ def refused(*arguments):
     return line
 
 
-def test_what_it_cannot_be_is_refused_in_one_line(emulator):
+def test_invalid_arguments_are_refused_in_one_line(emulator):
     assert f"cannot listen on {emulator.host}" in refused("--host", emulator.host)
     assert "fault-port" in refused("--host", "127.0.0.2", "--fault-port", "70000")
 
 
 def test_ends_when_its_parent_dies(emulate):
-    """The orphan lets go of its address."""
+    """The orphaned emulator frees its address."""
     host = emulate().host.rsplit(".", 1)[0] + ".254"
     parent = (
         "import subprocess, sys\n"
@@ -110,11 +110,11 @@ def test_ends_when_its_parent_dies(emulate):
 
 def test_versions_and_data_as_bytes(emulator):
     with Rtde(emulator.host) as rtde:
-        assert rtde.ask("V", b"\x00\x02") == ("V", b"\x01")
-        assert rtde.ask("v") == ("v", struct.pack(">4I", 3, 15, 8, 106339))
+        assert rtde.request("V", b"\x00\x02") == ("V", b"\x01")
+        assert rtde.request("v") == ("v", struct.pack(">4I", 3, 15, 8, 106339))
         recipe = struct.pack(">d", 62.5) + b"timestamp,robot_mode,payload_cog,"
-        assert rtde.ask("O", recipe) == ("O", b"\x01DOUBLE,INT32,VECTOR3D")
-        assert rtde.ask("S") == ("S", b"\x01")
+        assert rtde.request("O", recipe) == ("O", b"\x01DOUBLE,INT32,VECTOR3D")
+        assert rtde.request("S") == ("S", b"\x01")
         stamps = []
         for _ in range(5):
             kind, body = rtde.read()
@@ -125,25 +125,26 @@ def test_versions_and_data_as_bytes(emulator):
         assert [b - a for a, b in itertools.pairwise(stamps)] == pytest.approx([0.016] * 4)
 
 
-def test_refused_recipes(emulator):
+def test_invalid_recipes_are_refused(emulator):
     with Rtde(emulator.host) as one, Rtde(emulator.host) as other:
-        assert one.ask("V", b"\x00\x01") == ("V", b"\x00")
-        assert one.ask("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
+        assert one.request("V", b"\x00\x01") == ("V", b"\x00")
+        assert one.request("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
             b"\x00DOUBLE,NOT_FOUND"
         )
-        assert one.ask("S") == ("S", b"\x00")
-        assert one.ask("I", b"input_int_register_0,")[1] == b"\x01INT32"
+        assert one.request("S") == ("S", b"\x00")
+        assert one.request("I", b"input_int_register_0,")[1] == b"\x01INT32"
         assert (
-            one.ask("I", b"input_int_register_0,input_double_register_1")[1] == b"\x02INT32,DOUBLE"
+            one.request("I", b"input_int_register_0,input_double_register_1")[1]
+            == b"\x02INT32,DOUBLE"
         )
-        assert other.ask("I", b"input_int_register_0,bad")[1] == b"\x00IN_USE,NOT_FOUND"
+        assert other.request("I", b"input_int_register_0,bad")[1] == b"\x00IN_USE,NOT_FOUND"
     with Rtde(emulator.host) as next_one:
         deadline = time.monotonic() + WAIT_S
-        while next_one.ask("I", b"input_int_register_0")[1] != b"\x01INT32":
+        while next_one.request("I", b"input_int_register_0")[1] != b"\x01INT32":
             assert time.monotonic() < deadline, "claims outlive their connection"
 
 
-def test_dashboard(emulator):
+def test_dashboard_commands(emulator):
     host = emulator.host
     assert ask_dashboard(host, "PolyscopeVersion").startswith("URSoftware 3.15.8.106339")
     assert ask_dashboard(host, "get serial number").isdigit()
@@ -168,7 +169,7 @@ def send_program(host, text):
         ("def f():\n  $\nend\n", "unexpected character"),
     ],
 )
-def test_bad_programs_end_and_leave_the_controller_alive(emulator, text, message):
+def test_invalid_programs_end_and_the_controller_keeps_running(emulator, text, message):
     send_program(emulator.host, text)
     deadline = time.monotonic() + WAIT_S
     while not (state := emulator.fault(do="state"))["script_errors"]:

@@ -10,14 +10,14 @@ CB3 = (
 
 
 @pytest.mark.parametrize("scenario", CB3)
-def test_cb3(emulator, scenario):
+def test_scenarios_on_a_cb3(emulator, scenario):
     emulator.client(scenario)
     assert emulator.fault(do="state")["ignored_packets"] == 0
 
 
 @pytest.mark.parametrize("scenario", ["move_l", "not_remote"])
-def test_e_series_at_500_hz(emulate, scenario):
-    """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
+def test_scenarios_on_an_e_series_at_500_hz(emulate, scenario):
+    """A CB3 (125 Hz) has no remote control mode that ur_rtde could check."""
     emulate("--profile", "e-series").client(scenario)
 
 

@@ -1,4 +1,4 @@
-"""Addresses of their own, an emulated controller in another process, and a link to it."""
+"""Fixtures: unique addresses, an emulated controller in another process, and a link to it."""
 
 import itertools
 import json
@@ -26,20 +26,20 @@ SETUP = messages.Setup(
     watchdog_hz=10.0,
     heartbeat_timeout_s=0.2,
     link_timeout_s=1.0,
-    leave_timeout_s=2.0,
-    client_pid=os.getppid(),  # of what runs in this process
+    brake_timeout_s=2.0,
+    client_pid=os.getppid(),  # of code that runs in this process
 )
 
 
 def workers(parent=None):
-    """Numbers of the processes that this one, or another, has started for a link."""
+    """Process ids of the workers that this process, or another one, has started for a link."""
     started = psutil.Process(parent).children()
     return [each.pid for each in started if "drivers.ur.link" in " ".join(each.cmdline())]
 
 
 @pytest.fixture
 def host():
-    """A loopback address that no other test and no other run is likely to use."""
+    """A loopback address that is unlikely to be used by another test or run."""
     return f"127.{20 + os.getpid() % 200}.77.{next(_NUMBERS)}"
 
 
@@ -57,7 +57,7 @@ def controller(host):
 
 
 class Emulator:
-    """The emulator's process, and its control channel."""
+    """Process of the emulator, with its control channel."""
 
     def __init__(self, host, profile):
         command = [sys.executable, "-m", "drivers.ur.emulator"]
@@ -72,9 +72,9 @@ class Emulator:
     def do(self, verb, **options):
         self._lines.write(json.dumps({"do": verb, **options}) + "\n")
         self._lines.flush()
-        answer = json.loads(self._lines.readline())
-        assert answer["ok"], answer
-        return answer
+        reply = json.loads(self._lines.readline())
+        assert reply["ok"], reply
+        return reply
 
     def state_when(self, condition, timeout_s=15.0):
         deadline = time.monotonic() + timeout_s

@@ -1,4 +1,4 @@
-"""A controller that says what a test tells it to, framed by hand."""
+"""Controller with scripted replies; it encodes its packets by itself."""
 
 import contextlib
 import selectors
@@ -8,7 +8,7 @@ import threading
 
 DASHBOARD, SCRIPT, RTDE = 29999, 30003, 30004
 
-FIT_ANSWERS = {
+FIT_REPLIES = {
     "is in remote control": "true",
     "robotmode": "Robotmode: RUNNING",
     "safetystatus": "Safetystatus: NORMAL",
@@ -20,41 +20,41 @@ class ScriptedController:
 
     def __init__(self, host, *, version=(5, 11, 1, 108318), ports=(DASHBOARD, SCRIPT, RTDE)):
         self.version = version
-        self.answers = dict(FIT_ANSWERS)
+        self.replies = dict(FIT_REPLIES)
         self.in_use = set()
         self.unknown = set()
         self.banner = b"Connected: Universal Robots Dashboard Server\n"
-        self.chatter = b""  # sent before each RTDE answer
+        self.chatter = b""  # sent before each RTDE reply
         self.accepts_v2 = True
-        self.runtime_states = [1]  # told one after the other, the last for ever
+        self.runtime_states = [1]  # sent in turn, the last one forever
         self.speed_fraction = 1.0
         self.speaks = {DASHBOARD, RTDE}
-        self.asked = []
+        self.commands = []
         self._listening = set()
         self._selector = selectors.DefaultSelector()
         for port in ports:
             listener = socket.create_server((host, port))
             self._selector.register(listener, selectors.EVENT_READ, ("listen", port))
-        self._ending = False
+        self._stopping = False
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
 
     def close(self):
-        self._ending = True
+        self._stopping = True
         self._thread.join()
         for key in list(self._selector.get_map().values()):
             key.fileobj.close()
         self._selector.close()
 
     def _serve(self):
-        while not self._ending:
+        while not self._stopping:
             for key, _ in self._selector.select(timeout=0.02):
                 kind, port = key.data
                 if kind == "listen":
                     self._accept(key.fileobj, port)
                 else:
-                    self._answer(key.fileobj, port)
-            self._tell_state()
+                    self._reply(key.fileobj, port)
+            self._send_state()
 
     def _accept(self, listener, port):
         peer, _ = listener.accept()
@@ -62,7 +62,7 @@ class ScriptedController:
         if port == DASHBOARD and port in self.speaks:
             peer.sendall(self.banner)
 
-    def _answer(self, peer, port):
+    def _reply(self, peer, port):
         try:
             data = peer.recv(65536)
             if data and port in self.speaks:
@@ -78,26 +78,26 @@ class ScriptedController:
 
     def _line(self, data):
         command = data.decode().strip()
-        self.asked.append(command)
+        self.commands.append(command)
         fallback = f"could not understand: '{command}'"
-        return self.answers.get(command, fallback).encode() + b"\n"
+        return self.replies.get(command, fallback).encode() + b"\n"
 
     def _packet(self, data):
         kind, body = data[2:3], data[3:]
         if kind == b"V":
-            answer = bytes([self.accepts_v2])
+            reply = bytes([self.accepts_v2])
         elif kind == b"v":
-            answer = struct.pack(">4I", *self.version)
+            reply = struct.pack(">4I", *self.version)
         elif kind == b"O":
-            answer = b"\x01UINT32,DOUBLE"
+            reply = b"\x01UINT32,DOUBLE"
         elif kind == b"S":
-            answer = b"\x01"
+            reply = b"\x01"
         else:
-            answer = b"\x01" + ",".join(map(self.type_of, body.decode().split(","))).encode()
-        return self.chatter + struct.pack(">Hc", 3 + len(answer), kind) + answer
+            reply = b"\x01" + ",".join(map(self.type_of, body.decode().split(","))).encode()
+        return self.chatter + struct.pack(">Hc", 3 + len(reply), kind) + reply
 
-    def _tell_state(self):
-        """As controllers do, to whoever has started to listen."""
+    def _send_state(self):
+        """Send states to every client that has started data packets, as controllers do."""
         for peer in self._listening:
             state = self.runtime_states[0]
             if len(self.runtime_states) > 1:

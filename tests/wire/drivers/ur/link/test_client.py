@@ -1,4 +1,4 @@
-"""The arm's link by ur_rtde, against the emulated controller in another process."""
+"""Arm link by ur_rtde, against the emulated controller in another process."""
 
 import math
 import os
@@ -20,7 +20,7 @@ from drivers.ur.link.client import UrLink, UrSettings
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
-# a slow watchdog: a busy machine must not end the program
+# a slow watchdog, so that a busy machine does not end the program
 EASY = {"watchdog_hz": 1.0, "heartbeat_timeout_s": 5.0, "step_timeout_s": 8.0}
 LONG_S = 60.0
 PROGRAM_RUNNING = 2
@@ -45,7 +45,7 @@ class Arm:
         self.driver.poll(time.monotonic_ns())
 
     def poll_until(self, condition, patient=True):
-        """Poll at about 100 Hz; ``patient``: a machine that is late is not a failure here."""
+        """Poll at about 100 Hz; ``patient``: stale samples on a busy machine are ignored."""
         deadline = time.monotonic() + LONG_S
         while not condition():
             assert time.monotonic() < deadline, self.state
@@ -66,8 +66,8 @@ class Arm:
     def rising(self):
         return self.risen_m() > 0.01
 
-    def trouble(self, kind, match):
-        """Poll until it comes."""
+    def expect_error(self, kind, match):
+        """Poll until this error is raised; returns it."""
         with pytest.raises(kind, match=match) as caught:
             self.poll_until(lambda: False)
         assert caught.value.remedy
@@ -102,7 +102,7 @@ def test_moves_and_comes_to_rest_at_the_target(emulate, connect):
     assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
 
 
-def test_stop_on_the_way_is_confirmed(emulate, connect):
+def test_a_stop_during_a_move_is_confirmed(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
@@ -117,13 +117,13 @@ def test_stop_on_the_way_is_confirmed(emulate, connect):
     assert arm.state.position_m[2] == pytest.approx(here[2] + 0.02, abs=1e-3)
 
 
-def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, connect):
+def test_protective_stop_is_a_fault_and_reconnection_is_refused(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
     arm.poll_until(arm.rising)
     emulator.do("protective_stop")
-    arm.trouble(DeviceFault, "protective stop")
+    arm.expect_error(DeviceFault, "protective stop")
     with pytest.raises(Refused, match="protective stop"):
         arm.rise(0.0)
     with pytest.raises(DeviceFault, match="PROTECTIVE_STOP"):
@@ -132,25 +132,25 @@ def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, con
         arm.poll()
 
 
-def test_emergency_stop_is_typed(emulate, connect):
+def test_emergency_stop_is_a_fault(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
     arm.poll_until(arm.rising)
     emulator.do("emergency_stop")
-    error = arm.trouble(DeviceFault, "safety system")
+    error = arm.expect_error(DeviceFault, "safety system")
     assert "emergency stop" in error.remedy
-    arm.trouble(DeviceFault, "stop")  # the driver's own word for it, once
+    arm.expect_error(DeviceFault, "stop")  # raised once by the driver itself
     assert arm.state.stopped_by_safety
-    assert arm.risen_m() > 0.0  # a pose without power is not believed
+    assert arm.risen_m() > 0.0  # the pose without power is not used
 
 
-def test_killed_program_is_typed_and_another_connection_starts_it(emulate, connect):
+def test_killed_program_is_a_fault_and_reconnection_restarts_it(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.driver.set_payload(2.6)
     emulator.do("kill_program")
-    error = arm.trouble(DeviceFault, "program on the arm controller has ended")
+    error = arm.expect_error(DeviceFault, "program on the arm controller has ended")
     assert "start the run again" in error.remedy
     arm.poll()  # once for each onset
     with pytest.raises(DeviceFault, match="program"):
@@ -167,19 +167,19 @@ def test_frozen_controller_is_stale_first_then_lost(emulate, connect):
     emulator.do("freeze", seconds=3.0)
     with pytest.raises(Stale, match="the arm controller's clock stands still"):
         arm.poll_until(lambda: False, patient=False)
-    arm.trouble(LinkLost, "sends no data")
+    arm.expect_error(LinkLost, "sends no data")
     with pytest.raises(LinkLost):
         arm.rise(0.05)
-    emulator.state_when(lambda state: True)  # it thaws
+    emulator.state_when(lambda state: True)  # the freeze is over
     arm.link.connect()
     arm.poll_until(lambda: arm.state.position_m[2] == pytest.approx(arm.start_m[2], abs=1e-3))
 
 
-def test_dropped_link_is_lost_and_not_repaired_by_itself(emulate, connect):
+def test_dropped_link_is_lost_and_does_not_reconnect_by_itself(emulate, connect):
     emulator = emulate()
     arm = connect()
     emulator.do("drop_link")
-    arm.trouble(LinkLost, "link to the arm lost")
+    arm.expect_error(LinkLost, "link to the arm lost")
     arm.link.connect()
     arm.poll()
 
@@ -191,7 +191,7 @@ def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, conn
     arm.poll_until(arm.rising)
     (pid,) = workers()
     os.kill(pid, signal.SIGKILL)
-    arm.trouble(LinkLost, "worker process ended")
+    arm.expect_error(LinkLost, "worker process ended")
     ended = emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.39, ended
     arm.link.connect()
@@ -200,14 +200,14 @@ def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, conn
     arm.poll_until(lambda: not arm.state.moving)
 
 
-def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
+def test_arm_of_a_caller_that_stops_reading_is_stopped_by_the_watchdog(emulate, connect):
     emulator = emulate()
     arm = connect(heartbeat_timeout_s=0.2)
     arm.rise(0.4, 0.05)  # 8 s
     arm.poll_until(arm.rising)
     emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.35
-    arm.trouble(DeviceFault, "program")
+    arm.expect_error(DeviceFault, "program")
 
 
 def test_dead_parent_leaves_no_motion_and_no_process(emulate, host):
@@ -240,11 +240,11 @@ while True:
         time.sleep(0.02)
 
 
-DRAWN = random.Random(4)
+RANDOM = random.Random(4)
 
 
-@pytest.mark.parametrize("after_s", [DRAWN.uniform(0.0, 3.0) for _ in range(1)])
-def test_ctrl_c_in_the_start_leaves_no_worker_and_no_program(emulate, host, after_s):
+@pytest.mark.parametrize("after_s", [RANDOM.uniform(0.0, 3.0) for _ in range(1)])
+def test_ctrl_c_during_the_start_leaves_no_worker_and_no_program(emulate, host, after_s):
     emulator = emulate()
     script = f"""
 import time
@@ -269,7 +269,7 @@ time.sleep(60)
     emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING, LONG_S)
 
 
-def test_arm_that_another_program_moves_is_not_taken_over(emulate, host, monkeypatch):
+def test_an_arm_moved_by_another_program_is_refused(emulate, host, monkeypatch):
     emulator = emulate()
     with socket.create_connection((host, SECONDARY_PORT), LONG_S) as other:
         other.sendall(
@@ -278,7 +278,9 @@ def test_arm_that_another_program_moves_is_not_taken_over(emulate, host, monkeyp
         emulator.state_when(lambda state: state["moving"])
         with pytest.raises(DeviceFault, match="a program runs on the arm already"):
             UrLink(UrSettings(host=host, step_timeout_s=0.5)).connect()
-        monkeypatch.setattr(client, "require", lambda _: None)  # begun after it was looked for
+        monkeypatch.setattr(
+            client, "raise_for_failures", lambda _: None
+        )  # as if the program had started after the check
         with pytest.raises(DeviceFault, match="the arm moves"):
             UrLink(UrSettings(host=host, step_timeout_s=0.5)).connect()
         assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
@@ -299,14 +301,14 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
 
 
-def test_link_before_connecting():
+def test_an_unconnected_link_cannot_be_read():
     link = UrLink(UrSettings(host="127.0.0.2"))
     with pytest.raises(LinkLost, match="connect"):
         link.read(0)
     link.close()
 
 
-def test_settings_are_bounded():
+def test_settings_out_of_range_are_refused():
     for bad in [{"watchdog_hz": 0.0}, {"step_timeout_s": 0.0}, {"hots": "x"}]:
         with case(bad), pytest.raises(msgspec.ValidationError):
             msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)

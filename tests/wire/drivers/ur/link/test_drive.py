@@ -1,4 +1,4 @@
-"""Driving through ur_rtde: the velocity is taken up, the tool turns, a stop ends it for good."""
+"""Drives through ur_rtde: velocity and spin are reached, and a stop ends them."""
 
 import pytest
 

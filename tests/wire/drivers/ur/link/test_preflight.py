@@ -1,11 +1,11 @@
-"""Pre-flight against a scripted controller: every failure named, every step ends."""
+"""Pre-flight checks against a scripted controller: every failure is named, every step ends."""
 
 import time
 
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.ur.link.preflight import judge_version, preflight, require
+from drivers.ur.link.preflight import check_version, preflight, raise_for_failures
 from tests.wire.cases import case
 from tests.wire.drivers.ur.link.scripted import DASHBOARD, RTDE, SCRIPT
 
@@ -17,16 +17,16 @@ def failed(report):
 def test_a_fit_controller_passes(controller, host):
     controller()
     report = preflight(host)
-    require(report)
+    raise_for_failures(report)
     assert {check.status for check in report.checks} == {"ok"}
     assert report.version == (5, 11, 1, 108318)
 
 
-def test_cb3_is_not_asked_for_remote_control(controller, host):
+def test_cb3_is_not_checked_for_remote_control(controller, host):
     fake = controller(version=(3, 15, 8, 106339))
-    del fake.answers["is in remote control"]
-    require(preflight(host))
-    assert "is in remote control" not in fake.asked
+    del fake.replies["is in remote control"]
+    raise_for_failures(preflight(host))
+    assert "is in remote control" not in fake.commands
 
 
 @pytest.mark.parametrize("port", [DASHBOARD, SCRIPT, RTDE])
@@ -34,7 +34,7 @@ def test_closed_port_is_named(controller, host, port):
     controller(ports={DASHBOARD, SCRIPT, RTDE} - {port})
     report = preflight(host)
     with pytest.raises(LinkLost, match=str(port)):
-        require(report)
+        raise_for_failures(report)
     assert len(report.failures) == 1
 
 
@@ -42,18 +42,18 @@ def test_closed_port_is_named(controller, host, port):
 def test_silent_peer_ends_by_the_deadline(controller, host, port):
     controller().speaks.discard(port)
     start = time.monotonic()
-    with pytest.raises(LinkLost, match="no answer in time"):
-        require(preflight(host, step_timeout_s=0.3))
-    assert time.monotonic() - start < 15  # not for ever
+    with pytest.raises(LinkLost, match="no reply in time"):
+        raise_for_failures(preflight(host, step_timeout_s=0.3))
+    assert time.monotonic() - start < 15  # it ended at all
 
 
-def test_garbage_on_the_rtde_port(controller, host):
+def test_malformed_replies_on_the_rtde_port(controller, host):
     controller().chatter = b"\x00\x01\x00"
     with pytest.raises(LinkLost, match="no RTDE"):
-        require(preflight(host))
+        raise_for_failures(preflight(host))
 
 
-def test_version_gate():
+def test_versions_pass_warn_or_fail():
     for version, status in [
         ((3, 2, 0, 0), "fail"),
         ((3, 14, 0, 0), "warn"),
@@ -67,7 +67,7 @@ def test_version_gate():
         ((10, 10, 0, 0), "warn"),
     ]:
         with case(version, status):
-            check = judge_version(version)
+            check = check_version(version)
             assert check.status == status
             assert bool(check.remedy) == (status != "ok")
 
@@ -75,69 +75,69 @@ def test_version_gate():
 def test_old_controller_is_refused(controller, host):
     controller(version=(5, 2, 0, 61336))
     with pytest.raises(DeviceFault, match=r"5\.2\.0"):
-        require(preflight(host))
+        raise_for_failures(preflight(host))
 
 
 def test_protocol_1_only_is_refused(controller, host):
     controller().accepts_v2 = False
     with pytest.raises(DeviceFault, match="protocol"):
-        require(preflight(host))
+        raise_for_failures(preflight(host))
 
 
-def test_remote_control_off(controller, host):
-    controller().answers["is in remote control"] = "false"
+def test_local_control_is_refused(controller, host):
+    controller().replies["is in remote control"] = "false"
     with pytest.raises(DeviceFault, match="remote control") as caught:
-        require(preflight(host))
+        raise_for_failures(preflight(host))
     assert "Remote" in caught.value.remedy
 
 
 @pytest.mark.parametrize(
-    ("command", "answer"),
+    ("command", "reply"),
     [
         ("robotmode", "Robotmode: POWER_OFF"),
         ("safetystatus", "Safetystatus: PROTECTIVE_STOP"),
         ("safetystatus", "Safetystatus: ROBOT_EMERGENCY_STOP"),
     ],
 )
-def test_unfit_states(controller, host, command, answer):
-    controller().answers[command] = answer
-    with pytest.raises(DeviceFault, match=answer.split()[1]) as caught:
-        require(preflight(host))
+def test_unfit_robot_and_safety_states_are_refused(controller, host, command, reply):
+    controller().replies[command] = reply
+    with pytest.raises(DeviceFault, match=reply.split()[1]) as caught:
+        raise_for_failures(preflight(host))
     assert caught.value.remedy
 
 
 def test_registers_in_use_name_the_fieldbus(controller, host):
     controller().in_use = {f"input_double_register_{i}" for i in range(5)}
     with pytest.raises(DeviceFault, match=r"input_double_register_0.* and 2 more") as caught:
-        require(preflight(host, step_timeout_s=0.3))
+        raise_for_failures(preflight(host, step_timeout_s=0.3))
     assert "fieldbus" in caught.value.remedy and "URCaps" in caught.value.remedy
 
 
-def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
+def test_claims_of_a_client_that_has_just_disconnected_are_awaited(controller, host):
     fake = controller()
     fake.in_use = {"input_int_register_0"}
-    ask, seen = fake.type_of, []
+    ask, requested = fake.type_of, []
 
     def freed_at_the_third_look(name):
-        seen.append(name)
-        if seen.count("input_int_register_0") == 3:
+        requested.append(name)
+        if requested.count("input_int_register_0") == 3:
             fake.in_use.clear()
         return ask(name)
 
     fake.type_of = freed_at_the_third_look
-    require(preflight(host, step_timeout_s=5.0))
+    raise_for_failures(preflight(host, step_timeout_s=5.0))
 
 
-def test_program_that_runs_already_is_refused_with_what_ends_it(controller, host):
+def test_a_running_program_is_refused_with_a_remedy(controller, host):
     controller().runtime_states = [2]
     with pytest.raises(DeviceFault, match="a program runs on the arm already") as caught:
-        require(preflight(host, step_timeout_s=0.3))
+        raise_for_failures(preflight(host, step_timeout_s=0.3))
     assert "`grasp arm stop`" in caught.value.remedy
 
 
-def test_program_of_a_client_that_has_just_gone_is_waited_for(controller, host):
+def test_the_program_of_a_client_that_has_just_disconnected_is_awaited(controller, host):
     controller().runtime_states = [2, 2, 2, 1]
-    require(preflight(host, step_timeout_s=5.0))
+    raise_for_failures(preflight(host, step_timeout_s=5.0))
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,7 @@ def test_program_of_a_client_that_has_just_gone_is_waited_for(controller, host):
     [(1.0, "ok"), (0.999, "ok"), (0.98, "warn"), (0.5, "warn"), (0.49, "fail"), (0.0, "fail"),
      (float("nan"), "fail")],
 )  # fmt: skip
-def test_speed_slider_is_told_and_refused_where_no_move_would_end_in_time(
-    controller, host, fraction, status
-):
+def test_speed_slider_is_reported_and_refused_below_its_minimum(controller, host, fraction, status):
     controller().speed_fraction = fraction
     report = preflight(host)
     slider = next(check for check in report.checks if check.name == "speed slider")
@@ -156,12 +154,12 @@ def test_speed_slider_is_told_and_refused_where_no_move_would_end_in_time(
     assert bool(report.failures) == (status == "fail")
 
 
-def test_all_failures_are_told_at_once(controller, host):
+def test_all_failures_are_reported_at_once(controller, host):
     fake = controller()
-    fake.answers |= {"is in remote control": "false", "safetystatus": "Safetystatus: VIOLATION"}
+    fake.replies |= {"is in remote control": "false", "safetystatus": "Safetystatus: VIOLATION"}
     fake.in_use = {"input_int_register_3"}
     report = preflight(host, step_timeout_s=0.3)
     assert failed(report) == {"registers", "remote control", "safety mode"}
     with pytest.raises(DeviceFault) as caught:
-        require(report)
+        raise_for_failures(report)
     assert all(check.detail in caught.value.message for check in report.failures)

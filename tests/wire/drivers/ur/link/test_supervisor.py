@@ -1,4 +1,4 @@
-"""The worker's process with scripted children: how it starts, answers and ends."""
+"""Worker process with scripted children: start, replies and end."""
 
 import os
 import signal
@@ -30,7 +30,7 @@ def child(body):
     return (sys.executable, "-c", start + peer + names + body)
 
 
-def test_child_that_never_gets_ready_is_killed():
+def test_child_that_does_not_become_ready_is_killed():
     worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
     (pid,) = workers()
     with pytest.raises(LinkLost, match="did not start within"):
@@ -38,7 +38,7 @@ def test_child_that_never_gets_ready_is_killed():
     assert not os.path.exists(f"/proc/{pid}")
 
 
-def test_what_ur_rtde_says_at_its_start_is_typed():
+def test_start_errors_of_ur_rtde_have_their_error_class():
     for text, kind in [
         ("One of the RTDE input registers are already in use!", DeviceFault),
         ("ur_rtde: Please enable remote control on the robot!", DeviceFault),
@@ -55,7 +55,7 @@ def test_what_ur_rtde_says_at_its_start_is_typed():
             assert caught.value.remedy
 
 
-def test_child_that_crashes_is_link_lost_with_its_last_words():
+def test_child_that_crashes_is_link_lost_and_its_output_is_kept():
     body = "import os; os.write(2, b'stack smashed'); os.kill(os.getpid(), 11)"
     worker = WorkerProcess(SETUP, child(body))
     with pytest.raises(LinkLost, match="worker process ended"):
@@ -63,7 +63,7 @@ def test_child_that_crashes_is_link_lost_with_its_last_words():
     assert list(worker.log) == ["stack smashed"]
 
 
-def test_child_that_answers_no_command_is_given_up():
+def test_child_that_does_not_reply_to_commands_is_killed():
     for then in ("time.sleep(1000)", "while True: time.sleep(0.01); send(State({fields}))"):
         with case(then):
             state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
@@ -72,40 +72,40 @@ def test_child_that_answers_no_command_is_given_up():
             worker = WorkerProcess(SETUP, child(body))
             worker.wait_ready(30.0)
             assert worker.state == state
-            with pytest.raises(LinkLost, match="did not take a command in time"):
+            with pytest.raises(LinkLost, match="did not accept a command in time"):
                 worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
             with pytest.raises(LinkLost, match="link to the arm lost"):
                 worker.check()
 
 
-def test_command_that_failed_is_told_once():
+def test_failed_command_is_reported_once():
     body = (
-        "peer.recv(65536); told = msgspec.msgpack.decode(peer.recv(65536), type=Request)\n"
-        "send(Reply(told.number, Outcome.NOT_TAKEN)); time.sleep(1000)"
+        "peer.recv(65536); request = msgspec.msgpack.decode(peer.recv(65536), type=Request)\n"
+        "send(Reply(request.number, Outcome.NOT_ACCEPTED)); time.sleep(1000)"
     )
     worker = WorkerProcess(SETUP, child(body))
     try:
         worker.post(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 30.0)
         deadline = time.monotonic() + 30.0
-        while worker.awaits(1) and time.monotonic() < deadline:
+        while worker.is_pending(1) and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert (worker.failure(), worker.failure()) == (Outcome.NOT_TAKEN, None)
+        assert (worker.next_failure(), worker.next_failure()) == (Outcome.NOT_ACCEPTED, None)
     finally:
         worker.kill()
 
 
-def test_child_that_leaves_when_it_is_told_is_not_killed(tmp_path):
-    """It brakes and ends its program by itself; killed, it would leave that to a watchdog."""
+def test_child_that_shuts_down_on_request_is_not_killed(tmp_path):
+    """It brakes and ends its program; after a kill only the watchdog would do that."""
     left = tmp_path / "left"
-    body = "peer.recv(65536); told = peer.recv(65536); open({!r}, 'wb').write(told)"
+    body = "peer.recv(65536); request = peer.recv(65536); open({!r}, 'wb').write(request)"
     worker = WorkerProcess(SETUP, child(body.format(str(left))))
     worker.close(30.0)
     assert isinstance(
-        msgspec.msgpack.decode(left.read_bytes(), type=messages.Request), messages.Leave
+        msgspec.msgpack.decode(left.read_bytes(), type=messages.Request), messages.Shutdown
     )
 
 
-def test_child_that_does_not_leave_is_killed():
+def test_child_that_does_not_shut_down_is_killed():
     worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
     start = time.monotonic()
     worker.close(0.2)
@@ -119,8 +119,8 @@ def until(condition):
         time.sleep(0.02)
 
 
-def held_up(client, host):
-    """Whether the worker of that process waits for what the controller does not say."""
+def blocked_in_start(client, host):
+    """Whether the worker of that process waits for data of the controller."""
     return any(
         connection.raddr == (host, RTDE_PORT)
         for pid in workers(client)
@@ -129,19 +129,19 @@ def held_up(client, host):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "Ctrl-C"])
-def test_worker_that_is_held_up_in_its_start_ends_with_its_client(controller, host, number):
-    """A controller that accepts and says nothing: ur_rtde waits there and lets no Python run."""
+def test_worker_blocked_in_its_start_ends_with_its_client(controller, host, number):
+    """A controller accepts and stays silent: ur_rtde waits there, and no Python code runs."""
     pytest.importorskip("rtde_receive")
     controller().speaks.clear()
     script = f"""
 from drivers.ur.link.client import UrLink, UrSettings
 from drivers.ur.link import client
-client.preflight = client.require = client.require_standing = lambda *asked: None
+client.preflight = client.raise_for_failures = client.require_stationary = lambda *asked: None
 UrLink(UrSettings(host={host!r}, step_timeout_s=4.0)).connect()
 """
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stderr=subprocess.DEVNULL)
     with parent:
-        until(lambda: held_up(parent.pid, host))
+        until(lambda: blocked_in_start(parent.pid, host))
         (worker,) = workers(parent.pid)
         parent.send_signal(number)
         parent.wait(LONG_S)

@@ -1,4 +1,4 @@
-"""The speed slider: a move keeps its way and takes longer, whenever it is turned."""
+"""Speed slider: a move keeps its path and takes longer, whenever the slider is moved."""
 
 import pytest
 from hypothesis import given
@@ -10,11 +10,11 @@ MS = 1_000_000
 START = (0.5, 0.1, 0.3)
 ABOVE = (0.5, 0.1, 0.5)
 SPEED, RAMP = 0.1, 0.5
-STEP = 0.008 / SLIDER_S  # of the pace, in a cycle
+STEP = 0.008 / SLIDER_S  # change of the scale in a cycle
 
-turns = st.lists(
+slider_commands = st.lists(
     st.tuples(st.integers(0, 4_000), st.floats(0.1, 1.0)), max_size=6
-)  # when, ms, and to where
+)  # time in ms, and fraction
 
 
 def arm() -> ArmModel:
@@ -26,32 +26,32 @@ def rising(model: ArmModel, at_ms: int = 0) -> ArmModel:
     return model
 
 
-def turned(model: ArmModel, commands: list[tuple[int, float]]) -> ArmModel:
+def with_slider_commands(model: ArmModel, commands: list[tuple[int, float]]) -> ArmModel:
     for t_ms, fraction in sorted(commands):
-        model.turn_slider(fraction, t_ms * MS)
+        model.set_speed_slider(fraction, t_ms * MS)
     return model
 
 
-def test_arm_stands_while_the_slider_is_at_nought_and_then_goes_on() -> None:
-    model = turned(rising(arm()), [(500, 0.0)])
+def test_arm_is_at_rest_while_the_slider_is_at_zero_and_then_continues() -> None:
+    model = with_slider_commands(rising(arm()), [(500, 0.0)])
     assert not model.moving(2_000 * MS)
     assert model.velocity(2_000 * MS) == (0.0, 0.0, 0.0)
     assert model.position(2_000 * MS) == model.position(9_000 * MS)
     assert START[2] < model.position(9_000 * MS)[2] < ABOVE[2]
-    model.turn_slider(1.0, 9_000 * MS)
+    model.set_speed_slider(1.0, 9_000 * MS)
     assert model.moving(9_100 * MS)
     assert model.position(20_000 * MS) == ABOVE
 
 
-@given(turns)
-def test_whenever_it_is_turned_the_arm_neither_jumps_nor_turns_back_and_arrives(commands):
+@given(slider_commands)
+def test_slider_changes_never_make_the_arm_jump_or_reverse_and_it_arrives(commands):
     model = rising(arm())
     waiting = sorted(commands)
     z, speed = START[2], 0.0
     for t_ms in range(4, 6_000, 4):
-        while waiting and waiting[0][0] <= t_ms:  # before the cycle that it changes is read
+        while waiting and waiting[0][0] <= t_ms:  # before its cycle is read
             at_ms, fraction = waiting.pop(0)
-            model.turn_slider(fraction, at_ms * MS)
+            model.set_speed_slider(fraction, at_ms * MS)
         before, was = z, speed
         z, speed = model.position(t_ms * MS)[2], model.velocity(t_ms * MS)[2]
         assert -1e-9 <= z - before <= SPEED * 0.004 + 1e-9
@@ -60,11 +60,11 @@ def test_whenever_it_is_turned_the_arm_neither_jumps_nor_turns_back_and_arrives(
 
 
 @given(st.integers(0, 2_000), st.floats(0.0, 1.0))
-def test_stop_brakes_as_hard_as_it_is_told_whatever_the_slider(t_ms, fraction):
+def test_stop_uses_the_commanded_deceleration_at_any_slider_position(t_ms, fraction):
     model = rising(arm())
-    model.turn_slider(fraction, t_ms * MS)
+    model.set_speed_slider(fraction, t_ms * MS)
     effect_ns = -(-(t_ms + 300) // 8) * 8 * MS
     at_m, speed = model.position(effect_ns)[2], model.velocity(effect_ns)[2]
     model.stop_l(1.0, (t_ms + 300) * MS)
-    gone_m = model.position(10**12)[2] - at_m
-    assert gone_m == pytest.approx(speed**2 / 2.0, abs=1e-8)
+    braking_m = model.position(10**12)[2] - at_m
+    assert braking_m == pytest.approx(speed**2 / 2.0, abs=1e-8)
