@@ -10,6 +10,7 @@
 # make test-studies   each study on a small grid
 # make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
 # make clean     remove what make made               make test-browser  pages, in a Chromium
+# make results   every measured figure: docs/results.md and results/*.csv (ONLY=PART, REAL=FILE, JOBS=2)
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
@@ -38,7 +39,7 @@ OBJECT ?= can
 
 .PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-all test-nightly \
         test-faults test-chaos test-soak test-fuzz test-mutation test-studies \
-        test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
+        test-train test-cluster test-browser bench results check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -160,6 +161,10 @@ test-studies: install-dev install-charts
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s
+
+# runs the parts that are missing; ONLY="campaign hands" runs these again
+results: install-dev install-charts
+	$(BIN)/python -m studies results $(if $(ONLY),--again --only $(ONLY)) $(if $(REAL),--real $(REAL)) $(if $(JOBS),--jobs $(JOBS))
 
 # One resolution for both Pythons; base is held to what dev found, train to both.
 UV ?= uv

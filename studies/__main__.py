@@ -6,26 +6,34 @@ from pkgutil import iter_modules
 
 import studies
 from drivers.errors import GraspError
-from studies import runner
+from studies import results, runner
 
 NOT_STUDIES = ("__main__", "runner", "lift_start", "auxiliary_training")
+RESULTS = "results"  # runs studies; none itself, as its other modules
 
 
 def names() -> list[str]:
     """All modules that declare a study."""
     found = iter_modules(studies.__path__)
-    return [m.name for m in found if not m.ispkg and m.name not in NOT_STUDIES]
+    return [
+        m.name
+        for m in found
+        if not (m.ispkg or m.name in NOT_STUDIES or m.name.startswith(RESULTS))
+    ]
 
 
 def main(words: list[str]) -> int:
     """Returns the exit code: 0 success, 2 usage or another expected error, 130 interrupted."""
     name = words[0] if words else "--help"
-    if name not in names():
+    if name not in (*names(), RESULTS):
         print("usage: python -m studies NAME [--help]\n")
         for each in names():
             print(f"  {each:22} {import_module(f'studies.{each}').STUDY.summary}")
+        print(f"  {RESULTS:22} {results.SUMMARY}")
         return 0 if name in ("-h", "--help") else 2
     try:
+        if name == RESULTS:
+            return results.main(words[1:])
         return runner.main(name, import_module(f"studies.{name}").STUDY, words[1:])
     except GraspError as error:
         print(f"{error.message}; {error.remedy}", file=sys.stderr)

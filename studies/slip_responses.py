@@ -62,13 +62,13 @@ class Scene(msgspec.Struct, frozen=True):
 
 PAPER = ("controller.slip_response=close", "controller.closing=constant")
 POLICIES = (
-    Policy("jump, one speed", PAPER),
+    Policy("close, one speed", PAPER),
     Policy("close", ("controller.slip_response=close",)),
     Policy("stop_and_close", ("controller.slip_response=stop_and_close",)),
     *(Policy(f"stop_and_step, margin {n}",
              ("controller.slip_response=stop_and_step", f"controller.margin_steps={n}"))
       for n in (0, 1, 2)),
-    Policy("jump, one speed, oracle", PAPER, oracle=True),
+    Policy("close, one speed, oracle", PAPER, oracle=True),
 )  # fmt: skip
 
 

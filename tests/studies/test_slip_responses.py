@@ -43,7 +43,7 @@ def test_stopping_the_arm_reduces_slip_and_a_pull_in_the_air_is_harder(
     assert "| as configured | stop_and_close | 1 of 1 |" in capsys.readouterr().out
     stored = (tmp_path / "rows.jsonl").read_text().splitlines()[1:]
     rows = [runner.json.loads(line)["row"] for line in stored]
-    jump, stop = sorted(rows, key=lambda row: row["policy"])
-    assert stop["slip_mm"] < 0.6 * jump["slip_mm"]
-    assert stop["force_n"] == pytest.approx(jump["force_n"], abs=0.1)
-    assert stop["paused_s"] > 0.0 == jump["paused_s"]
+    close, stop = sorted(rows, key=lambda row: row["policy"])
+    assert stop["slip_mm"] < 0.6 * close["slip_mm"]
+    assert stop["force_n"] == pytest.approx(close["force_n"], abs=0.1)
+    assert stop["paused_s"] > 0.0 == close["paused_s"]

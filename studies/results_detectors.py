@@ -1,0 +1,188 @@
+"""Parts of the results that stream recordings through detectors."""
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from detector.scores.evaluation import (
+    HAND_FINGERS,
+    WARM_UP_SAMPLES,
+    Streamed,
+    judge_stream,
+    recording_intervals,
+    score_impacts,
+    spoken,
+)
+from detector.scores.events import Judgement
+from detector.scores.quantiles import quantile, quantiles
+from detector.scores.sweep import rules, sweep
+from drivers.interfaces import FINGERS
+from scenarios.benchmark.data_sets import read_labelled
+from scenarios.benchmark.scoring import Contender, contender, read_split
+from scenarios.campaign.config import load_config
+from scenarios.rigs.workers import Workers, results
+from studies.paper_tables import PAPER_METHODS
+from studies.results_page import ACCURACY, AT_BEST, Made, Row, between, median, percent
+
+if TYPE_CHECKING:
+    from studies.results import Run
+
+Z, RESAMPLES = 1.96, 300
+
+
+class Task(msgspec.Struct, frozen=True):
+    """One detector, a data set that scores it, and one that sets its best threshold."""
+
+    detector: str
+    test: str
+    thresholds: str = ""
+
+    def streamed(self, folder: str) -> Contender:
+        return contender(self.detector, read_split([Path(folder)], "all"), "all")
+
+
+def alarms(item: str, made: Contender, judged: Sequence[Judgement]) -> Row:
+    """False alarms a minute of a hand, with a Poisson interval (Byar's approximation)."""
+    n, fingers = sum(j.false for j in judged), [s.recording.fingers for s in made.streams]
+    seconds = sum(j.static_s * f / HAND_FINGERS for j, f in zip(judged, fingers, strict=True))
+    ends = (k * (1 - 1 / (9 * k) + sign * Z / (3 * math.sqrt(k))) ** 3 if k else 0.0
+            for k, sign in ((n, -1), (n + 1, 1)))  # fmt: skip
+    return between(item, "false alarms a minute", n, ends, n, 60.0 / seconds)
+
+
+def detectors(run: "Run") -> Made:
+    """The paper's Table II, and the curves of the chart."""
+    test, thresholds = str(run.data("paper")), str(run.data("thresholds"))
+    names = run.settings.detectors
+    tasks = [Task(name, test, thresholds) for name in names]
+    found = {name: (rows, curve) for name, rows, curve in results(score, tasks, Workers(run.jobs))}
+    rows = [row for name in names for row in (*found[name][0], update_cost(name))]
+    slip = np.concatenate([r.slip[WARM_UP_SAMPLES:] for r in read_split([Path(test)], "all")])
+    static = 100 * float(np.mean(~slip))
+    rows += [Row("always static", m, static, n=len(slip)) for m in (ACCURACY, AT_BEST)]
+    return rows, {name: found[name][1] for name in names}
+
+
+def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]:
+    """Name, rows, and median delay and false alarms of every threshold, the packaged one first."""
+    name, made = task.detector, task.streamed(task.test)
+    sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
+    judged = [judge_stream(s, rule).events for s in streams]
+    parts = [scored(s, made) for s in streams]
+    border = best_threshold([scored(s, made) for s in task.streamed(task.thresholds).streams])
+    right = np.concatenate([(p > border) == slip for p, slip in parts])
+    delays = [j.delays_ms for j in judged]
+    every = np.concatenate(delays)
+    rows = [
+        accuracy(name, sheet),
+        between(name, AT_BEST, float(right.mean()),
+                recording_intervals(parts, judged, border)["accuracy"], len(right), 100.0),
+        between(name, "AUC", sheet.auc, sheet.intervals["auc"], len(right)),
+        median(name, "delay p50, ms", quantiles(every)),
+        mean_delay(name, [d[np.isfinite(d)] for d in delays]),
+        percent(name, "slips missed, %", int(np.isinf(every).sum()), len(every)),
+        alarms(name, made, judged),
+    ]  # fmt: skip
+    if name in PAPER_METHODS:
+        rows.append(Row(name, "paper: accuracy, %", PAPER_METHODS[name][0]))
+    own = [r for r in rules(rule) if msgspec.structs.replace(r, threshold=rule.threshold) == rule]
+    points = sweep(streams, [rule, *own])
+    return name, rows, [(p.delay_ms if math.isfinite(p.delay_ms) else None, p.false_per_min)
+                        for p in points]  # fmt: skip
+
+
+def scored(streamed: Streamed, made: Contender) -> tuple[Any, Any]:
+    """Probabilities and labels of the samples that count."""
+    p = spoken(streamed, made.config.rule)
+    return p[WARM_UP_SAMPLES:], streamed.labels[WARM_UP_SAMPLES:]
+
+
+def accuracy(name: str, sheet: Any) -> Row:
+    interval = sheet.intervals["accuracy"]
+    return between(name, ACCURACY, sheet.accuracy, interval, sheet.n_samples, 100.0)
+
+
+def best_threshold(parts: Sequence[tuple[Any, Any]]) -> float:
+    """The probability with the best mean recall of both classes."""
+    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
+    tried, group = np.unique(p, return_inverse=True)
+    slip, static = (np.cumsum(np.bincount(group, of)) for of in (labels, ~labels))
+    return float(tried[int(np.argmax(static / static[-1] - slip / slip[-1]))])
+
+
+def mean_delay(name: str, delays: Sequence[Any]) -> Row:
+    """Mean delay of registered slips; the interval resamples recordings."""
+    rng, every = np.random.default_rng(0), np.concatenate(delays)
+    drawn = [np.concatenate([delays[i] for i in rng.integers(0, len(delays), len(delays))])
+             for _ in range(RESAMPLES)]  # fmt: skip
+    measure = "mean delay of registered slips, ms"
+    if not len(every):
+        return Row(name, measure, None)
+    means = sorted(float(d.mean()) for d in drawn if len(d))
+    ends = (quantile(means, 0.025), quantile(means, 0.975))
+    return between(name, measure, float(every.mean()), ends, len(every))
+
+
+def update_cost(name: str, updates: int = 3000) -> Row:
+    """Processor time of one update of three fingers, in this process."""
+    detector = load_config("can", "simulated", name).make_detector(FINGERS)
+    walk = np.cumsum(np.random.default_rng(0).integers(-3, 4, (updates, FINGERS, 6)), axis=0)
+    spent_ms = []
+    for counts in np.clip(walk, -400, 200).astype(np.int16):
+        start = time.thread_time_ns()
+        detector.update(counts)
+        spent_ms.append((time.thread_time_ns() - start) * 1e-6)
+    return median(name, "one update, ms", quantiles(spent_ms[updates // 10 :]))
+
+
+def disturbances(run: "Run") -> Made:
+    """Slips, taps and disturbances of kinds that the paper's data set lacks."""
+    chosen = run.settings.disturbances
+    tasks = {Task(name, str(run.data(data))): data for data in chosen for name in chosen[data]}
+    found = dict(results(disturbed, list(tasks), Workers(run.jobs)))
+    return [msgspec.structs.replace(row, item=f"{task.detector}, {data}")
+            for task, data in tasks.items() for row in found[task]]  # fmt: skip
+
+
+def disturbed(task: Task) -> tuple[Task, list[Row]]:
+    made = task.streamed(task.test)
+    judged = [judge_stream(s, made.config.rule, apart=True) for s in made.streams]
+    delays, taps = np.concatenate([j.events.delays_ms for j in judged]), score_impacts(judged)
+    detected = int(np.isfinite(delays).sum())
+    rows = [
+        alarms("", made, [j.events for j in judged]),
+        percent("", "slips detected, %", detected, len(delays)),
+    ]
+    if taps is not None:
+        rows += [
+            percent("", "taps detected, %", taps.far_registered, taps.far),
+            percent("", "no-slip taps answered, %", taps.unmoved_registered, taps.unmoved),
+        ]
+    return task, rows
+
+
+def real(run: "Run") -> Made:
+    """The recording of a real fingertip, which is not part of the repository."""
+    if run.real is None:
+        return [Row("all detectors", measure, None) for measure in (ACCURACY, "AUC")]
+    recordings, rows = read_labelled(run.real), []
+    for name in run.settings.detectors:
+        sheet = contender(name, recordings, "all").evaluation()
+        auc = between(name, "AUC", sheet.auc, sheet.intervals["auc"], sheet.n_samples)
+        rows += [accuracy(name, sheet), auc]
+    return rows
+
+
+def robustness(run: "Run") -> Made:
+    """Detectors on recordings with one perturbation."""
+    folders = " ".join(str(run.data(name)) for name in ("paper", *run.settings.disturbances))
+    return [
+        Row(f"{score.detector}, {each.kind or 'unchanged'} {each.amount:g}", name, value)
+        for each in run.study("robustness", f"--data {folders}") for score in each.scores
+        for name, value in msgspec.structs.asdict(score).items() if name != "detector"
+    ]  # fmt: skip
