@@ -13,12 +13,12 @@ from detector.scores.evaluation import (
     HAND_FINGERS,
     WARM_UP_SAMPLES,
     Streamed,
-    judge_stream,
+    hand_probability,
     recording_intervals,
     score_impacts,
-    spoken,
+    score_stream,
 )
-from detector.scores.events import Judgement
+from detector.scores.events import EventOutcomes
 from detector.scores.quantiles import quantile, quantiles
 from detector.scores.sweep import rules, sweep
 from drivers.interfaces import FINGERS
@@ -46,7 +46,7 @@ class Task(msgspec.Struct, frozen=True):
         return contender(self.detector, read_split([Path(folder)], "all"), "all")
 
 
-def alarms(item: str, made: Contender, judged: Sequence[Judgement]) -> Row:
+def alarms(item: str, made: Contender, judged: Sequence[EventOutcomes]) -> Row:
     """False alarms a minute of a hand, with a Poisson interval (Byar's approximation)."""
     n, fingers = sum(j.false for j in judged), [s.recording.fingers for s in made.streams]
     seconds = sum(j.static_s * f / HAND_FINGERS for j, f in zip(judged, fingers, strict=True))
@@ -72,7 +72,7 @@ def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]
     """Name, rows, and median delay and false alarms of every threshold, the packaged one first."""
     name, made = task.detector, task.streamed(task.test)
     sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
-    judged = [judge_stream(s, rule).events for s in streams]
+    judged = [score_stream(s, rule).events for s in streams]
     parts = [scored(s, made) for s in streams]
     border = best_threshold([scored(s, made) for s in task.streamed(task.thresholds).streams])
     right = np.concatenate([(p > border) == slip for p, slip in parts])
@@ -98,7 +98,7 @@ def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]
 
 def scored(streamed: Streamed, made: Contender) -> tuple[Any, Any]:
     """Probabilities and labels of the samples that count."""
-    p = spoken(streamed, made.config.rule)
+    p = hand_probability(streamed, made.config.rule)
     return p[WARM_UP_SAMPLES:], streamed.labels[WARM_UP_SAMPLES:]
 
 
@@ -151,7 +151,7 @@ def disturbances(run: "Run") -> Made:
 
 def disturbed(task: Task) -> tuple[Task, list[Row]]:
     made = task.streamed(task.test)
-    judged = [judge_stream(s, made.config.rule, apart=True) for s in made.streams]
+    judged = [score_stream(s, made.config.rule, exclude_impacts=True) for s in made.streams]
     delays, taps = np.concatenate([j.events.delays_ms for j in judged]), score_impacts(judged)
     detected = int(np.isfinite(delays).sum())
     rows = [
