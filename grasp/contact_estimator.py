@@ -34,14 +34,14 @@ class ContactEstimator:
         self._t_ns = 0  # of the last sample
         self._thumb_contact_ns = 0  # of the last sample with contact of the thumb
         self._contact_ns = 0  # with contact of any finger
-        self._within_limit_ns = 0  # with measured force within the limit and its margin
+        self._within_limit_ns = 0  # with estimated force within the limit and its margin
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
         weight = min(1.0, (obs.t_ns - self._t_ns) / GRIP_NS)
         self.grip_n += weight * (thumb_n(obs) - self.grip_n)
         self._t_ns = obs.t_ns
-        if obs.measured_n[0] >= self._contact_n and sum(obs.responsive_n) >= self._contact_n:
+        if obs.estimated_n[0] >= self._contact_n and sum(obs.responsive_n) >= self._contact_n:
             self._thumb_contact_ns = obs.t_ns
         elif airborne:
             self.longest_gap_ns = max(self.longest_gap_ns, obs.t_ns - self._thumb_contact_ns)
@@ -63,11 +63,11 @@ class ContactEstimator:
 
     @property
     def overload_ns(self) -> int:
-        """Time since measured force was last within the limit and its margin."""
+        """Time since estimated force was last within the limit and its margin."""
         return self._t_ns - self._within_limit_ns
 
 
 def thumb_n(obs: Observation) -> float:
     """Force of the thumb in one sample, as half the sum of all fingers, because a finger whose
     taxels are saturated shows no rise."""
-    return sum(obs.measured_n) / 2
+    return sum(obs.estimated_n) / 2

@@ -54,8 +54,8 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     travel_bound: Annotated[bool, Meta(description="also limit closing by position")] = False
     # of the sum of a fingertip's taxels
     counts_per_newton: Annotated[float, Meta(ge=1.0, le=5e3, description="calibrate it")] = 160.0
-    # by which measured force may exceed the limit before closing stops: the estimate's error
-    measured_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
+    # by which estimated force may exceed the limit before closing stops: the estimate's error
+    estimate_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
 
     @property
     def full_grip_n(self) -> Vector3:
@@ -112,26 +112,28 @@ class ForceGuard:
         s = self._settings
         return s.overshoot_n / math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
 
-    def set_first_grasp(self, positions: Counts3, measured_n: Vector3) -> None:
+    def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
         """Take the first grasp as the reference of safe travel."""
-        self._first_grasp = (positions, measured_n)
+        self._first_grasp = (positions, estimated_n)
 
-    def safe_travel(self, state: GripperState, measured_n: Vector3) -> Counts3 | None:
+    def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3 | None:
         """Counts up to which each finger may close at any speed, because there the position limits
         the force: to the limit at the stated stiffness, and to limit plus overshoot with the
         margins. None before the first grasp, and where several motors press at once.
 
-        Measured force that the closing does not explain counts as part of the first grasp.
+        Estimated force that the closing does not explain counts as part of the first grasp.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None
-        fingers = zip(*self._first_grasp, state.requested, measured_n, strict=True)
+        fingers = zip(*self._first_grasp, state.requested, estimated_n, strict=True)
         a, b, c = (self._safe_travel(*finger) for finger in fingers)
         return a, b, c
 
-    def _safe_travel(self, position: int, first_n: float, requested: int, measured_n: float) -> int:
+    def _safe_travel(
+        self, position: int, first_n: float, requested: int, estimated_n: float
+    ) -> int:
         s, per_count_n = self._settings, self._stiffness.newtons_per_count
-        unexplained_n = measured_n - per_count_n * max(0, requested - position)
+        unexplained_n = estimated_n - per_count_n * max(0, requested - position)
         worst_n = max(first_n + FIRST_FORCE_MARGIN_N, unexplained_n)
         worst = Stiffness(STIFFNESS_MARGIN * per_count_n)
         counts = worst.counts_within(s.force_limit_n + s.overshoot_n - worst_n)
@@ -139,42 +141,42 @@ class ForceGuard:
         return position + min(counts, self._stiffness.counts_within(s.force_limit_n - expected_n))
 
     def admit(
-        self, command: GripperCommand, state: GripperState, measured_n: Vector3
+        self, command: GripperCommand, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
         """The command that may be sent to the gripper in place of ``command``."""
         if isinstance(command, MoveFingers):
-            return self._admit_move(command, state, measured_n)
+            return self._admit_move(command, state, estimated_n)
         if isinstance(command, CloseFast):
-            return self._admit_close(command, state, measured_n)
+            return self._admit_close(command, state, estimated_n)
         return command
 
-    def overloaded(self, measured_n: Vector3) -> bool:
-        """Whether measured force is above the limit by more than the estimate's error."""
+    def overloaded(self, estimated_n: Vector3) -> bool:
+        """Whether estimated force is above the limit by more than the estimate's error."""
         s = self._settings
         # with `each_motor` the thumb carries the sum of two motors
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
-        thumb_n, *others_n = measured_n
-        margin_n = s.measured_margin_n
+        thumb_n, *others_n = estimated_n
+        margin_n = s.estimate_margin_n
         return thumb_n > thumb_limit_n + margin_n or max(others_n) > s.force_limit_n + margin_n
 
     def _admit_move(
-        self, command: MoveFingers, state: GripperState, measured_n: Vector3
+        self, command: MoveFingers, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
         closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
-        if closes and self.overloaded(measured_n):
+        if closes and self.overloaded(estimated_n):
             return HoldFingers()
         targets = self._within_travel(command.targets_counts)
         return MoveFingers(
             targets_counts=targets,
-            speed_mps=self._limited_speed(command.speed_mps, targets, state, measured_n),
+            speed_mps=self._limited_speed(command.speed_mps, targets, state, estimated_n),
             force_n=min(command.force_n, self._settings.force_limit_n),
         )
 
     def _admit_close(
-        self, command: CloseFast, state: GripperState, measured_n: Vector3
+        self, command: CloseFast, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
         s = self._settings
-        if self.overloaded(measured_n) or (s.travel_bound and self._first_grasp is None):
+        if self.overloaded(estimated_n) or (s.travel_bound and self._first_grasp is None):
             return HoldFingers()
         limits = self._within_travel(command.limits_counts)
         closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
@@ -183,15 +185,19 @@ class ForceGuard:
             force_cap_n=min(command.force_cap_n, s.force_limit_n),
             closing=closing,
             limits_counts=limits,
-            speed_mps=self._limited_speed(command.speed_mps, moved, state, measured_n),
+            speed_mps=self._limited_speed(command.speed_mps, moved, state, estimated_n),
             first_stage=command.first_stage,
         )
 
     def _limited_speed(
-        self, requested_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
+        self,
+        requested_mps: float,
+        targets: Sequence[int],
+        state: GripperState,
+        estimated_n: Vector3,
     ) -> float:
         """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``."""
-        free = self.safe_travel(state, measured_n) or self._free_counts
+        free = self.safe_travel(state, estimated_n) or self._free_counts
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return requested_mps if within else min(requested_mps, self.closing_speed_mps)
 
@@ -221,7 +227,7 @@ class ForceGuard:
         )
         return a, b, c
 
-    def measured_n(self, counts_sum: Vector3) -> Vector3:
+    def estimated_n(self, counts_sum: Vector3) -> Vector3:
         """Estimate each finger's force, N, from the sum of its counts (pressing is negative)."""
         a, b, c = counts_sum
         per_newton = self._settings.counts_per_newton

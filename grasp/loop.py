@@ -94,8 +94,8 @@ class Tick(msgspec.Struct, frozen=True):
         return self.observation.arm
 
     @property
-    def measured_n(self) -> Vector3:
-        return self.observation.measured_n
+    def estimated_n(self) -> Vector3:
+        return self.observation.estimated_n
 
 
 class Timing:

@@ -61,7 +61,7 @@ class ControlMessage(msgspec.Struct, frozen=True):
     registered: bool
     event: bool
     finger: int
-    measured_n: Vector3
+    estimated_n: Vector3
     rest_taken: bool
     pending: bool
     errors: tuple[Fault, ...]
@@ -161,7 +161,7 @@ def control_message(obs: Observation, decision: Decision) -> ControlMessage:
         probabilities=obs.probabilities.tolist(),
         **msgspec.structs.asdict(decision.slip),
         **{name: getattr(obs.inputs, name) for name in INPUTS},
-        measured_n=obs.measured_n,
+        estimated_n=obs.estimated_n,
         commands=list(decision.commands),
         faults=obs.faults,
         reported=obs.reported,

@@ -39,9 +39,9 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     ``probabilities``: of slip, (3,); zeros without a fresh frame. ``faults``: ``inputs.errors`` and
     plausibility checks that failed; ``reported``: failed checks that do not end the run.
-    ``measured_n``: estimated force of each finger, N; ``responsive_n``: the same from responsive
+    ``estimated_n``: estimated force of each finger, N; ``responsive_n``: the same from responsive
     taxels only, which are neither saturated nor stuck and so would show the loss of contact.
-    ``overloaded``: measured force is above the limit and its margin. ``last_close``: the closing
+    ``overloaded``: estimated force is above the limit and its margin. ``last_close``: the closing
     that was admitted last. ``safe_travel_counts``, ``thumb_limit_counts``: see ``ForceGuard``.
     ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
     """
@@ -50,7 +50,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     probabilities: NDArray[np.float64]
     faults: tuple[Fault, ...] = ()
     reported: tuple[Fault, ...] = ()
-    measured_n: Vector3 = (0.0, 0.0, 0.0)
+    estimated_n: Vector3 = (0.0, 0.0, 0.0)
     responsive_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
     last_close: CloseFast | None = None
@@ -101,7 +101,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def closing_exhausted(self) -> bool:
         """Whether no closing would have an effect: the hand is at its cap, or the guard admits none
-        because measured force is above the limit."""
+        because estimated force is above the limit."""
         return self.at_cap or (self.overloaded and self.hand_rests)
 
     @property

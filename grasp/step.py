@@ -53,7 +53,7 @@ class GraspStep:
         self._detector = detector
         self._guard = guard
         self._monitors = monitors or Monitors(MonitorSettings())
-        self._measured_n: Vector3 = (0.0, 0.0, 0.0)
+        self._estimated_n: Vector3 = (0.0, 0.0, 0.0)
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
         self.last_close: CloseFast | None = None  # the closing that was admitted last
         self._fingertips_failed = False  # in this run, by a plausibility check
@@ -67,13 +67,13 @@ class GraspStep:
         if decision.reset_detector:
             self._reset_detector()
         if decision.first_grasp:
-            self._guard.set_first_grasp(inputs.gripper.min_closure_counts, self._measured_n)
+            self._guard.set_first_grasp(inputs.gripper.min_closure_counts, self._estimated_n)
         admitted = tuple(self.admit(command, inputs.gripper) for command in decision.commands)
         self._monitors.sent(admitted, inputs.arm)
         return StepResult(observation, decision, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
-        """The command that the guard admits in place of this one, by the force measured last."""
+        """The command that the guard admits in place of this one, by the latest force estimate."""
         if not isinstance(command, GripperCommand):
             return command
         admitted = self._guard.admit(command, gripper, self._limiting_n)
@@ -112,11 +112,11 @@ class GraspStep:
             probabilities=probabilities,
             faults=faults,
             reported=reported,
-            measured_n=self._measured_n,
+            estimated_n=self._estimated_n,
             responsive_n=self._responsive_n,
             overloaded=self._guard.overloaded(self._limiting_n),
             last_close=self.last_close,
-            safe_travel_counts=self._guard.safe_travel(inputs.gripper, self._measured_n),
+            safe_travel_counts=self._guard.safe_travel(inputs.gripper, self._estimated_n),
             thumb_limit_counts=self._guard.thumb_limit_counts,
             motion=self._kind_of_slip(probabilities),
         )
@@ -126,13 +126,13 @@ class GraspStep:
         """Estimated force by which the guard refuses a closing. After a failed fingertip check it
         counts responsive taxels only: a stuck fingertip must not make the hand drop the object."""
         if not self._fingertips_failed:
-            return self._measured_n
+            return self._estimated_n
         fingers = zip(self._responsive_n, self._monitors.fingertips.dead, strict=True)
         a, b, c = (0.0 if dead else force_n for force_n, dead in fingers)
         return a, b, c
 
     def _estimate_force(self, counts: NDArray[np.int16]) -> None:
-        self._measured_n = self._responsive_n = self._force_n(counts)
+        self._estimated_n = self._responsive_n = self._force_n(counts)
         if not self._monitors.fingertips.all_responsive:
             self._responsive_n = self._force_n(counts * self._monitors.fingertips.responsive)
 
@@ -160,7 +160,7 @@ class GraspStep:
 
     def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
         a, b, c = counts.sum(axis=1).tolist()
-        return self._guard.measured_n((a, b, c))
+        return self._guard.estimated_n((a, b, c))
 
     def _reset_detector(self) -> None:
         """Reset the detector; after a failure it is not used until a reset succeeds."""

@@ -31,6 +31,7 @@ RENAMED = {
     r'"asked":(?=\{"velocity_mps")': '"command":',
     r'"struck_s":': '"impact_s":',
     r'"asked":(?=\{"type")': '"requested":',
+    r'"measured_n":': '"estimated_n":',
     r'"more":(true|false)': r'"first_stage":\1',
     # causes of transitions
     r"asked to set down": "set-down requested",

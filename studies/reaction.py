@@ -167,7 +167,7 @@ def react(config: LiftConfig, start: LiftStart, at_ns: int, command: CloseFast) 
 def _scored(end: Truth, config: LiftConfig) -> Reaction:
     onset_s = end.slip_onset_s
     facts = LiftFacts(
-        end=end, measured_n=0.0, had_compensated=True, registered_s=onset_s or 0.0,
+        end=end, estimated_n=0.0, had_compensated=True, registered_s=onset_s or 0.0,
         onset_s=onset_s or 0.0, open_loop_onset_s=None, peak_force_n=None,
         force_bound_n=math.inf, cap_reached=False, alarm_stayed=False, fault="",
     )  # fmt: skip

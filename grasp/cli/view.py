@@ -48,7 +48,7 @@ class TickView(msgspec.Struct, frozen=True, tag=True):
     slip: str
     registered: bool
     event: bool
-    measured_n: Vector3
+    estimated_n: Vector3
     probabilities: list[float]
     positions: Counts3
     arm_m: float | None  # None: not a number
@@ -63,7 +63,8 @@ def tick_view(tick: Tick, event: bool, trial: str = "") -> TickView:
     status = "REGISTERED" if slip.registered else "nominal"  # as the paper's monitor showed it
     shown = f"{status}{' (masked)' if slip.masked else ''}" if slip.armed else "-"
     return TickView(
-        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, event, tick.measured_n,
+        tick.t_ns * 1e-9, tick.decision.state.value, shown, slip.registered, event,
+        tick.estimated_n,
         tick.observation.probabilities.tolist(), tick.gripper.positions, tick.arm.position_m[2],
         trial,
     )  # fmt: skip
@@ -132,7 +133,7 @@ class Panel:
 
 
 def line(shown: TickView) -> str:
-    pairs = zip(FINGER_NAMES, shown.measured_n, strict=True)
+    pairs = zip(FINGER_NAMES, shown.estimated_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
     return f"{shown.t_s:7.2f} s  {shown.phase:<15}  {forces} N  slip {shown.slip}"
 
@@ -146,7 +147,7 @@ def panel(shown: TickView, width: int) -> Any:
 
     cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
-    rows = zip(FINGER_NAMES, shown.measured_n, shown.probabilities, shown.positions, strict=True)
+    rows = zip(FINGER_NAMES, shown.estimated_n, shown.probabilities, shown.positions, strict=True)
     for name, force_n, p, position in rows:
         table.add_row(
             f"finger {name}",

@@ -9,7 +9,7 @@ from grasp.observation import Observation
 from grasp.state_timer import StateTimer
 from grasp.states import AIRBORNE_STATES, END_STATES, LOWERING_STATES, OPEN_STATES, State
 
-OVERLOAD_NS = 30_000_000  # measured force may be so long above the limit in motion; assumed
+OVERLOAD_NS = 30_000_000  # estimated force may be so long above the limit in motion; assumed
 UNTIMED_STATES = END_STATES | {State.START, State.HOLD}
 ARM_STATES = LOWERING_STATES | {State.HOME, State.SHAPE, State.LIFT, State.RETREAT}  # wait for it
 RISING_STATES = frozenset({State.BASELINE, State.LIFT})  # the arm is about to rise, or rises
@@ -42,7 +42,7 @@ class RunMonitor:
     def _overforce(self, obs: Observation, state: State) -> Fault | None:
         moving = state in AIRBORNE_STATES and obs.arm.moving
         if moving and self._contact.overload_ns > OVERLOAD_NS:
-            text = "measured force stays above the limit while the arm moves"
+            text = "estimated force stays above the limit while the arm moves"
             return Fault("overforce", TRIAL, text)
         return None
 

@@ -360,7 +360,7 @@ class Hand:
         none = (0.0, 0.0, 0.0)
         if self._fingertips is None or self._guard is None:
             return none
-        return self._guard.measured_n(self._fingertips.counts_sum or none)
+        return self._guard.estimated_n(self._fingertips.counts_sum or none)
 
     def _result(self, early: str, touched: str) -> MotionResult:
         state = self.state

@@ -101,12 +101,12 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     if trial.final is not None:  # whole contact, lowering included
         peak_n = max(trial.final.peak_n)
     else:
-        # a fault may corrupt the measured force
-        peak_n = None if trial.fault else max(trace.peak_measured_n)
-        bound_n += guard.measured_margin_n
+        # a fault may corrupt the estimated force
+        peak_n = None if trial.fault else max(trace.peak_estimated_n)
+        bound_n += guard.estimate_margin_n
     facts = LiftFacts(
         end=end,
-        measured_n=trace.measured_n,
+        estimated_n=trace.estimated_n,
         had_compensated=trace.had_compensated,
         registered_s=seconds(trace.registered_ns),
         onset_s=end.slip_onset_s if end is not None else None,

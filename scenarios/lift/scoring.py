@@ -16,7 +16,7 @@ from scenarios.world.truth import Truth
 
 NEAR_M, FAR_M = 0.06, 0.12  # of a long object's slip (paper, table IV)
 EARLY_S = 0.05  # registered this long before gross slip is no false start; assumed
-LEAST_GRIP_N = 0.5  # without a simulation: below this measured force the object is lost; assumed
+LEAST_GRIP_N = 0.5  # without a simulation: below this estimated force the object is lost; assumed
 LIFTED_M = 0.005  # the object must be this far off the table at the end; assumed
 
 
@@ -64,7 +64,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     """
 
     end: Truth | None
-    measured_n: float  # of the most loaded finger then: the only sign of a held object on hardware
+    estimated_n: float  # of the most loaded finger then: the only sign of a held object on hardware
     had_compensated: bool
     registered_s: float | None
     onset_s: float | None
@@ -103,14 +103,14 @@ def slip_distance_m(facts: LiftFacts) -> float | None:
 
 
 def _not_held(facts: LiftFacts) -> LiftOutcome | None:
-    """Why the object is not held, if so; on hardware by reading and measured force only."""
+    """Why the object is not held, if so; on hardware by reading and estimated force only."""
     end = facts.end
     if end is None:
         if facts.mark is not None and not facts.mark.held:
             return LiftOutcome.DROPPED
         if facts.cap_reached:
             return LiftOutcome.CAP_REACHED
-        return LiftOutcome.DROPPED if facts.measured_n < LEAST_GRIP_N else None
+        return LiftOutcome.DROPPED if facts.estimated_n < LEAST_GRIP_N else None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED

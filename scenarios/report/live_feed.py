@@ -87,7 +87,7 @@ class LiveTrials:
         if tick.frame is None:  # before rest counts were taken
             values += [None] * (FINGERS * (2 + self._taxels))
         else:
-            values += [*obs.probabilities.tolist(), *tick.measured_n]
+            values += [*obs.probabilities.tolist(), *tick.estimated_n]
             values += tick.frame.counts.ravel().tolist()
         values += [*tick.gripper.positions, tick.arm.position_m[2], status]
         if self._fused:

@@ -142,7 +142,7 @@ def read_run(path: Path) -> RunRecord:
         verdict_problem=problem,
         t_s=np.array(times) * 1e-9,
         probabilities=np.array([m.probabilities for _, m in steps], np.float64),
-        estimated_n=np.array([m.measured_n for _, m in steps]),
+        estimated_n=np.array([m.estimated_n for _, m in steps]),
         counts=_counts(recording, times),
         fingers_counts=_rows(recording, GRIPPER, times, lambda state: state.positions, FINGERS),
         arm_m=_rows(recording, ARM, times, arm_row, 3),

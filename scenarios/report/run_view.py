@@ -123,7 +123,7 @@ def facts(result: Any) -> list[str]:
         texts.append(", ".join(filter(None, (slipped, turned_text(result.turned_rad)))))
     if result.paused_s:
         texts.append(f"the arm stopped for {result.paused_s:.2f} s to respond to slip")
-    if peaks_n := result.peak_force_n or result.peak_measured_n:
+    if peaks_n := result.peak_force_n or result.peak_estimated_n:
         peaks = ", ".join(f"{name} {force:.1f}" for name, force in peaks_n.items())
         known = "true" if result.peak_force_n else "estimated by the fingertips"
         texts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")

@@ -232,7 +232,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "detector": config.detector_label,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
-            "peak_measured_n": named(self.trace.peak_measured_n),
+            "peak_estimated_n": named(self.trace.peak_estimated_n),
             "commanded_force_n": self.trace.commanded_force_n,
             "force_limit_n": config.guard.force_limit_n,
             "cap_mode": config.guard.cap_mode,

@@ -130,8 +130,8 @@ def _force(tick: Tick, trusted: bool) -> str:
         return UNKNOWN
     if tick.frame is None:
         return "nothing measured yet"
-    most_n = max(tick.measured_n)
-    return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.measured_n.index(most_n)]}"
+    most_n = max(tick.estimated_n)
+    return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.estimated_n.index(most_n)]}"
 
 
 def _hand(tick: Tick, command: Issued | None, force: str, stale: bool, suspect: bool) -> str:

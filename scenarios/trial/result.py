@@ -100,7 +100,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     slip_registered_s: float | None
     detection_latency_ms: float | None
     peak_force_n: dict[str, float] | None  # true, from first contact to last; None on hardware
-    peak_measured_n: dict[str, float]  # estimated from the fingertips
+    peak_estimated_n: dict[str, float]  # estimated from the fingertips
     commanded_force_n: float
     force_limit_n: float
     cap_mode: CapMode  # whether the limit holds for every finger, or for each motor

@@ -18,8 +18,8 @@ class Trace:
         self.registered_ns: int | None = None
         self.had_compensated = False  # when the object was lost
         self.commanded_force_n = 0.0
-        self.peak_measured_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
-        self.measured_n = 0.0  # of the most loaded finger, before the object was set down
+        self.peak_estimated_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
+        self.estimated_n = 0.0  # of the most loaded finger, before the object was set down
         self.reported: tuple[Fault, ...] = ()  # first fault of each check that ends no run
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # most saturated taxels at once, of each finger
         self._compensated = False
@@ -41,15 +41,15 @@ class Trace:
             if issued.applied is not None:
                 self.hand = issued
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
-        a_n, b_n, c_n = map(max, self.peak_measured_n, tick.measured_n)
-        self.peak_measured_n = a_n, b_n, c_n
+        a_n, b_n, c_n = map(max, self.peak_estimated_n, tick.estimated_n)
+        self.peak_estimated_n = a_n, b_n, c_n
         if tick.frame is not None:
             railed = map(sum, at_rail(tick.frame.raw).tolist())
             a, b, c = map(max, self.taxels_at_rail, railed)
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:
-            self.measured_n = max(tick.measured_n)
+            self.estimated_n = max(tick.estimated_n)
         if truth is None:
             return
         if self._was_touched and not truth.touched:

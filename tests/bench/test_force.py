@@ -88,14 +88,14 @@ def test_true_peak_force_with_errors_of_the_contact_estimate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Force measured 1 N too low, correct, 1 N too high, from first contact on."""
-    measured_n = ForceGuard.measured_n
+    estimated_n = ForceGuard.estimated_n
 
     def off_by(error_n: float) -> None:
         def shifted(self: ForceGuard, sums: Vector3) -> Vector3:
-            thumb_n, b_n, c_n = measured_n(self, sums)
+            thumb_n, b_n, c_n = estimated_n(self, sums)
             return (max(0.0, thumb_n + error_n) if thumb_n > 0.3 else thumb_n), b_n, c_n
 
-        monkeypatch.setattr(ForceGuard, "measured_n", shifted)
+        monkeypatch.setattr(ForceGuard, "estimated_n", shifted)
 
     print("\n| object, stiffness stated of true | force 1 N too low: peak, N | right: peak, N | "
           "without clamp, N | slip, mm: p50, p90 = p99 | 1 N too high: peak, N | "

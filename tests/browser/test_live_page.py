@@ -55,7 +55,7 @@ def test_page_follows_a_run_and_keeps_its_last_instant(
                 truth.normal_n[i], abs=0.006
             )
             assert float(page.text(f"#estimated-{finger}")) == pytest.approx(
-                tick.measured_n[i], abs=0.006
+                tick.estimated_n[i], abs=0.006
             )
         page.press("Home")  # after a user's action the page no longer follows
         assert page.value("Number(document.getElementById('slider').value)") == 0

@@ -22,7 +22,7 @@ CANNOT_COMMAND = r"holds by itself|status is implausible|refuses every motion|no
 DEVICE_WORDS = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
-    "fingertips": r"fingertip|tactile|taxel|feels nothing|measured force",
+    "fingertips": r"fingertip|tactile|taxel|feels nothing|estimated force",
     "detector": r"detector",
     "loop": r"loop_|the control step began",
 }
@@ -88,7 +88,7 @@ def _of_hand(text: str, known: Known) -> dict[str, bool]:
     reachable = not known.wrong & {"gripper", "loop"}
     current = "at its last status" not in text and "reports that it is" not in text
     pressed_n, measured = known.pressed_n, re.search(r"(\d+\.\d) N measured", text)
-    measured_n = float(measured[1]) if measured else 0.0
+    estimated_n = float(measured[1]) if measured else 0.0
     presses = pressed_n is not None and pressed_n > PRESSED_N
     empty = pressed_n is not None and pressed_n <= TOUCH_N
     alone = "holds by itself" in text
@@ -99,7 +99,7 @@ def _of_hand(text: str, known: Known) -> dict[str, bool]:
         and pressed_n < GRIPPED_N
         and ("closed to the limit" in text or "closed to its last count" in text),
         "its force is less": current and pressed_n is not None and "fingertips" not in known.wrong
-        and measured_n > pressed_n + MISREAD_N,
+        and estimated_n > pressed_n + MISREAD_N,
         "it has contact": current and "without measured contact" in text and presses
         and not ("may still be in it" in text and "fingertips" in known.wrong),
         "it holds nothing": current and "with its previous grip" in text and empty,

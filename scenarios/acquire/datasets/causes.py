@@ -58,7 +58,7 @@ REST_AFTER_S = 0.4  # an object is at rest this long after the end of a disturba
 # defective. So neither a check nor an estimated force ends a recording.
 PERMISSIVE = {
     "monitors.mode": "report", "monitors.jump_counts": 1023,
-    "guard.measured_margin_n": 50.0, "controller.contact_n": 0.1,
+    "guard.estimate_margin_n": 50.0, "controller.contact_n": 0.1,
     "tactile.rest_max_std_counts": 20.0,  # a run would refuse the noise of some fingertips
 }  # fmt: skip
 PLACEHOLDER = {  # object before a random one is chosen

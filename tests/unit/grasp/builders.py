@@ -67,10 +67,10 @@ def observation(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         "rest_taken": True,
         "gripper": gripper(t_ns),
         "arm": arm(t_ns),
-        "measured_n": (2.0, 1.0, 1.0),
+        "estimated_n": (2.0, 1.0, 1.0),
         **changes,
     }
-    values.setdefault("responsive_n", values["measured_n"])
+    values.setdefault("responsive_n", values["estimated_n"])
     values.setdefault("faults", values.get("errors", ()))
     given = {name: values.pop(name) for name in StepInput.__struct_fields__ if name in values}
     return Observation(inputs=StepInput(**given), **values)  # type: ignore[arg-type]

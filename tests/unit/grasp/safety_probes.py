@@ -21,10 +21,10 @@ def guard(**settings: Any) -> ForceGuard:
     return ForceGuard(GuardSettings(**settings), least_force_n=1.0, stiffness=Stiffness(2.5))
 
 
-def admitted(measured_n: float = 0.0, **settings: Any) -> CloseFast | None:
+def admitted(estimated_n: float = 0.0, **settings: Any) -> CloseFast | None:
     """The admitted form of a closing with maximal values; None if the fingers hold."""
     close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
-    admitted_command = guard(**settings).admit(close, gripper(), (measured_n, 0.0, 0.0))
+    admitted_command = guard(**settings).admit(close, gripper(), (estimated_n, 0.0, 0.0))
     return admitted_command if isinstance(admitted_command, CloseFast) else None
 
 
@@ -67,7 +67,7 @@ def lifted(**settings: Any) -> Driver:
 
 
 def grip_forces(force_n: float) -> tuple[float, float, float]:
-    """Measured forces of a grip, fingers A, B and C."""
+    """Estimated forces of a grip, fingers A, B and C."""
     return force_n, force_n / 2, force_n / 2
 
 
@@ -83,8 +83,8 @@ def near(**settings: Any) -> Driver:
     return d
 
 
-def tightened(measured_n: float, **settings: Any) -> Driver:
-    """Driver whose thumb measures ``measured_n`` while lowering, until the arm is stopped or the
+def tightened(estimated_n: float, **settings: Any) -> Driver:
+    """Driver whose thumb measures ``estimated_n`` while lowering, until the arm is stopped or the
     filtered force has settled."""
     d = near(**settings)
     d.height_m = 0.02
@@ -93,7 +93,7 @@ def tightened(measured_n: float, **settings: Any) -> Driver:
     for _ in range(80):
         if len(d.controller.machine.log) > entered:
             break
-        d.step(measured_n=grip_forces(measured_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+        d.step(estimated_n=grip_forces(estimated_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
 
 
@@ -101,8 +101,8 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     """Driver after a probe: the thumb measures ``first_n`` before and ``then_n`` after it."""
     d = tightened(first_n, **settings)
     assert "tightened" in d.controller.machine.log[-1].cause
-    d.until_next(measured_n=grip_forces(first_n))
-    d.until_next(measured_n=grip_forces(then_n))
+    d.until_next(estimated_n=grip_forces(first_n))
+    d.until_next(estimated_n=grip_forces(then_n))
     return d
 
 
@@ -169,12 +169,12 @@ def both_trusted(v: float, age_s: float) -> bool:
     return trusted.pop()
 
 
-def touches(v: float, measured_n: float) -> bool:
-    """Whether the arm lifts when the thumb measures ``measured_n``."""
+def touches(v: float, estimated_n: float) -> bool:
+    """Whether the arm lifts when the thumb measures ``estimated_n``."""
     d = Driver(contact_n=v)
     d.until(State.BRACE)
     for _ in range(80):
-        d.step(measured_n=(measured_n, 0.0, 0.0))
+        d.step(estimated_n=(estimated_n, 0.0, 0.0))
     return d.controller.state is State.LIFT
 
 
@@ -201,7 +201,7 @@ def lowered_after_gap(gap_s: float) -> bool:
     """Whether an object is set down after a loss of contact of ``gap_s`` in the air."""
     d = Driver(hold_s=0.1).lift()
     for _ in range(round(gap_s * 1e9 / TICK)):
-        d.climb(measured_n=(0.0, 0.0, 0.0))
+        d.climb(estimated_n=(0.0, 0.0, 0.0))
     d.height_m = 0.2
     while d.controller.state not in (State.DESCEND, State.LOST):
         d.step()

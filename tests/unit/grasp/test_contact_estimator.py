@@ -19,7 +19,7 @@ def after(
     """Contact estimate after these samples, in N for fingers A, B and C."""
     contact = ContactEstimator(CONTACT_N)
     for n, force_n in enumerate(forces_n):
-        contact.update(observation(n * TICK, measured_n=force_n, **changes), airborne)
+        contact.update(observation(n * TICK, estimated_n=force_n, **changes), airborne)
     return contact
 
 
@@ -59,7 +59,7 @@ def test_grip_force_follows_a_step_within_its_time_constant() -> None:
 def test_overload_starts_when_force_leaves_the_limit() -> None:
     contact = after(GRIP)
     for n in range(1, 5):
-        contact.update(observation(n * TICK, measured_n=GRIP, overloaded=True), airborne=True)
+        contact.update(observation(n * TICK, estimated_n=GRIP, overloaded=True), airborne=True)
     assert contact.overload_ns == 4 * TICK
 
 

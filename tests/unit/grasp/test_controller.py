@@ -183,9 +183,9 @@ def test_force_above_the_limit_is_no_fault_while_the_arm_is_at_rest() -> None:
 
 def test_missing_contact_is_a_fault_before_the_lift() -> None:
     d = Driver()
-    d.until(State.BRACE, measured_n=(0.0, 0.0, 0.0))
+    d.until(State.BRACE, estimated_n=(0.0, 0.0, 0.0))
     for _ in range(80):
-        d.step(measured_n=(0.0, 0.0, 0.0))
+        d.step(estimated_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.FAULT
     assert "no contact" in d.controller.fault_cause
     assert not any(isinstance(c, MoveArm) for c in d.commands)

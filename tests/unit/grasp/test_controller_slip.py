@@ -74,8 +74,8 @@ def test_overload_after_the_first_stage_prevents_the_second() -> None:
 def test_contact_lost_in_the_first_stage_gives_one_stage_at_the_closing_speed() -> None:
     d = staged().slip()
     for _ in range(10):
-        d.climb(gripper=d.hand(detections=MOVING), measured_n=(0.0, 0.0, 0.0))
-    d.climb(measured_n=(0.0, 0.0, 0.0))
+        d.climb(gripper=d.hand(detections=MOVING), estimated_n=(0.0, 0.0, 0.0))
+    d.climb(estimated_n=(0.0, 0.0, 0.0))
     assert d.commands == [FIRST, CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
     assert d.controller.state is State.COMPENSATE
 
@@ -137,7 +137,7 @@ def test_hold_by_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> 
     while d.controller.state is State.COMPENSATE:
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
     for _ in range(10):
-        d.climb(0.9, gripper=d.hand(detections=LATCHED), measured_n=(0.0, 0.0, 0.0))
+        d.climb(0.9, gripper=d.hand(detections=LATCHED), estimated_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.LOST
 
 
@@ -165,7 +165,7 @@ def test_closing_without_contact_is_a_lost_object_and_lowers_nothing() -> None:
     empty = d.hand(positions=(255, 55, 55), requested=(255, 55, 55), detections=RESTING)
     for _ in range(20):
         empty = msgspec.structs.replace(empty, t_ns=d.t_ns + TICK)
-        d.climb(gripper=empty, measured_n=(0.0, 0.0, 0.0))
+        d.climb(gripper=empty, estimated_n=(0.0, 0.0, 0.0))
     assert d.controller.state is State.LOST
     assert isinstance(d.commands[-1], StopArm)
     assert not any(isinstance(c, MoveArm) for c in d.commands)
@@ -177,7 +177,7 @@ def test_contact_lost_while_lowering_stops_the_arm() -> None:
     d.until(State.DESCEND)
     d.commands.clear()
     for _ in range(8):
-        d.step(measured_n=(0.0, 0.0, 0.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
+        d.step(estimated_n=(0.0, 0.0, 0.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
     assert d.controller.state is State.LOST
     assert isinstance(d.commands[0], StopArm)
 
@@ -187,7 +187,7 @@ def test_thumb_without_contact_while_lowering_is_no_loss_if_others_have_contact(
     d.height_m = HEIGHT
     d.until(State.DESCEND)
     for _ in range(20):
-        d.step(measured_n=(0.1, 1.0, 1.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
+        d.step(estimated_n=(0.1, 1.0, 1.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
     assert d.controller.state is State.DESCEND
 
 

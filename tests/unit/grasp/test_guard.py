@@ -153,8 +153,8 @@ def test_finger_with_a_grasp_above_the_limit_does_not_close() -> None:
 def test_every_finger_has_its_own_limit_of_measured_force(
     mode: str, thumb_n: float, other_n: float, stops: bool
 ) -> None:
-    for measured_n in ((thumb_n, other_n, 0.0), (thumb_n, 0.0, other_n)):
-        admitted = guard(cap_mode=mode).admit(close(), gripper(), measured_n)
+    for estimated_n in ((thumb_n, other_n, 0.0), (thumb_n, 0.0, other_n)):
+        admitted = guard(cap_mode=mode).admit(close(), gripper(), estimated_n)
         assert isinstance(admitted, HoldFingers) is stops
 
 
@@ -217,9 +217,9 @@ def test_safe_travel_keeps_the_limit_and_with_margins_the_overshoot(
     first_n: float, stiffness: float, stiffer: float, stronger_n: float, overshoot_n: float
 ) -> None:
     g = guard(contact_stiffness_npm=stiffness, overshoot_n=overshoot_n)
-    measured_n = (first_n, first_n / 2, first_n / 2)
-    g.set_first_grasp((55, 55, 55), measured_n)
-    reach = g.safe_travel(gripper(), measured_n)
+    estimated_n = (first_n, first_n / 2, first_n / 2)
+    g.set_first_grasp((55, 55, 55), estimated_n)
+    reach = g.safe_travel(gripper(), estimated_n)
     assert reach is not None
     rise_n = (reach[0] - 55) * M_PER_COUNT * stiffness
     assert rise_n == 0 or first_n + rise_n <= 10.0 + 1e-9
@@ -262,8 +262,8 @@ def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
 
 def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
     g = guard(counts_per_newton=160.0)
-    assert g.measured_n((-320.0, -160.0, -16.0)) == (2.0, 1.0, 0.1)
-    assert g.measured_n((16.0, 160.0, 320.0)) == (0.0, 0.0, 0.0)
+    assert g.estimated_n((-320.0, -160.0, -16.0)) == (2.0, 1.0, 0.1)
+    assert g.estimated_n((16.0, 160.0, 320.0)) == (0.0, 0.0, 0.0)
 
 
 def test_guard_defaults_match_the_published_results() -> None:
@@ -271,7 +271,7 @@ def test_guard_defaults_match_the_published_results() -> None:
         "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
         "contact_stiffness_npm": 2500.0,
         "tip_mass_kg": 0.1, "travel_bound": False, "counts_per_newton": 160.0,
-        "measured_margin_n": 5.0,
+        "estimate_margin_n": 5.0,
     }  # fmt: skip
 
 

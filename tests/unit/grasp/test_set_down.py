@@ -40,7 +40,7 @@ def test_grip_that_tightens_above_the_expected_height_stops_the_arm_too() -> Non
     d.until(State.DESCEND)
     d.commands.clear()
     for _ in range(5):
-        d.step(measured_n=GRIP, arm=arm(d.t_ns + TICK, 0.1, moving=True))
+        d.step(estimated_n=GRIP, arm=arm(d.t_ns + TICK, 0.1, moving=True))
     assert d.controller.state is State.FEEL
     assert d.commands == [StopArm(1.0)]
 
@@ -52,9 +52,9 @@ def probed_high_up(steps: Any, monkeypatch: pytest.MonkeyPatch) -> Driver:
     d.height_m = 0.2
     d.until(State.DESCEND)
     d.height_m = 0.1
-    d.until_next(measured_n=GRIP)
-    d.until_next(measured_n=GRIP)
-    d.until(State.DESCEND, measured_n=steps)
+    d.until_next(estimated_n=GRIP)
+    d.until_next(estimated_n=GRIP)
+    d.until(State.DESCEND, estimated_n=steps)
     return d
 
 
@@ -83,7 +83,7 @@ def test_step_is_shorter_where_the_grip_tightened_much_while_the_arm_braked(
     """Rise of 0.7 N beyond the threshold; the probe aims at 0.24 N, three times CHECK_N."""
     d = tightened(3.0)
     d.height_m -= braked_m
-    d.until_next(measured_n=grip_forces(3.0))
+    d.until_next(estimated_n=grip_forces(3.0))
     assert d.height_m - step_m == pytest.approx(moves(d)[-1].position_m[2] - HOME_M, abs=1e-5)
 
 
@@ -116,7 +116,7 @@ def test_object_that_tightens_the_grip_at_a_probe_is_released() -> None:
 def test_probe_waits_until_the_arm_is_at_rest() -> None:
     d = tightened(GRIP[0])
     for _ in range(60):
-        d.step(measured_n=GRIP, arm=arm(d.t_ns + TICK, 0.02, moving=True))
+        d.step(estimated_n=GRIP, arm=arm(d.t_ns + TICK, 0.02, moving=True))
     assert d.controller.state is State.FEEL
 
 
@@ -133,7 +133,7 @@ def test_probe_without_a_change_continues_the_descent(
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
     assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
     d.height_m = 0.0
-    d.until(State.OPEN, measured_n=grip_forces(2.6))
+    d.until(State.OPEN, estimated_n=grip_forces(2.6))
 
 
 def test_inconclusive_probes_end_with_hand_and_height_kept(
@@ -150,9 +150,9 @@ def test_inconclusive_probes_end_with_hand_and_height_kept(
 def test_fault_during_a_probe_closes_the_hand(probes: bool) -> None:
     d = tightened(GRIP[0])
     if probes:
-        d.until_next(measured_n=GRIP)
+        d.until_next(estimated_n=GRIP)
     d.commands.clear()
-    d.step(errors=LOST, measured_n=GRIP)
+    d.step(errors=LOST, estimated_n=GRIP)
     assert [type(c) for c in d.commands] == [StopArm, CloseFast]
 
 
@@ -160,12 +160,12 @@ def test_stop_while_lowering_is_repeated_until_the_arm_has_stopped() -> None:
     d = tightened(3.5)
     d.commands.clear()
     for _ in range(35):
-        d.step(measured_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+        d.step(estimated_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     assert d.controller.state is State.FEEL
     assert [type(c) for c in d.commands] == [StopArm] * 3
     d.commands.clear()
     for _ in range(15):
-        d.step(measured_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02))
+        d.step(estimated_n=grip_forces(3.5), arm=arm(d.t_ns + TICK, 0.02))
     assert not any(isinstance(c, StopArm) for c in d.commands)
 
 
@@ -173,9 +173,9 @@ def test_stop_while_lowering_is_repeated_until_the_arm_has_stopped() -> None:
 def test_no_probe_without_contact(probes: bool) -> None:
     d = tightened(3.5)
     if probes:
-        d.until_next(measured_n=grip_forces(3.5))
+        d.until_next(estimated_n=grip_forces(3.5))
     d.commands.clear()
     for _ in range(10):
-        d.step(measured_n=grip_forces(0.0))
+        d.step(estimated_n=grip_forces(0.0))
     assert d.controller.state is State.LOST
     assert moves(d) == []

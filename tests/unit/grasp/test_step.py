@@ -93,25 +93,25 @@ class FakeGuard:
         self.first_grasps: list[tuple[Counts3, Vector3]] = []
         self.requests: list[tuple[GripperCommand, Vector3]] = []
 
-    def measured_n(self, sums: Vector3) -> Vector3:
+    def estimated_n(self, sums: Vector3) -> Vector3:
         a, b, c = sums
         return (-a, -b, -c)
 
-    def overloaded(self, measured_n: Vector3) -> bool:
-        return max(measured_n) > 10.0
+    def overloaded(self, estimated_n: Vector3) -> bool:
+        return max(estimated_n) > 10.0
 
-    def set_first_grasp(self, positions: Counts3, measured_n: Vector3) -> None:
-        self.first_grasps.append((positions, measured_n))
+    def set_first_grasp(self, positions: Counts3, estimated_n: Vector3) -> None:
+        self.first_grasps.append((positions, estimated_n))
 
     thumb_limit_counts = 61
 
-    def safe_travel(self, state: GripperState, measured_n: Vector3) -> Counts3:
-        return (state.positions[0] + 3, 60, round(measured_n[0]))
+    def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3:
+        return (state.positions[0] + 3, 60, round(estimated_n[0]))
 
     def admit(
-        self, command: GripperCommand, state: GripperState, measured_n: Vector3
+        self, command: GripperCommand, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
-        self.requests.append((command, measured_n))
+        self.requests.append((command, estimated_n))
         return LET
 
 
@@ -138,18 +138,18 @@ def test_detector_gets_the_counts_and_the_controller_its_output() -> None:
     assert [np.unique(h).tolist() for h in b.detector.inputs] == [[-1]]
     assert obs.probabilities.tolist() == SURE.tolist()
     assert obs is b.controller.observations[0]
-    assert (obs.measured_n, obs.overloaded, obs.faults) == ((6.0, 6.0, 6.0), False, ())
-    assert obs.responsive_n == obs.measured_n
+    assert (obs.estimated_n, obs.overloaded, obs.faults) == ((6.0, 6.0, 6.0), False, ())
+    assert obs.responsive_n == obs.estimated_n
     assert (obs.safe_travel_counts, obs.thumb_limit_counts) == ((58, 60, 6), 61)
 
 
 @pytest.mark.parametrize("phase", [State.START, State.HOME, State.SHAPE])
 def test_counts_relative_to_an_earlier_tare_are_ignored(phase: State) -> None:
     b = Bench(FakeController(phase))
-    assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
+    assert b.decide(frame(-9)).estimated_n == (0.0, 0.0, 0.0)
     b.controller.state = State.FAULT  # before this run has taken rest counts
     obs = b.decide(frame(-9))
-    assert (obs.measured_n, obs.responsive_n, b.detector.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
+    assert (obs.estimated_n, obs.responsive_n, b.detector.inputs) == ((0.0,) * 3, (0.0,) * 3, [])
     assert not obs.overloaded
 
 
@@ -158,12 +158,12 @@ def test_force_is_still_estimated_in_the_safe_state_after_a_tare(end: State) -> 
     b = Bench(FakeController(State.TARE))
     b.decide(frame(-9))
     b.controller.state = end
-    assert b.decide(frame(-1)).measured_n == (6.0, 6.0, 6.0)
+    assert b.decide(frame(-1)).estimated_n == (6.0, 6.0, 6.0)
 
 
 def test_saturated_taxels_count_in_measured_but_not_in_responsive_force() -> None:
     obs = Bench().decide(railed(frame(-1)))
-    assert (obs.measured_n, obs.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
+    assert (obs.estimated_n, obs.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
 
 
 def test_dead_fingertip_that_reads_an_overload_no_longer_prevents_a_closing() -> None:
@@ -176,7 +176,7 @@ def test_dead_fingertip_that_reads_an_overload_no_longer_prevents_a_closing() ->
     first, last = observations[0], observations[-1]
     assert (first.faults, first.overloaded) == ((), True)
     assert [fault.code for fault in last.faults] == ["fingertip_dead"]
-    assert last.measured_n[0] > 1000.0 and not last.overloaded
+    assert last.estimated_n[0] > 1000.0 and not last.overloaded
     assert b.guard.requests[-1][1][0] == 0.0
 
 
@@ -205,7 +205,7 @@ def test_a_detector_whose_reset_fails_is_a_fault_and_unused_until_a_reset_succee
     for of in (frame(-1, stale=True), frame(-1), frame(-1, stale=True)):
         obs = b.decide(of)
         assert (obs.probabilities.tolist(), lines(obs.faults)) == ([0.0] * 3, failed)
-        assert obs.measured_n == (6.0, 6.0, 6.0)
+        assert obs.estimated_n == (6.0, 6.0, 6.0)
     assert b.detector.inputs == []
     assert b.decide(frame(-1, stale=True)).faults == ()
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
@@ -234,7 +234,7 @@ def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
     observation = b.decide(frame(-2, stale=stale), t_ns=2 * TICK, **changes)
     assert b.detector.inputs == []
     assert observation.probabilities.tolist() == [0.0] * 3
-    assert observation.measured_n == (12.0,) * 3
+    assert observation.estimated_n == (12.0,) * 3
 
 
 def guarded_step(driver: Driver) -> GraspStep:
@@ -282,7 +282,7 @@ def test_before_the_first_frame_there_is_no_slip_no_force_and_no_fault() -> None
     obs = b.decide(None)
     assert b.detector.inputs == []
     assert obs.probabilities.tolist() == [0.0] * 3
-    assert (obs.frame, obs.measured_n, obs.faults) == (None, (0.0,) * 3, ())
+    assert (obs.frame, obs.estimated_n, obs.faults) == (None, (0.0,) * 3, ())
     assert obs.responsive_n == (0.0,) * 3
 
 
@@ -321,7 +321,7 @@ def test_implausible_codes_do_not_change_the_measured_force() -> None:
     raw = dead.raw.copy()
     raw[1] = 0
     obs = b.decide(msgspec.structs.replace(dead, raw=raw), t_ns=2 * TICK)
-    assert obs.measured_n == (6.0,) * 3
+    assert obs.estimated_n == (6.0,) * 3
 
 
 def test_last_close_is_the_admitted_closing() -> None:
@@ -383,7 +383,7 @@ def test_gripper_commands_are_admitted_by_the_force_just_measured() -> None:
     assert b.guard.requests == [(CLOSE, (6.0,) * 3), (CLOSE, (12.0,) * 3)]
     assert result.decision.commands == (CLOSE, RISE)
     assert result.admitted == (LET, RISE)
-    assert result.observation.measured_n == (12.0,) * 3
+    assert result.observation.estimated_n == (12.0,) * 3
     assert result.observation.overloaded
 
 
@@ -391,9 +391,9 @@ def test_guard_admits_by_the_state_of_the_gripper(monkeypatch: pytest.MonkeyPatc
     b, states = Bench(FakeController(State.LIFT, CLOSE)), list[GripperState]()
     admit = b.guard.admit
 
-    def noted(command: GripperCommand, state: GripperState, measured_n: Vector3) -> GripperCommand:
+    def noted(command: GripperCommand, state: GripperState, estimated_n: Vector3) -> GripperCommand:
         states.append(state)
-        return admit(command, state, measured_n)
+        return admit(command, state, estimated_n)
 
     monkeypatch.setattr(b.guard, "admit", noted)
     given = step_input(frame(-1))
@@ -514,4 +514,6 @@ def test_report_mode_does_not_change_the_force_estimate(mode: Any, newtons: floa
         monitors,
     )
     step.decide(step_input(frame(-1)))
-    assert step.decide(step_input(frame(-100))).observation.measured_n == (newtons,) * 3  # all jump
+    assert (
+        step.decide(step_input(frame(-100))).observation.estimated_n == (newtons,) * 3
+    )  # all jump

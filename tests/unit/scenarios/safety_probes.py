@@ -27,7 +27,7 @@ HELD = Truth(
     force_rise_s=1.1, flank_slope=0.0,
 )  # fmt: skip
 FACTS = LiftFacts(
-    end=HELD, measured_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
+    end=HELD, estimated_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0,
     open_loop_onset_s=1.0, peak_force_n=10.0, force_bound_n=11.0,
     cap_reached=False, alarm_stayed=False, fault="",
 )  # fmt: skip
@@ -65,7 +65,7 @@ def presser(**settings: Any) -> PressController:
 
 
 def pressing_mps(pressed_n: float, below_m: float = 0.0, **settings: Any) -> float:
-    """Downward speed at a measured force, ``below_m`` below first contact, at 100 counts per N."""
+    """Downward speed at a estimated force, ``below_m`` below first contact, at 100 counts per N."""
     p = presser(**settings)
     p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
     counts = np.array([round(-100 * pressed_n)] + [0] * 5, dtype=np.int16)

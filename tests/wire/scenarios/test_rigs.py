@@ -70,7 +70,7 @@ def test_hardware_rig_with_a_cell_gives_the_outcome_without_ground_truth(
     assert done.code == 0, result
     assert (result["success"], result["outcome"]) == (True, "held")
     assert all(result[name] is None for name in TRUTH_FIELDS)
-    assert 5.0 < result["peak_measured_n"]["A"] < 13.0  # only an estimate is available
+    assert 5.0 < result["peak_estimated_n"]["A"] < 13.0  # only an estimate is available
 
 
 def test_signal_stops_the_arm_keeps_the_grip_and_is_reported(ready: Lab, tmp_path: Path) -> None:

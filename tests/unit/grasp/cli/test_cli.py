@@ -180,7 +180,7 @@ def test_a_lift_leaves_a_run_that_can_be_listed_and_plotted_with_a_complete_verd
     assert code == 0
     assert {
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_registered_s",
-        "detection_latency_ms", "peak_force_n", "peak_measured_n", "force_limit_n", "cap_mode",
+        "detection_latency_ms", "peak_force_n", "peak_estimated_n", "force_limit_n", "cap_mode",
         "phases", "timing", "recording", "versions", "config_hash", "detector_hash", "end", "bug",
     } <= set(result)  # fmt: skip
     assert result["seed"] == 2 and set(result["peak_force_n"]) == {"A", "B", "C"}

@@ -12,7 +12,7 @@ from scenarios.trial.final_state import FinalState
 
 SLIPPING = view.TickView(
     t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, event=True,
-    measured_n=(10.0, 5.0, 5.0), probabilities=[0.93, 0.5, 0.02], positions=(155, 100, 100),
+    estimated_n=(10.0, 5.0, 5.0), probabilities=[0.93, 0.5, 0.02], positions=(155, 100, 100),
     arm_m=0.312,
 )  # fmt: skip
 
@@ -44,7 +44,7 @@ def test_bars_fit_into_any_width(width: int) -> None:
              "limit 10 N, each_motor: the thumb bears the sum of B and C, about 20 N"],
         ),
         (
-            {"peak_force_n": None, "peak_measured_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
+            {"peak_force_n": None, "peak_estimated_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
             "every_finger",
             ["peak force A 9.0, B 4.5, C 4.0 N (estimated by the fingertips); commanded 10.0 N",
              "limit 10 N, every_finger: it applies to each finger"],
@@ -61,7 +61,7 @@ def verdict(**changes: object) -> SimpleNamespace:
     values = {
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
-        "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
+        "peak_force_n": {"A": 1.0}, "peak_estimated_n": None, "commanded_force_n": 10.0,
         "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
         "faults": (Fault("lost", "trial", "contact lost on the way down", kind="lost"),),
     }  # fmt: skip

@@ -106,7 +106,7 @@ def test_loss_of_the_object_is_detected_with_taxels_that_still_report_contact(
         staged.on_tick = take_away
         trial = staged.run(in_phase(State.LIFT, 20), broken)
         assert trial.controller.state is State.LOST
-        assert max(staged.ticks[-1].measured_n) > 0.5
+        assert max(staged.ticks[-1].estimated_n) > 0.5
         end = trial.end(staged.config)
         assert end is not None and "without measured contact" in end.hand
 

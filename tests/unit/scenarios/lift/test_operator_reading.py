@@ -33,7 +33,7 @@ class Typist:
 
 def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any) -> LiftFacts:
     known = {
-        "end": None, "measured_n": 5.0, "had_compensated": True, "registered_s": registered_s,
+        "end": None, "estimated_n": 5.0, "had_compensated": True, "registered_s": registered_s,
         "onset_s": None, "open_loop_onset_s": None, "peak_force_n": 9.0, "force_bound_n": 11.0,
         "cap_reached": False, "alarm_stayed": False, "fault": "",
     }  # fmt: skip

@@ -105,7 +105,7 @@ def test_rows_have_the_values_of_tick_and_truth(server: FakeServer) -> None:
         assert row.phase == tick.decision.state
         missing = tick.frame is None
         probabilities = tick.observation.probabilities.tolist()
-        assert found["estimated"] == ([None] * 3 if missing else list(tick.measured_n))
+        assert found["estimated"] == ([None] * 3 if missing else list(tick.estimated_n))
         assert found["probability"] == ([None] * 3 if missing else probabilities)
         assert found["true"] == list(truth.normal_n)
         assert found["slip"] == [truth.slip_distance_m]

@@ -100,7 +100,7 @@ def test_long_push_with_a_measured_force_above_the_limit_sends_no_command() -> N
     motion = trial.sequence.motion
     assert motion is not None
     after = [t for t in staged.ticks if motion.impact_s <= t.t_ns * 1e-9 <= motion.impact_s + 0.3]
-    assert max(max(tick.measured_n) for tick in after) > 12.0
+    assert max(max(tick.estimated_n) for tick in after) > 12.0
     assert all(not tick.issued for tick in after)
     positions = {tick.gripper.positions for tick in after}
     assert len(positions) == 1

@@ -77,7 +77,10 @@ INSIDE = {
         "grasp.slip_monitor.SlipMonitor.closing",
         lambda self, t_ns: None,
     ),
-    "force is not measured": ("grasp.guard.ForceGuard.measured_n", lambda self, c: (0.0, 0.0, 0.0)),
+    "force is not measured": (
+        "grasp.guard.ForceGuard.estimated_n",
+        lambda self, c: (0.0, 0.0, 0.0),
+    ),
     "the monitor is never armed": ("grasp.slip_monitor.SlipMonitor.arm", lambda self: None),
 }
 

@@ -22,7 +22,7 @@ def of(*steps: tuple[State, bool, float]) -> Trace:
             decision=SimpleNamespace(state=phase, slip=slip),
             issued=(),
             observation=SimpleNamespace(reported=()),
-            measured_n=ZERO,
+            estimated_n=ZERO,
             frame=None,
         )
         normal_n = HELD.normal_n if touched else ZERO
