@@ -23,16 +23,17 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         int, Meta(ge=1, le=50, description="samples in a row above threshold that register slip")
     ] = 2  # the paper's
     threshold: Annotated[
-        float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts")
+        float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts as slip")
     ] = 0.5  # the class border of the paper's two-way softmax
     drift: Annotated[
-        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds a sample that are no evidence")
+        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds subtracted from every sample's")
     ] = 0.0
     limit: Annotated[
         float, Meta(gt=0.0, le=200.0, description="cusum: summed log-odds that register slip")
     ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
-        int, Meta(ge=1, le=100, description="samples in a row below threshold that end an event")
+        int,
+        Meta(ge=1, le=100, description="samples in a row below threshold that end a slip event"),
     ] = 3  # assumed
 
     @property
