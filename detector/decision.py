@@ -15,10 +15,14 @@ MIN_PROBABILITY = 1.0 / (1.0 + math.exp(MAX_LOG_ODDS))
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Evidence that starts a slip event, and quiet samples that end it."""
 
-    # count samples above threshold (paper), or add up log-odds (Page 1954)
-    kind: Literal["consecutive", "cusum"] = "consecutive"
-    # each finger decides alone, or the mean of their log-odds does
-    fusion: Literal["any", "mean"] = "any"
+    kind: Annotated[
+        Literal["consecutive", "cusum"],
+        Meta(description="count samples above threshold (paper), or sum log-odds (Page 1954)"),
+    ] = "consecutive"
+    fusion: Annotated[
+        Literal["any", "mean"],
+        Meta(description="each finger decides alone, or the mean of their log-odds decides"),
+    ] = "any"
     consecutive: Annotated[
         int, Meta(ge=1, le=50, description="samples in a row above threshold that register slip")
     ] = 2  # the paper's

@@ -261,7 +261,7 @@ class GraspController:
         self._repeat_stop(obs, response.arm_stop)
         if not obs.hand_rests:
             self.slip_monitor.closing(obs.t_ns)
-        elif obs.second_stage_due:  # the same response goes on
+        elif obs.second_stage_due:  # of the same response
             self.slip_monitor.closing(obs.t_ns)
             self._commands.append(response.closing(obs, self._contact.thumb_lost))
         elif self._contact.thumb_lost:

@@ -25,7 +25,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     # before the grasp the fingers wait short of the grip positions, the thumb further back
     preshape_margin_counts: Annotated[
-        int, Meta(ge=2, le=60, description="motor counts short of the grip, for the wait")
+        int, Meta(ge=2, le=60, description="motor counts short of the grip before the grasp")
     ] = 15
     thumb_back_counts: Annotated[
         int, Meta(ge=0, le=100, description="motor counts that the thumb waits further back")
@@ -78,7 +78,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.1, le=9.0, description="deceleration of the arm when it stops for slip")
     ] = 8.0
     lower_speed_mps: Annotated[
-        float, Meta(ge=0.005, le=0.5, description="speed of the arm on its way down and back")
+        float, Meta(ge=0.005, le=0.5, description="speed of the arm, lowering and retreating")
     ] = 0.05
     # during a decision delay of 0.1 s the arm moves 0.5 mm: 0.5-1 N on a steep flank
     feel_speed_mps: Annotated[
@@ -95,7 +95,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     ] = 1.0
     # the detector's memory is used instead if it is longer
     cap_patience_s: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="slip at the force limit until the set-down")
+        float, Meta(ge=0.05, le=5.0, description="duration of slip at the limit before a set-down")
     ] = 0.3
     # then no run ends as cap_reached
     hold_by_clock: Annotated[

@@ -52,23 +52,23 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = "every_finger"  # fmt: skip
     # from the momentum of the fingers; it limits the speed of closing
     overshoot_n: Annotated[
-        float, Meta(ge=0.1, le=20.0, description="true force above the limit on a rigid object")
+        float, Meta(ge=0.1, le=20.0, description="accepted excess of true force over the limit")
     ] = 1.0
     # typical stiffness: 600-10000 N/m
     contact_stiffness_npm: Annotated[
-        float, Meta(ge=100.0, le=1e5, description="of contacts with objects that state none")
+        float, Meta(ge=100.0, le=1e5, description="contact stiffness of objects that state none")
     ] = 2500.0
     tip_mass_kg: Annotated[
         float, Meta(ge=0.001, le=5.0, description="moving mass of finger and motor at the tip")
     ] = 0.1
-    # where force of the first grasp + stiffness x travel reaches the limit
+    # that is where force of the first grasp + stiffness x travel reaches the limit
     travel_bound: Annotated[
-        bool, Meta(description="also stop closing at the position of the force limit")
+        bool, Meta(description="closing also stops where the stiffness predicts the limit")
     ] = False
     counts_per_newton: Annotated[
-        float, Meta(ge=1.0, le=5e3, description="a fingertip's summed counts; to be calibrated")
+        float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
     ] = 160.0
-    # above the limit: the error of the estimate
+    # above the limit; covers the error of the estimate
     estimate_margin_n: Annotated[
         float, Meta(ge=0.0, le=50.0, description="excess of estimated force that stops closing")
     ] = 5.0
@@ -76,8 +76,7 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     @property
     def full_grip_n(self) -> Vector3:
         """Static force of fingers A, B and C, N, once the hand has closed to the limit."""
-        # where the limit applies to every finger, the thumb bears it and B and C half each;
-        # thumb = B + C
+        # thumb = B + C: with `every_finger` the thumb bears the limit, B and C half of it each
         share_n = self.force_limit_n * (0.5 if self.cap_mode == "every_finger" else 1.0)
         return 2 * share_n, share_n, share_n
 
@@ -94,7 +93,7 @@ class ForceGuard:
         free_counts: Counts3 = (0, 0, 0),
     ) -> None:
         """``stiffness``: of the object's contact, or the worst case. ``free_counts``: positions up
-        to which the fingers have no contact.
+        to which the fingers touch nothing, so that closing may be fast.
 
         Raises ConfigError if the gripper's least force is above the limit, or if its least speed
         already causes more overshoot than allowed."""
@@ -141,7 +140,8 @@ class ForceGuard:
         stiffness; and where it reaches limit plus overshoot at 1.3 times that stiffness after a
         first grasp stronger by 1 N. None before the first grasp, and with `each_motor`.
 
-        Estimated force above stiffness x travel is added to the first grasp's force.
+        Estimated force less stiffness x travel takes the place of the first grasp's force where it
+        is larger.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None

@@ -128,7 +128,7 @@ class _Waiting(msgspec.Struct, frozen=True):
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
-    stop_s = 20.0  # longest time for which the loop goes on in a safe state; assumed
+    stop_s = 20.0  # longest time for which the loop waits for a safe state; assumed
     abort_s = 3.0  # longest wait for arm and hand to stop where no step is possible; assumed
     observer_reserve_s = 0.002  # of each period, kept for observers; assumed
 
@@ -391,7 +391,7 @@ class ControlLoop:
         )
 
     def _send_before_observers(self) -> None:
-        """With a real clock, send due commands now and wait for the gripper's acknowledgement:
+        """Send commands now and wait for the gripper's acknowledgement, unless time is virtual:
         recorder and display would delay the thread that writes to the gripper."""
         if self._clock.virtual or not self._queue:
             return

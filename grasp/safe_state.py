@@ -1,7 +1,7 @@
 """SafeState: what arm and hand do once a run has ended early. SafeStateSupervisor: requests it
 until it is confirmed.
 
-The commands depend on the cause (a fault, a stop by a person, a lost object) and on the phase in
+The commands depend on the cause (a fault, a stop by a person, a lost object) and on the state in
 which it occurred. The table is in docs/architecture.md, "Safe states".
 """
 

@@ -18,9 +18,8 @@ from grasp.state_timer import StateTimer
 from grasp.states import Trigger
 
 CREEP_SHARE = 0.8  # share of controller.phase_timeout_s that the slow descent may take
-CONTACT_GAP_NS = (
-    100_000_000  # in this time an object falls 5 cm: it may stand and be gripped higher
-)
+# in this time an object falls 5 cm: it may stand on the table and be gripped at a higher point
+CONTACT_GAP_NS = 100_000_000
 SLIP_MARGIN_M = 0.003  # added for slip that ended undetected; assumed
 RISE_N = 0.3  # rise of grip force that stops the arm: 7 standard deviations in the simulated hand
 STILL_NS = 500_000_000  # rest of the arm before and after a probe: several periods of the pads
@@ -138,8 +137,9 @@ class SetDown:
 
     @property
     def _highest_support_m(self) -> float:
-        """Greatest height of the arm at which the object can touch the table. After the last slip
-        it rose with the hand. So it slipped at most by the arm's height then, plus a margin."""
+        """Greatest height of the arm at which the object can touch the table: the largest possible
+        slip distance. Since the last slip the object has risen with the hand, so that distance is
+        the arm's height at the last slip, plus a margin."""
         if self._slipped_m <= 0.0:
             return 0.0
         return min(self._slipped_m + SLIP_MARGIN_M, self._settings.lift_height_m)

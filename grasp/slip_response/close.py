@@ -3,7 +3,8 @@
 A closing to the force limit usually has two stages. First stage: fast, to the safe travel
 (``ForceGuard.safe_travel``); it lasts about as long as the delay of a command, so it needs no
 feedback. Second stage: at the hand's least speed, from rest, to the force limit, so that momentum
-causes little overshoot. Where no safe travel is known or left, only one stage closes to the limit.
+causes little overshoot. Where no safe travel is left, there is only the second stage. Where none is
+known, after lost contact and with ``controller.closing`` = constant, one stage closes to the limit.
 """
 
 from drivers.interfaces import Counts3, Detection
@@ -14,7 +15,7 @@ from grasp.observation import Observation
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
-TOP_UP_SPEED_MPS = 0.022  # of a second stage: the gripper's least (manual)
+TOP_UP_SPEED_MPS = 0.022  # speed of a second stage: the gripper's least (manual)
 STAGE_NS = 500_000_000  # longest wait for the end of a first stage
 
 
@@ -32,9 +33,7 @@ class SlipResponse:
         self._settings = settings
         self._plan = plan
         self._line = line
-        self._first_stage_ns: int | None = (
-            None  # time at which the current first stage was requested
-        )
+        self._first_stage_ns: int | None = None  # time of the request of the current first stage
         self.closings = 0
         self.paused_s = 0.0
         self.adds_margin = False
@@ -54,8 +53,8 @@ class SlipResponse:
         return None
 
     def update(self, obs: Observation, alarm: bool, elapsed_ns: int) -> None:
-        """Take one sample, ``elapsed_ns`` after the last. ``alarm``: slip is registered
-        or masked, or the hand moves."""
+        """Take one sample, ``elapsed_ns`` after the last. ``alarm``: slip is registered or masked,
+        or the hand moves."""
 
     @property
     def exhausted(self) -> bool:

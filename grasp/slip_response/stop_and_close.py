@@ -20,8 +20,7 @@ class StopAndClose(SlipResponse):
 
     _stopped = False  # this response has stopped the arm
     _at_rest = False  # the arm was at rest in the last sample
-    # the arm stopped although no closing could help: at the force limit, or overloaded
-    _no_effect = False
+    _no_effect = False  # when the arm stopped no closing could help: at the limit, or overloaded
     _no_effect_s = 0.0  # total duration of pauses in which no closing could help
     _alarm_ns = 0  # time of the last sample with ``alarm`` (see ``update``)
 

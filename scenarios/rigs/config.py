@@ -38,7 +38,7 @@ CUT_SIGMAS = 2.5  # normal variates are clipped at this many standard deviations
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
 Scalar = bool | int | float | str
 PackageSettings = Annotated[
-    dict[str, Scalar], Meta(description="settings passed to that device's package")
+    dict[str, Scalar], Meta(description="settings for the package of that device")
 ]
 
 

@@ -39,9 +39,11 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """One tap. The search for the impulse follows the paper (section V-B): hard enough to move the
     object, too weak to knock it out."""
 
-    # alternate: even seeds on top, odd seeds on the side, across the closing axis; closing: along
-    # that axis, onto the thumb (not in the paper)
-    direction: Literal["top", "side", "alternate", "closing"] = "alternate"
+    # side: across the closing axis; closing: along that axis, onto the thumb (not in the paper)
+    direction: Annotated[
+        Literal["top", "side", "alternate", "closing"],
+        Meta(description="where the mallet strikes; alternate: even seeds top, odd seeds side"),
+    ] = "alternate"
     aim_m: Annotated[
         float, Meta(ge=0.001, le=0.03, description="m of displacement by the searched impulse")
     ] = 0.007  # assumed, 2-20 mm

@@ -42,7 +42,7 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         float, Meta(ge=1, le=50, description="watchdog kicks per s; with fewer the arm stops")
     ] = 10.0
     heartbeat_timeout_s: Annotated[
-        float, Meta(ge=0.05, le=5, description="s without a read() after which a motion is braked")
+        float, Meta(ge=0.05, le=5, description="s without a poll after which a motion is braked")
     ] = 0.15
     step_timeout_s: Annotated[
         float, Meta(ge=0.1, le=10, description="s, longest wait for the reply to a command")
