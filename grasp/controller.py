@@ -236,7 +236,7 @@ class GraspController:
 
     def _respond_to_slip(self, obs: Observation) -> bool:
         """Respond to slip or lost contact, or add a due margin. Return whether a response started
-        (or the object is lost)."""
+        or the object is lost."""
         slip, lost = self.slip_monitor.status, self._contact.thumb_lost
         rising = self.state is State.LIFT  # in `hold` the arm is at rest
         # at the limit no closing has an effect, and with `hold_by_clock` no set-down follows either

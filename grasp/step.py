@@ -124,7 +124,7 @@ class GraspStep:
 
     @property
     def _limiting_n(self) -> Vector3:
-        """Estimated force above which the guard refuses a closing. After a failed fingertip check
+        """Estimated force that the guard compares with the limit. After a failed fingertip check
         only responsive taxels of live fingertips count: a stuck fingertip that reads high would
         otherwise block a closing, and the object could fall."""
         if not self._fingertips_failed:

@@ -67,7 +67,8 @@ class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
             poll(self.now_ns())
 
     def errors(self, poll: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
-        """The first error after the link was cut, or None; other exceptions pass through."""
+        """The first GraspError within ``seconds`` of polling, as a list; empty if there is none.
+        Other exceptions pass through."""
         end_ns = self.now_ns() + round(seconds * 1e9)
         while self.now_ns() < end_ns:
             try:
@@ -98,7 +99,7 @@ class GripperConformance:
 
     @staticmethod
     def state(gripper: Gripper) -> GripperState:
-        """The latest one, which must exist."""
+        """The latest state; fails if there is none."""
         state = gripper.state
         assert state is not None
         return state
@@ -212,7 +213,7 @@ class FingertipConformance:
 
     @staticmethod
     def frame(sensor: TactileSensor) -> TactileFrame:
-        """The latest one, which must exist."""
+        """The latest frame; fails if there is none."""
         frame = sensor.frame
         assert frame is not None
         return frame
@@ -296,7 +297,7 @@ class ArmConformance:
 
     @staticmethod
     def state(arm: Arm) -> ArmState:
-        """The latest one, which must exist."""
+        """The latest state; fails if there is none."""
         state = arm.state
         assert state is not None
         return state
