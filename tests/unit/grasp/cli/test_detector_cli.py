@@ -86,7 +86,7 @@ def test_a_budget_too_small_for_the_recorded_rest_is_refused(
     output = capsys.readouterr()
     assert output.out == ""
     assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in output.err
-    assert "one false event is 11.2 a minute" in output.err
+    assert "one false alarm is 11.2 a minute" in output.err
     assert "or a greater --budget)" in output.err
     assert main([*tune, "12"]) == 0
 
