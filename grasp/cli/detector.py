@@ -13,6 +13,7 @@ import msgspec
 from detector import network_file
 from detector.decision import RuleSettings
 from detector.interface import DETECTORS, FORMULAS, NETWORK
+from detector.plugins import is_plugin
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -27,6 +28,7 @@ from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # with fewer the recall is uncertain: +/- 14 points at a recall of a half
+LOW_RECALL = 0.5
 FEW_EVENTS = 5  # with fewer allowed false alarms the rate is uncertain
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # one for each kind of rule
 # keys that their names do not explain
@@ -129,8 +131,8 @@ def _tune_labelled(args: argparse.Namespace) -> int:
 
     name, budget = args.detector, args.budget
     recordings = read_split(args.data, "validation", exits.print_detail)
-    check_testable(minutes_at_rest(recordings), budget, "more `validation` recordings or simulated "
-                   "data sets; of single fingers three times as much")  # fmt: skip
+    rest = minutes_at_rest(recordings)
+    check_testable(rest, budget, "more `validation` recordings or simulated data sets")
     with progress(f"streaming {name}", hidden=args.json) as bar:
         made = contender(name, recordings, "validation", "slip", args.config, args.set, bar)
     with progress(f"tuning {name}", hidden=args.json) as bar:
@@ -145,6 +147,10 @@ def _tune_labelled(args: argparse.Namespace) -> int:
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
         lines.append("few data: one slip or false alarm more or less would change the rule; give "
                      "more recordings, or simulated data sets in addition")  # fmt: skip
+    if known.caught < LOW_RECALL * known.slips:
+        missed = 1.0 - known.caught / known.slips
+        lines.append(f"this rule misses {missed:.0%} of the slips; allow more false alarms with "
+                     "--budget, or use another detector")  # fmt: skip
     lines += legend(OF_TUNING | OF_IMPACTS).splitlines()
     return show(args, {**point, "rule": rule}, _rule_text(lines, rule))
 
@@ -153,10 +159,10 @@ def check_testable(minutes: float, budget: float, more: str) -> None:
     """Raise UsageError if the hand's time at rest is too short for one false alarm of the budget.
     ``more``: the remedy. A budget of 0 needs no test."""
     if minutes * budget < 1.0 and budget > 0.0:
-        event = f", where one false alarm is {1.0 / minutes:.3g} a minute" if minutes else ""
-        raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
-                         f"of a hand at rest{event}", f"give {more}, or a greater "
-                         "--budget")  # fmt: skip
+        raise UsageError(f"a budget of {budget:g} false alarms a minute needs {60 / budget:.3g} s "
+                         f"of a hand at rest ({180 / budget:.3g} s of one finger); there are "
+                         f"{60 * minutes:.1f} s",
+                         f"give {more}, or a greater --budget")  # fmt: skip
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
@@ -217,6 +223,9 @@ def _packaged_rule(network: str) -> Any:
 def network_path(word: str) -> Path:
     """Path of the weights of a packaged network or a file; raises UsageError for other words."""
     known = network_file.packaged_networks()
+    if word not in known and (word in FORMULAS or is_plugin(word)):
+        raise UsageError(f"detector {word!r} is no network, so it has no card",
+                         f"`grasp detector evaluate {word} --data DIR` scores it")  # fmt: skip
     if not network_file.is_weights(word) and word not in known:
         raise UsageError(f"{word!r} is no packaged network{suggestion(word, known)}",
                          f"one of {', '.join(known)}, or a file that ends in .onnx")  # fmt: skip
