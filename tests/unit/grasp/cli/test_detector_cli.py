@@ -93,7 +93,7 @@ def test_a_budget_too_small_for_the_recorded_rest_is_refused(
     assert main([*tune, "2"]) == 2
     output = capsys.readouterr()
     assert output.out == ""
-    assert "2 false events a minute needs 30 s of a hand at rest (90 s of one" in output.err
+    assert "2 false alarms a minute needs 30 s of a hand at rest (90 s of one" in output.err
     assert "there are 5.4 s" in output.err
     assert "or a greater --budget)" in output.err
     assert main([*tune, "12"]) == 0
