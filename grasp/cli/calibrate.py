@@ -155,7 +155,7 @@ def _rule_file(args: argparse.Namespace, found: Any, configured: Any) -> str:
     how = "higher and is used" if used == before else f"lower, so {allowed} is used"
     source = (
         f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: for "
-        f"{args.budget:g} false events a minute this noise allows a {name} of {allowed} ({low} to "
+        f"{args.budget:g} false alarms a minute this noise allows a {name} of {allowed} ({low} to "
         f"{high}, 95 %), at {found.load_counts:.0f} counts of load; the configured {name}, "
         f"{before:.4f}, is {how}"
     )
