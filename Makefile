@@ -10,7 +10,7 @@
 # make test-studies   each study on a small grid
 # make lock      renew requirements/*.txt (with uv)  make test-cluster  what needs Dask
 # make clean     remove what make made               make test-browser  pages, in a Chromium
-# make results   every measured figure: docs/results.md and results/*.csv (ONLY=PART, REAL=FILE, JOBS=2)
+# make results   every measured figure: docs/results.md and results/*.csv (AGAIN=1, ONLY=PART, REAL=FILE, JOBS=2)
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
@@ -162,9 +162,9 @@ test-studies: install-dev install-charts
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s
 
-# runs the parts that are missing; ONLY="campaign hands" runs these again
+# runs the parts that are missing; AGAIN=1 runs all again, ONLY="campaign hands" these
 results: install-dev install-charts
-	$(BIN)/python -m studies results $(if $(ONLY),--again --only $(ONLY)) $(if $(REAL),--real $(REAL)) $(if $(JOBS),--jobs $(JOBS))
+	$(BIN)/python -m studies results $(if $(AGAIN)$(ONLY),--again) $(if $(ONLY),--only $(ONLY)) $(if $(REAL),--real $(REAL)) $(if $(JOBS),--jobs $(JOBS))
 
 # One resolution for both Pythons; base is held to what dev found, train to both.
 UV ?= uv

@@ -1,7 +1,7 @@
 """All measured figures of the project: results/*.csv, docs/results.md and its charts.
 
-`make results` runs every part; each writes results/PART.csv. A part whose file exists is not run
-again without `--again`, and an interrupted part continues from what its studies have stored.
+Each part writes results/PART.csv. A part whose file exists is run again only with `--again`, and an
+interrupted part continues from what its studies have stored. The part `real` needs `--real`.
 """
 
 import math
@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from detector.scores.quantiles import quantiles
+from drivers.errors import UsageError
 from grasp.cli.options import share, whole
 from grasp.cli.output import progress
 from grasp.cli.parser import Parser
@@ -40,7 +41,6 @@ from studies.results_detectors import detectors, disturbances, real, robustness
 from studies.results_page import Made, Row, median, percent
 
 SUMMARY = "all measured figures: results/*.csv and docs/results.md (`make results`)"
-ROOT = Path(__file__).parents[1]
 ALL, PAPER_AVERAGES = "all objects", {"lift": 72.5, "tap": 87.5}
 
 
@@ -77,7 +77,7 @@ class Run(msgspec.Struct, frozen=True):
     work: Path
     folder: Path
     jobs: int
-    real: Path | None
+    real: Path  # used by the part `real` only
 
     def data(self, name: str) -> Path:
         """Folder of a data set; missing recordings are made."""
@@ -241,29 +241,32 @@ def main(words: Sequence[str]) -> int:
     """Run the missing parts, then write the page; returns the exit code. Raises GraspError."""
     parser = Parser(prog="python -m studies results", description=SUMMARY)
     folder = {"type": Path, "metavar": "DIR"}
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=tuple(PARTS), metavar="PART",
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=(), metavar="PART",
                         help=f"parts to run: {', '.join(PARTS)} (default: all)")  # fmt: skip
     parser.add_argument("--again", action="store_true", help="run finished parts as well")
     parser.add_argument("--real", type=Path, metavar="FILE", default=os.environ.get("REAL") or None,
                         help="labelled recording of a real fingertip (default: $REAL)")  # fmt: skip
     parser.add_argument("--settings", type=Path, default=Path(__file__).with_suffix(".toml"),
                         metavar="FILE", help="(default: studies/results.toml)")  # fmt: skip
-    parser.add_argument("--out", default=ROOT, **folder,
+    parser.add_argument("--out", default=pages.ROOT, **folder,
                         help="folder of docs/ and results/ (default: the checkout)")  # fmt: skip
-    parser.add_argument("--work", default=ROOT / "build/results", **folder,
+    parser.add_argument("--work", default=pages.ROOT / "build/results", **folder,
                         help="data sets and stored rows (default: build/results)")  # fmt: skip
     parser.add_argument("--jobs", type=whole(1, 256), default=2, metavar="N",
                         help="worker processes (default: %(default)s)")  # fmt: skip
     args = parser.parse_args(words)
+    if "real" in args.only and args.real is None:
+        raise UsageError("the part real has no recording", "give --real FILE (make: REAL=FILE)")
     settings = load(Settings, [read_toml(args.settings)])
     kept = pages.Kept(args.out)
-    for name in args.only:
+    for name in args.only or (part for part in PARTS if args.real or part != "real"):
         if args.again:
             shutil.rmtree(args.work / name, ignore_errors=True)
         if args.again or not kept.csv(name).exists():
             print(f"{name} ...", flush=True)
             start = time.monotonic()
-            made = PARTS[name](Run(settings, args.work, args.work / name, args.jobs, args.real))
+            run = Run(settings, args.work, args.work / name, args.jobs, args.real or Path())
+            made = PARTS[name](run)
             rows, more = made if isinstance(made, tuple) else (made, None)
             kept.add(name, rows, more, time.monotonic() - start)
     pages.charts(kept)

@@ -69,7 +69,7 @@ def detectors(run: "Run") -> Made:
 
 
 def score(task: Task) -> tuple[str, list[Row], list[tuple[float | None, float]]]:
-    """Name, rows, and median delay and false alarms of every threshold, the packaged one first."""
+    """Name, rows, and median delay and false alarms of every threshold, the rule's first."""
     name, made = task.detector, task.streamed(task.test)
     sheet, rule, streams = made.evaluation(), made.config.rule, made.streams
     judged = [score_stream(s, rule).events for s in streams]
@@ -168,8 +168,6 @@ def disturbed(task: Task) -> tuple[Task, list[Row]]:
 
 def real(run: "Run") -> Made:
     """The recording of a real fingertip, which is not part of the repository."""
-    if run.real is None:
-        return [Row("all detectors", measure, None) for measure in (ACCURACY, "AUC")]
     recordings, rows = read_labelled(run.real), []
     for name in run.settings.detectors:
         sheet = contender(name, recordings, "all").evaluation()

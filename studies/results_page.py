@@ -19,6 +19,7 @@ from scenarios.campaign.summary import wilson
 from studies import difficulty_sweep
 from studies.runner import Study, draw, markdown
 
+ROOT = Path(__file__).parents[1]
 ACCURACY = "accuracy at the packaged threshold, %"
 AT_BEST = "accuracy at the best threshold, %"
 SHOWN_MS, LEAST_PER_MIN = 300.0, 0.1  # ends of the axes of the chart
@@ -60,7 +61,7 @@ def median(item: str, measure: str, q: Quantiles | None) -> Row:
     )
 
 
-class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Claim(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """One figure beside the paper's; ``part`` makes it and names its CSV file."""
 
     claim: str
@@ -71,14 +72,15 @@ class Claim(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Topic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A section of the page. Each of ``tables``: a part, the heading of its items, measures."""
+    """A section of the page. Each of ``tables``: a part, the heading of its items, and the measure
+    of every other heading."""
 
     title: str
     text: str
     claims: list[Claim] = []
-    tables: list[tuple[str, str, list[str]]] = []
+    tables: list[tuple[str, str, dict[str, str]]] = []
     figure: str = ""
-    lanes: bool = False  # with the table of what the nightly lanes have written
+    lanes: bool = False  # with the table of what the nightly tests have written
 
 
 class Kept:
@@ -90,7 +92,6 @@ class Kept:
         )  # fmt: skip
         for each in (self.figures, self.folder):
             each.mkdir(parents=True, exist_ok=True)
-        self._root = root
 
     def csv(self, part: str) -> Path:
         return self.folder / f"{part}.csv"
@@ -125,7 +126,7 @@ class Kept:
         ]
 
     def lines(self, part: str) -> list[dict[str, str]]:
-        """Lines of a CSV file, also of one that a nightly lane writes."""
+        """Lines of a CSV file, also of one that a nightly test writes."""
         if not self.csv(part).exists():
             return []
         with self.csv(part).open(newline="", encoding="utf-8") as file:
@@ -135,7 +136,7 @@ class Kept:
         """Commit of the checkout, marked where more than results differ from it."""
 
         def git(*words: str) -> str:
-            run = subprocess.run(("git", *words), cwd=self._root, capture_output=True, text=True,
+            run = subprocess.run(("git", *words), cwd=ROOT, capture_output=True, text=True,
                                  check=False)  # fmt: skip
             return run.stdout.strip()
 
@@ -154,23 +155,22 @@ def page(topics: Sequence[Topic], intro: str, kept: Kept) -> str:
              f"{minutes:.0f} minutes.", intro.strip()]  # fmt: skip
     for topic in topics:
         parts += [f"## {topic.title}", topic.text.strip()]
-        made_by = dict.fromkeys(part for part, *_ in topic.tables if part in kept.done())
-        if made_by:
-            parts.append(f"Command: `{command(*made_by)}`")
+        if made_by := [claim.part for claim in topic.claims] + [part for part, *_ in topic.tables]:
+            parts.append(f"`{command(*dict.fromkeys(made_by))}`")
         if topic.claims:
             parts.append(claims_table(topic.claims, kept))
         parts += [table(kept, *each) for each in topic.tables]
         if topic.lanes:
-            parts.append(lanes_table(kept))
-        if topic.figure:
-            parts.append(f"![{topic.title}](figures/{topic.figure}.svg)")
+            parts.append(lanes_table())
+        if (kept.figures / f"{topic.figure}.svg").exists():
+            parts.append(f"![{topic.figure}](figures/{topic.figure}.svg)")
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def command(*parts: str) -> str:
     """Makes these parts again."""
-    names = " ".join(parts)
-    return f'make results ONLY="{names}"' if len(parts) > 1 else f"make results ONLY={names}"
+    names = f'"{" ".join(parts)}"' if len(parts) > 1 else parts[0]
+    return f"make results ONLY={names}" + " REAL=FILE" * ("real" in parts)
 
 
 def claims_table(claims: Sequence[Claim], kept: Kept) -> str:
@@ -179,35 +179,32 @@ def claims_table(claims: Sequence[Claim], kept: Kept) -> str:
              Row(c.item, c.measure, None)) for c in claims
     ]  # fmt: skip
     return markdown({
-        "claim": [c.claim for c in claims],
+        "figure": [c.claim for c in claims],
         "paper": [c.paper for c in claims],
         "here": [number(row, row.value) for row in found],
-        "spread": [spread(row) for row in found],
-        "command": [f"`{command(c.part)}`" for c in claims],
+        "interval": [spread(row) for row in found],
     })  # fmt: skip
 
 
-def table(kept: Kept, part: str, heading: str, measures: Sequence[str]) -> str:
+def table(kept: Kept, part: str, heading: str, measures: dict[str, str]) -> str:
     """One line per item, one column per measure."""
-    rows = [row for row in kept.rows(part) if row.measure in measures]
+    rows = [row for row in kept.rows(part) if row.measure in measures.values()]
     items = list(dict.fromkeys(row.item for row in rows))
     cells = {(r.item, r.measure): number(r, r.value) + (f" ({s})" if (s := spread(r)) else "")
              for r in rows}  # fmt: skip
-    named = all(": " in m for m in measures)  # after what they are of, which the text says
-    columns = {m.rpartition(": ")[2] if named else m: [cells.get((i, m), "") for i in items]
-               for m in measures}  # fmt: skip
+    columns = {title: [cells.get((i, m), "") for i in items] for title, m in measures.items()}
     return markdown({heading: items} | columns) if items else "Not measured yet."
 
 
-def lanes_table(kept: Kept) -> str:
-    """Sums over the CSV files of the nightly lanes."""
-    faults, mutants = kept.lines("faults"), kept.lines("mutants")
+def lanes_table() -> str:
+    """Sums over the CSV files that the nightly tests write in the checkout."""
+    faults, mutants = (Kept(ROOT).lines(name) for name in ("faults", "mutants"))
 
     def total(lines: Sequence[dict[str, str]], name: str) -> int | str:
         return sum(int(line[name]) for line in lines) if lines else "not run"
 
     return markdown({
-        "evidence": ["faults injected into simulated lifts", "mutants of the safety core"],
+        "evidence": ["faults injected into simulated lifts", "changed lines of the safety code"],
         "cases": [total(faults, "runs"), total(mutants, "mutants")],
         "failed": [total(faults, "failures"), total(mutants, "survived")],
         "data": ["`results/faults.csv`", "`results/mutants.csv`"],
@@ -231,12 +228,12 @@ def spread(row: Row) -> str:
     if row.high is None:
         return ""
     high = number(row, row.high)
-    return f"p90 {high}" if row.low is None else f"{number(row, row.low)}\N{EN DASH}{high}"
+    return high if row.low is None else f"{number(row, row.low)}\N{EN DASH}{high}"
 
 
 class Curve(msgspec.Struct, frozen=True):
-    """Median delay in ms (None: missed) and false alarms a minute of every threshold, the packaged
-    one first."""
+    """Median delay in ms (None: missed) and false alarms a minute of every threshold, that of the
+    packaged rule first."""
 
     detector: str
     points: list[tuple[float | None, float]]
@@ -265,7 +262,7 @@ def _draw(chart: Any, rows: Sequence[Any], out: Path, size: tuple[float, float])
 
 
 def speed_chart(curves: Sequence[Curve], figure: Any) -> None:
-    """Delay on both horizontal axes; a dot is the packaged threshold."""
+    """Delay on both horizontal axes; a dot is the packaged rule."""
     alarms, accuracy = figure.subplots(1, 2, sharex=True)
     for line, each in enumerate(curves):
         at = [(SHOWN_MS if ms is None else min(ms, SHOWN_MS), max(rate, LEAST_PER_MIN))
@@ -276,7 +273,7 @@ def speed_chart(curves: Sequence[Curve], figure: Any) -> None:
         accuracy.plot(x, a.value, "o", **look)
         accuracy.plot([x, x], [a.low, a.high], color=f"C{line}", lw=1.0)
     alarms.set(yscale="log", ylabel="false alarms a minute of a hand", xlim=(0.0, SHOWN_MS + 5.0))
-    accuracy.set(ylabel=ACCURACY)
+    accuracy.set(ylabel="accuracy at own threshold, %")
     accuracy.legend(fontsize=8, frameon=False)
     for axes in (alarms, accuracy):
         axes.set_xlabel(f"median delay of slip, ms ({SHOWN_MS:.0f}: later or missed)")

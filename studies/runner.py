@@ -46,6 +46,7 @@ class Study(Generic[Task, Row]):
     chart: Callable[[Sequence[Row], Any], None] | None = None  # draws on a Matplotlib figure
     options: Callable[[Parser], None] = _no_options
     figure_size: tuple[float, float] = (9.0, 6.0)  # inches
+    counted: str = "trials"  # what the progress bar counts
 
 
 def add_trials(parser: Parser, seeds: int, objects: Sequence[str] = PAPER_OBJECTS) -> None:
@@ -105,7 +106,7 @@ def run(
     keys = [_key(task) for task in tasks]
     missing = [task for task, key in zip(tasks, keys, strict=True) if key not in stored]
     work = _Keyed(study.trial)
-    with path.open("a", encoding="utf-8") as file, progress("trials") as show:
+    with path.open("a", encoding="utf-8") as file, progress(study.counted) as show:
         if not stored:
             file.write(json.dumps({"versions": versions()}) + "\n")
         for done, (key, row) in enumerate(results(work, missing, workers(args)), 1):

@@ -7,21 +7,21 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from drivers.errors import UsageError
 from grasp.settings import load, read_toml
-from studies import results
+from studies import results, results_page
 from studies.results_page import Kept, Row, Topic, page, speed_chart
 
 TOPICS = [
     {"title": "Beside the paper", "text": "Six rows.", "claims": [
-        {"claim": "lift success, %", "paper": "72.5", "part": "lifts", "item": "can",
-         "measure": "held, %"},
-        {"claim": "real recording", "paper": "", "part": "real", "item": "tcn", "measure": "AUC"},
+        ["lift success, %", "72.5", "lifts", "can", "held, %"],
+        ["real recording", "", "real", "tcn", "AUC"],
     ]},
     {"title": "Lifts", "text": "Two objects.", "tables": [
-        ["lifts", "object", ["held, %", "default: slip p50, mm"]],
-        ["lifts", "object", ["default: slip p50, mm", "default: delay p50, ms"]],
-        ["nothing", "object", ["held, %"]],
-    ]},
+        ["lifts", "object", {"held, %": "held, %", "slip, mm": "default: slip p50, mm"}],
+        ["lifts", "object", {"slip, mm": "default: slip p50, mm", "ms": "default: delay p50, ms"}],
+        ["nothing", "object", {"held, %": "held, %"}],
+    ], "figure": "missing"},
     {"title": "Evidence", "text": "", "lanes": True},
 ]  # fmt: skip
 ROWS = [
@@ -45,7 +45,8 @@ def test_rows_of_a_csv_file_are_read_as_they_were_written(tmp_path: Path) -> Non
     assert json.loads((tmp_path / "results/run.json").read_text())["lifts"]["seconds"] == 90
 
 
-def test_page_is_made_from_rows(tmp_path: Path) -> None:
+def test_page_is_made_from_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results_page, "ROOT", tmp_path)
     found = kept(tmp_path)
     (tmp_path / "results/faults.csv").write_text(
         "fault,state,runs,failures\na,lift,3,0\nb,lift,4,1\n"
@@ -53,14 +54,13 @@ def test_page_is_made_from_rows(tmp_path: Path) -> None:
     text = page(msgspec.convert(TOPICS, list[Topic]), "All simulated.", found)
     lines = text.splitlines()
     assert lines[0] == "# Results" and "in 2 minutes" in lines[2] and "All simulated." in text
-    command = "`make results ONLY="
-    assert f"| lift success, % | 72.5 | 97.5 | 91.2–100.0 | {command}lifts` |" in lines
-    assert f"| real recording |  | not given |  | {command}real` |" in lines
-    assert f"Command: {command}lifts`" in lines
-    assert "| can | 97.5 (91.2–100.0) | 1 (p90 2.35) |" in lines
-    assert "| object | slip p50, mm | delay p50, ms |" in lines
-    assert "| ball | never (p90 never) | 1,234 |" in lines
-    assert "Not measured yet." in lines
+    assert "| lift success, % | 72.5 | 97.5 | 91.2–100.0 |" in lines
+    assert "| real recording |  | not given |  |" in lines
+    assert '`make results ONLY="lifts real" REAL=FILE`' in lines
+    assert "| can | 97.5 (91.2–100.0) | 1 (2.35) |" in lines
+    assert "| object | slip, mm | ms |" in lines
+    assert "| ball | never (never) | 1,234 |" in lines
+    assert "Not measured yet." in lines and "![" not in text
     assert any("| 7 | 1 | `results/faults.csv` |" in line for line in lines)
 
 
@@ -82,6 +82,7 @@ def test_a_part_that_is_done_is_run_again_only_when_asked(
         return [Row("tcn", "AUC", 0.5)]
 
     monkeypatch.setattr(results, "PARTS", {"real": real})
+    monkeypatch.delenv("REAL", raising=False)
     words = ["--out", str(tmp_path), "--work", str(tmp_path / "work"), "--real", "clip.csv"]
     for more in ([], [], ["--again"]):
         assert results.main([*words, *more]) == 0
@@ -89,6 +90,9 @@ def test_a_part_that_is_done_is_run_again_only_when_asked(
     assert "| tcn |  | 0.5 |" in (tmp_path / "docs/results.md").read_text()
     with (tmp_path / "results/real.csv").open(newline="") as file:
         assert [line["value"] for line in csv.DictReader(file)] == ["0.5"]
+    assert results.main([*words[:4], "--again"]) == 0 and len(calls) == 2  # no recording: kept
+    with pytest.raises(UsageError, match="no recording"):
+        results.main([*words[:4], "--only", "real"])
 
 
 def test_chart_has_a_curve_a_detector(tmp_path: Path) -> None:
