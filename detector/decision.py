@@ -15,24 +15,29 @@ MIN_PROBABILITY = 1.0 / (1.0 + math.exp(MAX_LOG_ODDS))
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Evidence that starts a slip event, and quiet samples that end it."""
 
-    # count samples above threshold (paper), or add up log-odds (Page 1954)
-    kind: Literal["consecutive", "cusum"] = "consecutive"
-    # each finger decides alone, or the mean of their log-odds does
-    fusion: Literal["any", "mean"] = "any"
+    kind: Annotated[
+        Literal["consecutive", "cusum"],
+        Meta(description="count samples above threshold (paper), or sum log-odds (Page 1954)"),
+    ] = "consecutive"
+    fusion: Annotated[
+        Literal["any", "mean"],
+        Meta(description="each finger decides alone, or the mean of their log-odds decides"),
+    ] = "any"
     consecutive: Annotated[
         int, Meta(ge=1, le=50, description="samples in a row above threshold that register slip")
     ] = 2  # the paper's
     threshold: Annotated[
-        float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts")
+        float, Meta(gt=0.0, lt=1.0, description="probability above which a sample counts as slip")
     ] = 0.5  # the class border of the paper's two-way softmax
     drift: Annotated[
-        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds a sample that are no evidence")
+        float, Meta(ge=-5.0, le=5.0, description="cusum: log-odds subtracted from every sample's")
     ] = 0.0
     limit: Annotated[
         float, Meta(gt=0.0, le=200.0, description="cusum: summed log-odds that register slip")
     ] = 5.0  # assumed, tuned with `grasp detector tune`
     release: Annotated[
-        int, Meta(ge=1, le=100, description="samples in a row below threshold that end an event")
+        int,
+        Meta(ge=1, le=100, description="samples in a row below threshold that end a slip event"),
     ] = 3  # assumed
 
     @property

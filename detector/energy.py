@@ -23,10 +23,10 @@ class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Window and threshold of the energy detector."""
 
     window: Annotated[
-        int, Meta(ge=1, le=100, description="changes averaged, samples of 10 ms; assumed")
+        int, Meta(ge=1, le=100, description="samples whose changes are averaged; assumed")
     ] = 10
     threshold_counts: Annotated[
-        float, Meta(ge=0.1, le=500.0, description="energy of probability 0.5, counts per sample")
+        float, Meta(ge=0.1, le=500.0, description="energy at probability 0.5, counts per sample")
     ] = 6.0  # assumed: twice that of three loaded taxels of six at rest
 
 

@@ -32,7 +32,7 @@ class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Weights of a network."""
 
     weights: Annotated[
-        str, Meta(description="FILE.onnx or a packaged network; empty: that of the detector's name")
+        str, Meta(description="FILE.onnx or a packaged network; empty: the detector's own")
     ] = ""
 
 

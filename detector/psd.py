@@ -27,7 +27,7 @@ class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Threshold of `psd`."""
 
     threshold_power: Annotated[
-        float, Meta(ge=1.0, le=1e6, description="power above which a window is slip")
+        float, Meta(ge=1.0, le=1e6, description="spectral power of a window above which it is slip")
     ] = 11000.0  # the authors' configuration
 
 
@@ -35,7 +35,7 @@ class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Threshold of `psd-fair`."""
 
     threshold_counts: Annotated[
-        float, Meta(ge=1.0, le=10000.0, description="summed amplitude of probability 0.5")
+        float, Meta(ge=1.0, le=10000.0, description="summed spectral amplitude at probability 0.5")
     ] = 150.0  # assumed: between the authors' recording at rest (59) and slipping (373)
 
 

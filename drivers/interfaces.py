@@ -45,10 +45,10 @@ class FingerState(msgspec.Struct, frozen=True):
 
     @property
     def min_closure_counts(self) -> int:
-        """Lower bound of the closure: the position, or the target where the position is beyond.
+        """Lower bound of the closure: the smaller of position and target.
 
-        A finger closes no farther than its target, within one count; a position beyond that is an
-        encoder error.
+        One count beyond the target is accepted. A finger closes no farther: a position beyond that
+        is an encoder error.
         """
         beyond = self.position_counts - self.requested_counts > 1
         return self.requested_counts if beyond else self.position_counts

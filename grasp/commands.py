@@ -15,7 +15,7 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 class CloseFast(msgspec.Struct, frozen=True, tag=True):
     """The marked fingers close until ``force_cap_n`` or their count limit; the others hold.
-    ``first_stage``: it ends short of the cap; a second closing follows when the hand rests."""
+    ``first_stage``: it ends below the force limit; a second stage follows when the hand rests."""
 
     force_cap_n: float
     closing: tuple[bool, bool, bool]

@@ -11,12 +11,12 @@ GRIP_NS = 60e6  # time constant of the grip force: longer than the pads' oscilla
 
 
 class Stiffness(msgspec.Struct, frozen=True):
-    """Rise of the thumb's force per count of closing, N."""
+    """Rise of the thumb's force per motor count of closing, N."""
 
     newtons_per_count: float
 
     def counts_within(self, rise_n: float) -> int:
-        """Most whole counts of closing that raise the force by at most ``rise_n``; 0 or more."""
+        """Most motor counts of closing that raise the force by at most ``rise_n``; 0 or more."""
         return max(0, math.floor(rise_n / self.newtons_per_count))
 
 
@@ -33,8 +33,8 @@ class ContactEstimator:
         self.longest_gap_ns = 0
         self._t_ns = 0  # of the last sample
         self._thumb_contact_ns = 0  # of the last sample with contact of the thumb
-        self._contact_ns = 0  # with contact of any finger
-        self._within_limit_ns = 0  # with estimated force within the limit and its margin
+        self._contact_ns = 0  # of the last sample with contact of any finger
+        self._within_limit_ns = 0  # of the last sample that was not overloaded
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
@@ -63,7 +63,7 @@ class ContactEstimator:
 
     @property
     def overload_ns(self) -> int:
-        """Time since estimated force was last within the limit and its margin."""
+        """Time since estimated force was last within the limit plus the estimate's margin, ns."""
         return self._t_ns - self._within_limit_ns
 
 

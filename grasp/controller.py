@@ -21,7 +21,7 @@ from grasp.slip_response import RESPONSES
 from grasp.state_timer import StateTimer
 from grasp.states import AIRBORNE_STATES, END_STATES, State, StateMachine, Trigger
 
-ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by futile alarms; assumed
+ALARM_HOLD_NS = 2_000_000_000  # longest extension of a hold by alarms that no closing ends; assumed
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -31,7 +31,7 @@ class Decision(msgspec.Struct, frozen=True):
     slip: SlipStatus
     commands: tuple[Command, ...]
     reset_detector: bool = False
-    first_grasp: bool = False  # the first grasp is complete: the guard measures travel from it
+    first_grasp: bool = False  # complete in this step: the guard measures safe travel from it
     finished: bool = False
 
 
@@ -47,18 +47,20 @@ class GraspController:
         self._plan = plan
         self.slip_monitor = monitor
         self.machine = StateMachine()
-        self.cap_reached = False
+        self.cap_reached = False  # slip continued at the force limit: the object is set down
         self.alarm_stayed = False  # slip was still registered when the hold ended
         self.faults: tuple[Fault, ...] = ()  # why the run ended early
         self._supervisor: SafeStateSupervisor | None = None  # once a safe state was entered
-        self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # else set by `_start`
+        self._line = LiftLine(
+            settings, plan.home or (0.0, 0.0, 0.0)
+        )  # without a home, `_start` sets it
         self._contact = ContactEstimator(settings.contact_n)
         self._timer = StateTimer()
         self._run_monitor = RunMonitor(settings, self._timer, self._contact)
         self._set_down = SetDown(settings, self._line, self._contact, self._timer)
         self.response = RESPONSES[settings.slip_response](settings, plan, self._line)
-        self._firm = False  # the grip is being closed to the force cap
-        self._commands: list[Command] = []  # of this step, as are the next two
+        self._firm = False  # the closing to the force limit has been commanded
+        self._commands: list[Command] = []  # this and the next two: of the present step
         self._reset_detector = self._first_grasp = False
         self._handlers: dict[State, Callable[[Observation], None]] = {
             State.START: self._start, State.HOME: self._home, State.SHAPE: self._shape,
@@ -113,6 +115,7 @@ class GraspController:
         self._timer.update(obs, self.state)
         self.slip_monitor.update(obs.t_ns, obs.probabilities)
         self._contact.update(obs, self.state in AIRBORNE_STATES)
+        # during a response the object may slip unregistered, but not while a margin is added
         responding = self.state is State.COMPENSATE and not self.response.adds_margin
         if responding or self.slip_monitor.status.registered:
             self._set_down.record_slip(obs)
@@ -130,14 +133,15 @@ class GraspController:
         )  # fmt: skip
 
     def abort_commands(self) -> tuple[Command, ...]:
-        """Commands if no further step is possible: of the safe state entered, or of a fault's."""
+        """Commands if no further step is possible: of the safe state entered, else of a fault."""
         hand: tuple[Command, ...] = (HoldFingers(),)  # if a bug prevents the next line
         with suppress(Exception):
             hand = self._abort_state.hand_commands(self.response.slow_closing())
         return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def unconfirmed_parts(self, obs: Observation) -> Unconfirmed:
-        """Parts of that safe state that are not confirmed; a stale hand status confirms nothing."""
+        """Parts of the safe state of ``abort_commands`` that the observation does not confirm. A
+        stale hand status confirms nothing."""
         stale_ns = self._settings.stale_after_s * 1e9
         if obs.gripper.age_ns(obs.t_ns) > stale_ns:
             inputs = msgspec.structs.replace(obs.inputs, gripper_lost=True)
@@ -194,7 +198,7 @@ class GraspController:
             self._transition(Trigger.BRACED, obs, cause, self._grip(self._plan.grip_counts))
 
     def _close(self, obs: Observation) -> None:
-        """The thumb closes to its position; for a firm grip it then closes to the force cap."""
+        """The thumb closes to its position; for a firm grip it then closes to the force limit."""
         if not self._grip_complete(obs):
             return
         cause = "fingers rest at their positions"
@@ -202,7 +206,7 @@ class GraspController:
             self._firm = True
             self._transition(Trigger.TIGHTEN, obs, cause, self.response.slow_closing())
         else:
-            cause = "the thumb stopped at the force cap" if self._firm else cause
+            cause = "the thumb stopped at the force limit" if self._firm else cause
             self._transition(Trigger.GRIPPED, obs, cause)
             self._reset_detector = True
 
@@ -231,9 +235,11 @@ class GraspController:
             self._transition(Trigger.AT_TOP, obs, "arm at the top")
 
     def _respond_to_slip(self, obs: Observation) -> bool:
-        """Start the response to slip, to lost contact or with a due margin; whether it started."""
+        """Respond to slip or lost contact, or add a due margin. Return whether a response started
+        or the object is lost."""
         slip, lost = self.slip_monitor.status, self._contact.thumb_lost
         rising = self.state is State.LIFT  # in `hold` the arm is at rest
+        # at the limit no closing has an effect, and with `hold_by_clock` no set-down follows either
         ignored = self._settings.hold_by_clock and obs.at_cap
         if lost and obs.at_cap:
             self._lose(obs, "contact lost, and the thumb can close no further")
@@ -255,7 +261,7 @@ class GraspController:
         self._repeat_stop(obs, response.arm_stop)
         if not obs.hand_rests:
             self.slip_monitor.closing(obs.t_ns)
-        elif obs.second_stage_due:  # the same response goes on
+        elif obs.second_stage_due:  # of the same response
             self.slip_monitor.closing(obs.t_ns)
             self._commands.append(response.closing(obs, self._contact.thumb_lost))
         elif self._contact.thumb_lost:
@@ -282,7 +288,7 @@ class GraspController:
             self._give_up(obs, "slip continues and the force cannot rise further")
 
     def _give_up(self, obs: Observation, cause: str) -> None:
-        """Set the object down, because no more force is possible."""
+        """Set the object down, because the force cannot rise further."""
         self.cap_reached = True
         self._lower(obs, cause)
 
@@ -295,7 +301,8 @@ class GraspController:
 
     def _hold(self, obs: Observation) -> None:
         """Hold for ``hold_s`` after the last response to slip. Alarms that no closing can end
-        extend it by at most ``ALARM_HOLD_NS``, counted from the first arrival at the top."""
+        extend the hold. It then ends at most ``hold_s`` plus ``ALARM_HOLD_NS`` after the arm first
+        arrived at the top."""
         s, set_down = self._settings, obs.inputs.set_down
         held_ns = obs.t_ns - self.machine.first_ns(State.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
@@ -374,11 +381,12 @@ class GraspController:
         self._commands += commands
 
     def _lasted(self, obs: Observation, duration_s: float) -> bool:
-        """Whether the present state has lasted this long."""
+        """Whether the present state has lasted for ``duration_s``."""
         return obs.t_ns - self._timer.entered_ns >= duration_s * 1e9
 
     def _repeat_stop(self, obs: Observation, stop: StopArm | None) -> None:
-        """Repeat the stop that this state began with while the arm moves, in case it was lost."""
+        """Repeat the arm stop with which this state began while the arm still moves: the command
+        may have been lost."""
         if stop and obs.arm.moving and not obs.pending and self._timer.repeat_due(obs.t_ns):
             self._commands.append(stop)
 

@@ -22,8 +22,8 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
 from grasp.contact_estimator import Stiffness
 
 THUMB_ALONE = (True, False, False)
-# Full speed is allowed as long as limit plus overshoot hold even on a contact this many times
-# stiffer than stated, after a first grasp this much stronger than measured; assumed
+# Margins of safe travel, both assumed: the contact may be this many times stiffer than stated, and
+# the first grasp this much stronger than estimated
 STIFFNESS_MARGIN = 1.3
 FIRST_FORCE_MARGIN_N = 1.0
 
@@ -42,30 +42,47 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """The force limit, and properties of hand and object on which it depends. Values without a
     source are assumed."""
 
-    force_limit_n: Annotated[float, Meta(gt=0.0, le=60.0, description="paper, section V-B")] = 10.0
-    cap_mode: CapMode = "every_finger"
-    # by which true force may exceed the limit on a rigid object
-    overshoot_n: Annotated[float, Meta(ge=0.1, le=20.0, description="past the limit")] = 1.0
-    # of objects that state none; typical: 600-10000 N/m
-    contact_stiffness_npm: Annotated[float, Meta(ge=100.0, le=1e5, description="default")] = 2500.0
-    # of finger and motor, at the tip
-    tip_mass_kg: Annotated[float, Meta(ge=0.001, le=5.0, description="moving inertia")] = 0.1
-    # to where first grasp + stiffness x travel reaches the limit
-    travel_bound: Annotated[bool, Meta(description="also limit closing by position")] = False
-    # of the sum of a fingertip's taxels
-    counts_per_newton: Annotated[float, Meta(ge=1.0, le=5e3, description="calibrate it")] = 160.0
-    # by which estimated force may exceed the limit before closing stops: the estimate's error
-    estimate_margin_n: Annotated[float, Meta(ge=0.0, le=50.0, description="of the estimate")] = 5.0
+    force_limit_n: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="force limit of every closing (paper, V-B)")
+    ] = 10.0
+    cap_mode: Annotated[
+        CapMode,
+        Meta(description="every_finger: the limit holds for each finger, the thumb closes alone; "
+             "each_motor: for each motor, all close and the thumb bears the sum of B and C"),
+    ] = "every_finger"  # fmt: skip
+    # from the momentum of the fingers; it limits the speed of closing
+    overshoot_n: Annotated[
+        float, Meta(ge=0.1, le=20.0, description="accepted excess of true force over the limit")
+    ] = 1.0
+    # typical stiffness: 600-10000 N/m
+    contact_stiffness_npm: Annotated[
+        float, Meta(ge=100.0, le=1e5, description="contact stiffness of objects that state none")
+    ] = 2500.0
+    tip_mass_kg: Annotated[
+        float, Meta(ge=0.001, le=5.0, description="moving mass of finger and motor at the tip")
+    ] = 0.1
+    # that is where force of the first grasp + stiffness x travel reaches the limit
+    travel_bound: Annotated[
+        bool, Meta(description="closing also stops where the stiffness predicts the limit")
+    ] = False
+    counts_per_newton: Annotated[
+        float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
+    ] = 160.0
+    # above the limit; covers the error of the estimate
+    estimate_margin_n: Annotated[
+        float, Meta(ge=0.0, le=50.0, description="excess of estimated force that stops closing")
+    ] = 5.0
 
     @property
     def full_grip_n(self) -> Vector3:
         """Static force of fingers A, B and C, N, once the hand has closed to the limit."""
+        # thumb = B + C: with `every_finger` the thumb bears the limit, B and C half of it each
         share_n = self.force_limit_n * (0.5 if self.cap_mode == "every_finger" else 1.0)
         return 2 * share_n, share_n, share_n
 
 
 class ForceGuard:
-    """Admits gripper commands, changed where a limit requires it. Never raises during a run."""
+    """Admits gripper commands, changed where a limit requires it. No method raises an error."""
 
     def __init__(
         self,
@@ -76,7 +93,7 @@ class ForceGuard:
         free_counts: Counts3 = (0, 0, 0),
     ) -> None:
         """``stiffness``: of the object's contact, or the worst case. ``free_counts``: positions up
-        to which the fingers have no contact.
+        to which the fingers touch nothing, so that closing may be fast.
 
         Raises ConfigError if the gripper's least force is above the limit, or if its least speed
         already causes more overshoot than allowed."""
@@ -117,11 +134,14 @@ class ForceGuard:
         self._first_grasp = (positions, estimated_n)
 
     def safe_travel(self, state: GripperState, estimated_n: Vector3) -> Counts3 | None:
-        """Counts up to which each finger may close at any speed, because there the position limits
-        the force: to the limit at the stated stiffness, and to limit plus overshoot with the
-        margins. None before the first grasp, and where several motors press at once.
+        """Safe travel: the position of each finger, motor counts, up to which closing may be fast.
 
-        Estimated force that the closing does not explain counts as part of the first grasp.
+        It is the smaller of two positions: where the force reaches the limit at the stated
+        stiffness; and where it reaches limit plus overshoot at 1.3 times that stiffness after a
+        first grasp stronger by 1 N. None before the first grasp, and with `each_motor`.
+
+        Estimated force less stiffness x travel takes the place of the first grasp's force where it
+        is larger.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None
@@ -143,7 +163,7 @@ class ForceGuard:
     def admit(
         self, command: GripperCommand, state: GripperState, estimated_n: Vector3
     ) -> GripperCommand:
-        """The command that may be sent to the gripper in place of ``command``."""
+        """The command to send to the gripper in place of ``command``; the same if it is allowed."""
         if isinstance(command, MoveFingers):
             return self._admit_move(command, state, estimated_n)
         if isinstance(command, CloseFast):
@@ -151,7 +171,7 @@ class ForceGuard:
         return command
 
     def overloaded(self, estimated_n: Vector3) -> bool:
-        """Whether estimated force is above the limit by more than the estimate's error."""
+        """Whether estimated force exceeds the limit by more than ``estimate_margin_n``."""
         s = self._settings
         # with `each_motor` the thumb carries the sum of two motors
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
@@ -180,6 +200,7 @@ class ForceGuard:
             return HoldFingers()
         limits = self._within_travel(command.limits_counts)
         closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
+        # a finger that holds does not limit the speed
         moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseFast(
             force_cap_n=min(command.force_cap_n, s.force_limit_n),
@@ -196,14 +217,16 @@ class ForceGuard:
         state: GripperState,
         estimated_n: Vector3,
     ) -> float:
-        """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``."""
+        """The requested speed within the safe travel; beyond, at most ``closing_speed_mps``. While
+        there is no safe travel, the positions without contact (``free_counts``) take its place."""
         free = self.safe_travel(state, estimated_n) or self._free_counts
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return requested_mps if within else min(requested_mps, self.closing_speed_mps)
 
     @property
     def thumb_limit_counts(self) -> int | None:
-        """The thumb's largest position; None where only force ends a closing, or B and C close."""
+        """Position beyond which the thumb may not close, motor counts. None without
+        ``travel_bound``, before the first grasp, and with `each_motor`."""
         alone = self._settings.cap_mode == "every_finger"
         return self._travel_limits[0] if alone and self._travel_limits is not None else None
 
@@ -217,7 +240,8 @@ class ForceGuard:
 
     @property
     def _travel_limits(self) -> Counts3 | None:
-        """Positions at which the fingers' force reaches the limit, rounded down to counts."""
+        """Positions at which the fingers' force reaches the limit at the stated stiffness, rounded
+        down to motor counts; None without ``travel_bound`` and before the first grasp."""
         s = self._settings
         if not s.travel_bound or self._first_grasp is None:
             return None
@@ -228,7 +252,7 @@ class ForceGuard:
         return a, b, c
 
     def estimated_n(self, counts_sum: Vector3) -> Vector3:
-        """Estimate each finger's force, N, from the sum of its counts (pressing is negative)."""
+        """Estimate each finger's force, N, from its summed taxel counts (pressing is negative)."""
         a, b, c = counts_sum
         per_newton = self._settings.counts_per_newton
         return max(0.0, -a / per_newton), max(0.0, -b / per_newton), max(0.0, -c / per_newton)

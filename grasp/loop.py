@@ -45,10 +45,12 @@ from grasp.step import GraspStep, StepResult
 TIMED_OUT = "the run did not end in time"
 LONGER = "if it was only slow, raise loop.deadline_s"
 
-# Constants, because no result depends on them.
-SOON_NS = 1_000_000  # a command due within this is sent before observers run: half a least period
-POLL_NS = 100_000  # between two looks for its acknowledgement
-ABORT_REPEAT_NS = 50_000_000  # between two requests where no step is possible
+# Constants and no settings, because no result depends on them.
+SOON_NS = (
+    1_000_000  # a command due within this is sent before observers run: half the shortest period
+)
+POLL_NS = 100_000  # between two checks whether the gripper has acknowledged a command
+ABORT_REPEAT_NS = 50_000_000  # between two repetitions of the commands of `abort`
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -75,7 +77,7 @@ class Tick(msgspec.Struct, frozen=True):
 
     observation: Observation
     decision: Decision
-    issued: tuple[Issued, ...]  # since the tick before
+    issued: tuple[Issued, ...]  # since the previous tick
 
     @property
     def t_ns(self) -> int:
@@ -109,7 +111,7 @@ class Timing:
         self.repeated_frames = 0  # periods without a new frame
 
 
-# sets the motion that a gripper's own thread makes when polling ends, and its description
+# sets the motion that a gripper driver's thread makes when polling ends, and its description
 _SetFallback = Callable[[Callable[[Gripper], Applied] | None, str], None]
 
 
@@ -126,7 +128,7 @@ class _Waiting(msgspec.Struct, frozen=True):
 class ControlLoop:
     """Runs one grasp step on one set of devices."""
 
-    stop_s = 20.0  # longest duration of a safe state; assumed
+    stop_s = 20.0  # longest time for which the loop waits for a safe state; assumed
     abort_s = 3.0  # longest wait for arm and hand to stop where no step is possible; assumed
     observer_reserve_s = 0.002  # of each period, kept for observers; assumed
 
@@ -159,14 +161,16 @@ class ControlLoop:
         self._set_fallback: _SetFallback | None = getattr(devices.gripper, "set_fallback", None)
 
     def run(self, deadline_s: float) -> None:
-        """Tick until the controller has finished, at most for deadline_s plus the delay by a slow
-        arm.
+        """Tick until the controller has finished, at most for deadline_s plus the additional time
+        of a slow arm.
 
         Raises Interruption between two ticks when a signal has come.
         """
         start_ns, controller = self._clock.now_ns, self._step.controller
         end_ns = start_ns + round(deadline_s * 1e9)
-        self._deadlines = Deadlines(start_ns, self._period_ns)  # time before does not count as late
+        self._deadlines = Deadlines(
+            start_ns, self._period_ns
+        )  # the time before the run does not count as late
         with signals.deferred():
             while not controller.finished and self._clock.now_ns < end_ns + controller.arm_delay_ns:
                 signals.check()
@@ -201,8 +205,8 @@ class ControlLoop:
 
     def stop(self, why: Fault) -> None:
         """End the run: drop queued commands, except a closing that responds to slip, and tick until
-        the safe state that keeps a grip is confirmed. No signal cuts this short, unless it hangs:
-        raises Stuck then.
+        the safe state that keeps a grip is confirmed. Signals do not cut this short. Raises Stuck
+        on a signal if it hangs.
         """
         controller = self._step.controller
         if not controller.finished and not controller.in_safe_state:
@@ -214,7 +218,7 @@ class ControlLoop:
 
     def fail(self, bug: Fault) -> None:
         """End the run because of a bug in this program, in the safe state of a fault. Raises the
-        bug's exception if that fails too."""
+        exception of a further step that fails too."""
         self._queue.clear()
         self._new_errors = (bug,)
         self._reach_safe_state()
@@ -249,7 +253,7 @@ class ControlLoop:
         return self._last
 
     def _commands_to_repeat(self, due: tuple[Command, ...], start_ns: int) -> tuple[Command, ...]:
-        """Commands to repeat; none once arm and hand confirm. A closing in progress is not
+        """Commands to repeat; none once arm and hand have confirmed. A closing in progress is not
         restarted."""
         present = self._present()
         if present is None or min(present.arm.t_ns, present.gripper.t_ns) <= start_ns:
@@ -387,7 +391,7 @@ class ControlLoop:
         )
 
     def _send_before_observers(self) -> None:
-        """Send commands at once and wait for the acknowledgement, if the clock is real. Otherwise
+        """Send commands now and wait for the gripper's acknowledgement, unless time is virtual:
         recorder and display would delay the thread that writes to the gripper."""
         if self._clock.virtual or not self._queue:
             return

@@ -11,13 +11,13 @@ from grasp.fault import ARM, GRIPPER, Fault, stale
 
 
 class StepInput(msgspec.Struct, frozen=True, kw_only=True):
-    """All inputs of one step; ``frame`` is None until the fingertips have sent one.
+    """All inputs of one step. ``frame`` is None until the fingertips have sent one.
 
     ``pending``: a command of an earlier step has not reached its device yet. ``errors``: faults
     that the drivers raised since the last step. ``set_down``: the experiment is complete, and a
-    held object may be set down. ``stop``: why the run must end now, else None.
+    held object is to be set down. ``stop``: why the run must end now, else None.
     ``late_ns``: delay of this step's start, including the reading of the devices. ``took_ns``:
-    duration of the step before. Both are 0 in virtual time.
+    duration of the previous step. Both are 0 in virtual time.
     """
 
     t_ns: int
@@ -41,8 +41,9 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     plausibility checks that failed; ``reported``: failed checks that do not end the run.
     ``estimated_n``: estimated force of each finger, N; ``responsive_n``: the same from responsive
     taxels only, which are neither saturated nor stuck and so would show the loss of contact.
-    ``overloaded``: estimated force is above the limit and its margin. ``last_close``: the closing
-    that was admitted last. ``safe_travel_counts``, ``thumb_limit_counts``: see ``ForceGuard``.
+    ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
+    ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
+    ``thumb_limit_counts``: see ``ForceGuard``.
     ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
     """
 
@@ -80,7 +81,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
         return self.inputs.pending
 
     def device_fault(self, old_ns: float) -> Fault | None:
-        """The first fault that gripper or arm reports, or of a state older than ``old_ns``."""
+        """The first fault of gripper or arm: a state older than ``old_ns``, or a reported fault."""
         if self.gripper.age_ns(self.t_ns) > old_ns:
             return stale(GRIPPER, "gripper status too old")
         if self.arm.age_ns(self.t_ns) > old_ns:
@@ -100,13 +101,13 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def closing_exhausted(self) -> bool:
-        """Whether no closing would have an effect: the hand is at its cap, or the guard admits none
-        because estimated force is above the limit."""
+        """Whether no closing would have an effect: the hand is at the force limit, or the guard
+        admits no closing because estimated force is above the limit."""
         return self.at_cap or (self.overloaded and self.hand_rests)
 
     @property
     def second_stage_due(self) -> bool:
-        """Whether a first stage has ended short of the force cap, so that the second is due."""
+        """Whether a first stage has ended below the force limit, so that the second is due."""
         return self.first_stage and self.hand_rests and not self.closing_exhausted
 
     @property
@@ -116,15 +117,17 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def at_cap(self) -> bool:
-        """Whether another closing would have no effect: each finger that closed last is latched in
-        contact, or has reached the last count that the guard admits, unless that was a first stage.
-        Can be true while a command, mostly one to the arm, is on its way."""
+        """Whether the hand is at the force limit, so that another closing would have no effect.
+
+        Each finger that the last closing moved is then latched in contact or, unless it was a first
+        stage, at the last position that the guard admits. Can be true while a command is pending.
+        """
         close, thumb = self.last_close, self.gripper.fingers[0]
         if not self.gripper.at_rest:
             return False
         if self.thumb_limit_counts is not None and thumb.position_counts >= self.thumb_limit_counts:
             return True
-        if close is None:  # without a closing, only a step to the cap latches the thumb
+        if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(

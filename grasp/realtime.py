@@ -18,7 +18,7 @@ class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Scheduling of a run in wall time."""
 
     priority: Annotated[
-        int, Meta(ge=0, le=90, description="SCHED_FIFO, 0 for none; a run continues without it")
+        int, Meta(ge=0, le=90, description="SCHED_FIFO; 0: none; if refused, the run continues")
     ] = PRIORITY
 
 

@@ -1,7 +1,7 @@
 """SafeState: what arm and hand do once a run has ended early. SafeStateSupervisor: requests it
 until it is confirmed.
 
-The commands depend on the cause (a fault, a stop by a person, a lost object) and on the phase in
+The commands depend on the cause (a fault, a stop by a person, a lost object) and on the state in
 which it occurred. The table is in docs/architecture.md, "Safe states".
 """
 
@@ -19,7 +19,7 @@ from grasp.slip_response.close import SlipResponse
 from grasp.state_timer import REPEAT_NS
 from grasp.states import AIRBORNE_STATES, CLOSING_STATES, CONTACT_STATES, UNMOVED_STATES, State
 
-SAFE_STATE_NS = 3_000_000_000  # an unconfirmed safe state is requested for so long; assumed
+SAFE_STATE_NS = 3_000_000_000  # longest time for which a safe state is requested; assumed
 
 
 class Unconfirmed(NamedTuple):
@@ -30,9 +30,9 @@ class Unconfirmed(NamedTuple):
 
 
 class SafeState(msgspec.Struct, frozen=True):
-    """A safe state that was entered: its phase (lost, stopped or fault), the phase before, the time
-    and the faults that led to it or were found since. ``half_closed``: of a two-stage closing for
-    slip, the first stage was commanded and the second was not."""
+    """A safe state that was entered: its state (lost, stopped or fault), the state before, the time
+    and the faults that led to it or were found since. ``half_closed``: the first stage of a closing
+    for slip was commanded and the second was not."""
 
     phase: State
     before: State
@@ -67,7 +67,8 @@ class SafeState(msgspec.Struct, frozen=True):
         return (closure,) if self.closes_hand else (HoldFingers(),)
 
     def hand_is_safe(self, obs: Observation) -> bool:
-        """Whether the hand's status confirms its part; never in the step that entered the state."""
+        """Whether the hand's status confirms its part. In the step that enters the safe state it
+        cannot, unless the hand gets no command."""
         if self.before in UNMOVED_STATES:
             return True
         if obs.t_ns == self.since_ns and not self.leaves_hand:
@@ -77,7 +78,8 @@ class SafeState(msgspec.Struct, frozen=True):
         return obs.hand_rests
 
     def unconfirmed_arm(self, obs: Observation, stale_ns: float) -> tuple[str, ...]:
-        """Why the arm's standstill is not confirmed, as by a state older than ``stale_ns``."""
+        """Why the arm's standstill is not confirmed; empty if it is. A state older than
+        ``stale_ns`` confirms nothing."""
         if obs.arm.age_ns(obs.t_ns) > stale_ns:
             return ("the arm does not report: whether it has stopped is unknown",)
         if self.arm_implausible:
@@ -98,9 +100,9 @@ class SafeState(msgspec.Struct, frozen=True):
 class SafeStateSupervisor:
     """Repeats the commands of a safe state until the device states confirm it.
 
-    ``over``: it was confirmed, or was waited for long enough. ``unconfirmed``: the parts that were
-    not confirmed at the last step. ``later_faults``: checks that failed since; they are reported
-    and do not change the commands.
+    ``over``: it was confirmed, or ``SAFE_STATE_NS`` have passed. ``unconfirmed``: the parts that
+    were not confirmed at the last step. ``later_faults``: checks that have failed since the safe
+    state was entered; they are reported and do not change the commands to the hand.
     """
 
     def __init__(
@@ -120,8 +122,8 @@ class SafeStateSupervisor:
         stale_ns = self._settings.stale_after_s * 1e9
         arm, hand = self.safe.unconfirmed_arm(obs, stale_ns), self.safe.unconfirmed_hand(obs)
         self.unconfirmed = (*arm, *hand)
-        # an earlier command may still start the hand although its status shows rest, and an arm
-        # may move on although it reports a standstill
+        # only a state confirmed some time after the last request counts as reached: until then the
+        # hand may still start although it reports rest, or the arm move on although it reports none
         due = obs.t_ns - self._requested_ns >= REPEAT_NS
         reached = not self.unconfirmed and due
         waited_ns = obs.t_ns - self.safe.since_ns

@@ -1,7 +1,7 @@
 """SetDown: from the top of the lift down to the table, where the hand opens.
 
-The slip distance and so the arm's height at which the object touches the table are unknown. From
-there on the fingers slide down along the object; where it widens, the grip tightens.
+The slip distance is unknown, and so is the arm's height at which the object touches the table.
+Below that height the fingers slide down along the object; where it widens, the grip tightens.
 """
 
 import math
@@ -17,17 +17,18 @@ from grasp.observation import Observation
 from grasp.state_timer import StateTimer
 from grasp.states import Trigger
 
-CREEP_SHARE = 0.8  # share of the phase time-out that the slow descent may take
-CONTACT_GAP_NS = 100_000_000  # an object falls 5 cm in it, and may be gripped again on the table
-SLIP_MARGIN_M = 0.003  # for slip that ended by itself before it was detected; assumed
-RISE_N = 0.3  # rise of the grip that stops the arm: 7 standard deviations in the simulated hand
+CREEP_SHARE = 0.8  # share of controller.phase_timeout_s that the slow descent may take
+# in this time an object falls 5 cm: it may stand on the table and be gripped at a higher point
+CONTACT_GAP_NS = 100_000_000
+SLIP_MARGIN_M = 0.003  # added for slip that ended undetected; assumed
+RISE_N = 0.3  # rise of grip force that stops the arm: 7 standard deviations in the simulated hand
 STILL_NS = 500_000_000  # rest of the arm before and after a probe: several periods of the pads
-CHECK_N = 0.08  # change of the grip by a probe of a standing object: 3 standard deviations
+CHECK_N = 0.08  # least change of grip force by a conclusive probe: 3 standard deviations
 STEP_M = 5e-4  # probing step down; assumed
-SHORTEST_STEP_M = 2e-4
+SHORTEST_STEP_M = 2e-4  # shortest probing step; assumed
 PROBE_FACTOR = 3  # a probe aims at a change of so many times CHECK_N
-MAX_RISE_SHARE = 0.15  # total rise, of the least grip; a textured face that slides causes less
-MAX_TIGHTENINGS = 8  # without a conclusive probe
+MAX_RISE_SHARE = 0.15  # largest total rise, relative to the least grip; sliding texture causes less
+MAX_TIGHTENINGS = 8  # after so many without a conclusive probe the run ends; assumed
 
 
 class Transition(msgspec.Struct, frozen=True):
@@ -45,8 +46,8 @@ class Step(Enum):
     """Steps of the state `lower.feel`, repeated in this order."""
 
     CREEP = auto()  # slowly down to where the lift began
-    SETTLE = auto()  # the grip has tightened: the arm stops, the pads relax
-    PROBE = auto()  # one small step down: it tightens the grip again if the object stands
+    SETTLE = auto()  # the grip has tightened: the arm stops, and the pads relax
+    PROBE = auto()  # one small step down: it changes the grip force if the object stands
 
 
 class SetDown:
@@ -65,10 +66,10 @@ class SetDown:
         self._contact = contact
         self._timer = timer
         self._step = Step.CREEP
-        self._still_grips_n: list[float] = []  # samples while the arm stands
+        self._still_grips_n: list[float] = []  # grip force in the samples while the arm rests
         self._slipped_m = 0.0  # height of the arm at the last slip
         self._grip_n = 0.0  # grip force when the arm last started down
-        self._least_n = math.inf  # least of these
+        self._least_n = math.inf  # least of these grip forces
         self._tightened_m = 0.0  # height at which the grip last tightened
         self._tightenings = 0
         self._open_m = 0.0  # height at which the hand opens
@@ -79,12 +80,12 @@ class SetDown:
         return self._open_m + self._settings.retreat_m
 
     def record_slip(self, obs: Observation) -> None:
-        """Slip is in progress now, during the lift."""
+        """Record the height of the arm while slip is registered or a response to it lasts."""
         self._slipped_m = self._line.height_m(obs)
 
     def begin(self, cause: str) -> Transition:
-        """Start lowering, unless the object may have fallen and been gripped again higher up: then
-        the closed hand would be pushed down along it."""
+        """Start lowering. If the object may have fallen onto the table and been gripped again at a
+        higher point, lose it instead: lowering would push the closed hand down along it."""
         gap_ns = self._contact.longest_gap_ns
         if gap_ns >= CONTACT_GAP_NS:
             gap = f"no contact for {gap_ns * 1e-9:.2f} s during the lift"
@@ -119,12 +120,12 @@ class SetDown:
 
     @property
     def arm_stop(self) -> StopArm | None:
-        """The stop with which the present step began; None if the arm continues."""
+        """The arm stop with which the present step began; None if the arm moves."""
         stops = self._step is Step.SETTLE
         return StopArm(self._settings.stop_deceleration_mps2) if stops else None
 
     def _still_n(self, obs: Observation) -> float | None:
-        """Mean grip over the second half of ``STILL_NS`` with the arm at rest; None before."""
+        """Mean grip force over the second half of ``STILL_NS`` of rest of the arm; None before."""
         still_ns = self._timer.still_ns
         if still_ns is None:
             self._still_grips_n.clear()
@@ -136,8 +137,9 @@ class SetDown:
 
     @property
     def _highest_support_m(self) -> float:
-        """Greatest height at which the object can touch the table. Since slip ended it has risen
-        with the hand, so it slipped at most by the height of that moment, plus a margin."""
+        """Greatest height of the arm at which the object can touch the table: the largest possible
+        slip distance. Since the last slip the object has risen with the hand, so that distance is
+        the arm's height at the last slip, plus a margin."""
         if self._slipped_m <= 0.0:
             return 0.0
         return min(self._slipped_m + SLIP_MARGIN_M, self._settings.lift_height_m)
@@ -189,9 +191,11 @@ class SetDown:
         return min(max(conclusive_m, SHORTEST_STEP_M), STEP_M)
 
     def _evaluate_probe(self, obs: Observation, grip_n: float) -> Transition:
-        """Decide after a probe whether the object stands. A step down changes the grip only then: a
-        widening face tightens it, a textured face may loosen a tight grip. Where the object cannot
-        stand yet, the cause is drift. The arm goes no lower once the grip has tightened much."""
+        """Decide after a probe whether the object stands: only then does a step down change the
+        grip force. A widening face tightens the grip; a textured face may loosen a tight one.
+
+        A change above the greatest height of support is drift. Once the grip has tightened much,
+        the arm goes no lower and the run ends in `lost`."""
         rise_n = grip_n - self._grip_n
         tight = grip_n - self._least_n >= RISE_N
         too_high = self._line.height_m(obs) > self._highest_support_m + AT_HEIGHT_M

@@ -97,6 +97,9 @@ def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
     """Read config/<kind>/<name>.toml. Raises ConfigError with the known names and ``others``."""
     known, testing = [*names(kind), *others], names(f"{kind}/{UNSEEN}")
     if name in testing:
+        if name in names(kind):
+            problem = f"is also the name of a file in config/{kind}/{UNSEEN}"
+            raise ConfigError(f"config/{kind}/{name}.toml", name, problem, "another name")
         kind = f"{kind}/{UNSEEN}"
     elif name not in names(kind):
         rest = f"; held out for tests: {', '.join(testing)}" if testing else ""
@@ -117,16 +120,25 @@ def is_path(word: str) -> bool:
 
 
 def item_layer(kind: str, section: str, word: str) -> Layer:
-    """Read an item by name in config/<kind>, or from a user's file with only that section and a
-    name that is not taken. Raises ConfigError."""
+    """Read an item by name or path in config/<kind>, or from a user's file with only that section
+    and a name that is not taken. Raises ConfigError."""
+    path = Path(word)
     if not is_path(word):
         return named_layer(kind, word)
-    layer = read_toml(Path(word))
+    if is_packaged(kind, path):
+        return with_free_name(named_layer(kind, path.stem), kind, section, path.stem)
+    layer = read_toml(path)
     for key in sorted(layer.table.keys() - {section}):
         raise ConfigError(word, key, f"does not belong to the {section}", f"only [{section}]")
     if not isinstance(layer.table.get(section), dict):
         raise ConfigError(word, section, "missing", f"a section [{section}]")
     return with_free_name(layer, kind, section)
+
+
+def is_packaged(kind: str, path: Path) -> bool:
+    """Whether a file is in config/<kind> or its folder of held-out test objects."""
+    folder = (config_dir() / kind).resolve()
+    return path.resolve().parent in (folder, folder / UNSEEN)
 
 
 def with_free_name(layer: Layer, kind: str, section: str, chosen: Any = None) -> Layer:

@@ -11,21 +11,26 @@ from detector.decision import DecisionRule
 
 
 class SlipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """When the detector's output counts."""
+    """When the detector's output is used."""
 
     # the detector's memory, and the first relaxation of the rubber
     mask_after_closing_s: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="after the hand has closed")
+        float,
+        Meta(
+            ge=0.0,
+            le=2.0,
+            description="time after the hand has closed in which slip is not decided",
+        ),
     ] = 0.14
 
 
 class SlipStatus(msgspec.Struct, frozen=True):
     """The monitor's result after one sample."""
 
-    armed: bool
-    masked: bool = False
-    registered: bool = False  # the status shown to people: REGISTERED or nominal
-    event: bool = False  # slip was registered in this sample
+    armed: bool  # slip is monitored
+    masked: bool = False  # the hand closes or has just closed: nothing is decided
+    registered: bool = False  # slip has been registered and has not ended yet
+    event: bool = False  # a slip event begins with this sample
     finger: int = -1  # finger that registered last; -1: none
 
 
@@ -56,12 +61,12 @@ class SlipMonitor:
         self.status = DISARMED
 
     def closing(self, now_ns: int) -> None:
-        """The fingers are moving: mask until ``mask_after_closing_s`` after this."""
+        """Note that the fingers move now: mask until ``mask_after_closing_s`` after ``now_ns``."""
         self.masked_until_ns = now_ns + self._mask_ns
         self._rule.interrupt()
 
     def update(self, now_ns: int, probabilities: NDArray[np.float64]) -> SlipStatus:
-        """Take one sample (fingers,) of probabilities."""
+        """Take one sample of probabilities (fingers,); returns the new status."""
         before = self.status
         if before.armed and now_ns < self.masked_until_ns:
             self.status = SlipStatus(True, True, before.registered, False, before.finger)

@@ -20,7 +20,7 @@ class State(StrEnum):
     SHAPE = "approach.shape"  # fingers on their way to just short of the object
     TARE = "grasp.tare"  # unloaded: rest counts are taken
     BRACE = "grasp.brace"  # B and C on their way to their positions on the object
-    CLOSE = "grasp.close"  # the thumb closes last; for a firm grip it then closes to the force cap
+    CLOSE = "grasp.close"  # the thumb closes last; for a firm grip then to the force limit
     SETTLE = "grasp.settle"  # the pads relax
     BASELINE = "grasp.baseline"  # the detector takes its baseline before the arm moves
     LIFT = "lift"  # the arm on its way up

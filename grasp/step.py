@@ -25,7 +25,7 @@ from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import OPEN_STATES, UNTARED_STATES
 
-SLIP_LIKELY = 0.5  # below this the kind of slip means nothing: it is trained on slip only
+SLIP_LIKELY = 0.5  # below this the kind of slip is not read: it is trained on slip only
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -47,7 +47,7 @@ class GraspStep:
         monitors: Monitors | None = None,
         motion: Callable[[], Motion | None] = lambda: None,
     ) -> None:
-        """``motion``: the kind of slip of the detector's latest frame."""
+        """``motion``: reads the detector's estimate of the kind of slip at its latest frame."""
         self.controller = controller
         self._motion = motion
         self._detector = detector
@@ -56,7 +56,7 @@ class GraspStep:
         self._estimated_n: Vector3 = (0.0, 0.0, 0.0)
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
         self.last_close: CloseFast | None = None  # the closing that was admitted last
-        self._fingertips_failed = False  # in this run, by a plausibility check
+        self._fingertips_failed = False  # a plausibility check of them has failed in this run
         self._tared = False  # counts are relative to rest counts that this run has taken
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
 
@@ -73,7 +73,7 @@ class GraspStep:
         return StepResult(observation, decision, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
-        """The command that the guard admits in place of this one, by the latest force estimate."""
+        """The command that the guard admits instead, at the latest estimated force."""
         if not isinstance(command, GripperCommand):
             return command
         admitted = self._guard.admit(command, gripper, self._limiting_n)
@@ -82,7 +82,7 @@ class GraspStep:
         return admitted
 
     def fallback(self, gripper: GripperState) -> GripperCommand | None:
-        """The hand's command for the case that no further step follows; None: no change."""
+        """The hand's safe command if the loop ends now. None: leave the hand as it is."""
         if self.controller.finished:
             return None
         hand = (c for c in self.controller.abort_commands() if isinstance(c, GripperCommand))
@@ -95,15 +95,16 @@ class GraspStep:
         self._fingertips_failed |= implausible(found, FINGERTIPS)
         faults = (*inputs.errors, *filter(self._monitors.stops, found))
         reported = tuple(fault for fault in found if fault not in faults)
+        # `grasp.tare` counts as tared: there is no frame until this run's rest counts are taken
         self._tared |= state not in UNTARED_STATES
-        # a detector that failed or hung must not delay the safe state that this step enters
-        safe = bool(inputs.stop or faults) or self.controller.in_safe_state
+        # a detector that failed or hung must not delay the safe state
+        safe_state_due = bool(inputs.stop or faults) or self.controller.in_safe_state
         frame, probabilities = inputs.frame, np.zeros(FINGERS)
         failure: Fault | None = None
         if frame is not None and self._tared:
             if self._monitors.force_plausible:
                 self._estimate_force(frame.counts)
-            if not safe:
+            if not safe_state_due:
                 probabilities, failure = self._detect(frame)
         if failure is not None and state not in OPEN_STATES:  # contact is expected
             faults = (*faults, failure)
@@ -123,8 +124,9 @@ class GraspStep:
 
     @property
     def _limiting_n(self) -> Vector3:
-        """Estimated force by which the guard refuses a closing. After a failed fingertip check it
-        counts responsive taxels only: a stuck fingertip must not make the hand drop the object."""
+        """Estimated force that the guard compares with the limit. After a failed fingertip check
+        only responsive taxels of live fingertips count: a stuck fingertip that reads high would
+        otherwise block a closing, and the object could fall."""
         if not self._fingertips_failed:
             return self._estimated_n
         fingers = zip(self._responsive_n, self._monitors.fingertips.dead, strict=True)

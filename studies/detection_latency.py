@@ -90,7 +90,7 @@ def table(rows: Sequence[Row]) -> str:
     at = markdown(names | {
         f"later than the paper's {PAPER_MS:.0f} ms, %":
             [f"{100 * (each > PAPER_MS).mean():.0f}" for each in delays],
-        "false events a minute of a hand": [f"{row.false_per_min_hand:.1f}" for row in rows],
+        "false alarms a minute of a hand": [f"{row.false_per_min_hand:.1f}" for row in rows],
         "accuracy, %": [f"{100 * row.accuracy:.1f}" for row in rows],
     })  # fmt: skip
     return f"{late}\n\n{at}"

@@ -1,4 +1,4 @@
-"""Delay against false events of every decision rule, and accuracy against the cost of an update.
+"""Delay against false alarms of every decision rule, and accuracy against the cost of an update.
 
 Measure cost with `--jobs 1`: parallel workers slow each other down.
 """
@@ -36,7 +36,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """Result of a detector. ``points``: false events a minute of a hand, least median and 90 %
+    """Result of a detector. ``points``: false alarms a minute of a hand, least median and 90 %
     delay, ms; infinite if missed."""
 
     detector: str
@@ -72,7 +72,7 @@ def table(rows: Sequence[Row]) -> str:
     best = [points[-1] if points else (0.0, float("inf"), float("inf")) for points in within]
     return markdown({
         "detector": [f"`{row.detector}`" for row in rows],
-        f"p50, ms, at {BUDGET_PER_MIN:g} false event a minute": [f"{p[1]:.0f}" for p in best],
+        f"p50, ms, at {BUDGET_PER_MIN:g} false alarm a minute": [f"{p[1]:.0f}" for p in best],
         "p90, ms, by the same rule": [f"{p[2]:.0f}" for p in best],
         "accuracy, %": [f"{100 * row.accuracy:.1f}" for row in rows],
         "update p50, µs": [f"{row.compute_us[0]:.0f}" for row in rows],
@@ -96,7 +96,7 @@ def chart(rows: Sequence[Row], figure: Any) -> None:
                   label="human grip reflex")  # fmt: skip
     speed.plot(PAPER_FALSE_PER_MIN, PAPER_DELAY_MS, "k*", ms=11, label="paper, real data")
     speed.set(xscale="log", xlim=(LEAST_PER_MIN, 300.0), ylim=(-10.0, top),
-              xlabel="false events a minute of a hand",
+              xlabel="false alarms a minute of a hand",
               ylabel="delay from the label's rise, ms: median, and 90 % (dotted)")  # fmt: skip
     ticks = range(0, int(SHOWN_MS) + 1, 50)
     speed.set_yticks([*ticks, (SHOWN_MS + top) / 2], [*map(str, ticks), "missed,\nor later"])
@@ -112,5 +112,5 @@ def shown_ms(delay_ms: float, line: int) -> float:
     return delay_ms if delay_ms <= SHOWN_MS else SHOWN_MS + LINE_MS * (line + 1)
 
 
-STUDY = Study("delay against false events, and accuracy against cost", grid, trial, Row, table,
+STUDY = Study("delay against false alarms, and accuracy against cost", grid, trial, Row, table,
               chart, add_options, (12.0, 5.5))  # fmt: skip

@@ -30,6 +30,14 @@ REACH_COUNTS = 4  # search range beyond first contact
 SHOWN = 5  # of the triples found
 
 
+FAILURES = {
+    "loose": "thumb too loose",
+    "firm": "thumb too firm",
+    "finger": "B or C too loose",
+    "holds": "does not slip",
+}  # in words, by the keys of `Grip.fails`
+
+
 class Criteria(msgspec.Struct, frozen=True):
     """A grasp that is weak enough; the paper gives no numbers."""
 
@@ -199,21 +207,24 @@ def table(rows: Sequence[Row]) -> str:
         "object": [name for _, name, _ in lines],
         "rank": [rank for rank, *_ in lines],
         "counts A B C": ["{} {} {}".format(*g.counts) for g in grips],
-        "thumb, N: least relaxed, median, most": [
-            ", ".join(f"{f:.2f}" for f in g.thumb_n) for g in grips
-        ],
+        "thumb, N: least (relaxed pads)": [f"{g.thumb_n[0]:.2f}" for g in grips],
+        "median": [f"{g.thumb_n[1]:.2f}" for g in grips],
+        "most": [f"{g.thumb_n[2]:.2f}" for g in grips],
         "friction carries at most, %": [100 * g.carried for g in grips],
-        "failed samples, %": [
-            ", ".join(f"{name} {100 * f:.1f}" for name, f in g.fails.items() if f) or "none"
-            for g in grips
-        ],
+        "samples that fail a criterion, %": [_failures(g) for g in grips],
     })  # fmt: skip
     found = [
         f"{row.object}: {row.slipped} of {row.lifts} lifts with the best slipped; the criteria are "
-        f"{'met' if row.meets else 'not met'}."
+        + ("met." if row.meets else f"not met by {_failures(row.found[0])} % of its samples.")
         for row in rows
     ]
     return "\n".join([text, "", *found])
+
+
+def _failures(grip: Grip) -> str:
+    """Criteria that samples of a grip fail, with the share in percent."""
+    shares = [f"{FAILURES[name]} {100 * f:.1f}" for name, f in grip.fails.items() if f]
+    return ", ".join(shares) or "none"
 
 
 STUDY = Study("finger positions that hold an object too weakly to lift it", grid, trial, Row, table,

@@ -145,7 +145,7 @@ def table(rows: Sequence[Row]) -> str:
         "delay, ms: p50 / p90 / p99":
             [q and f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}" for q in found],
         "recall": [f"{row.recall:.3f}" for row in rows],
-        "false events a minute": [f"{row.false_per_min:.1f}" for row in rows],
+        "false alarms a minute": [f"{row.false_per_min:.1f}" for row in rows],
     })  # fmt: skip
     return f"{samples}\n\n{events}"
 

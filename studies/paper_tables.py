@@ -157,7 +157,7 @@ def require_cells(recordings: Sequence[Recording]) -> None:
     if few:
         raise UsageError(
             f"{len(few)} of {len(KEYS)} cells have fewer than {LEAST_RECORDINGS} recordings",
-            "build a larger set: `grasp dataset build paper --seed N`",
+            "build a larger set: `grasp dataset build paper --seed N --share 0.6`",
         )
 
 

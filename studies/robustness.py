@@ -59,7 +59,7 @@ GRID: dict[str, tuple[str, float, tuple[float, ...]]] = {  # unit, amount of no 
 }
 TITLES = {
     "accuracy": "accuracy", "recall": "recall", "p90_ms": "p90 delay, ms",
-    "false_per_min": "false events a minute", "taps": "taps of 2 mm registered",
+    "false_per_min": "false alarms a minute", "taps": "taps of 2 mm registered",
     "no_slip_taps": "no-slip taps registered",
 }  # fmt: skip
 BROKEN = ("dead", "stuck", "swapped", PAD)  # share one column of the chart

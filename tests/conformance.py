@@ -42,12 +42,12 @@ DeviceT = TypeVar("DeviceT")
 STEP_S = 0.01
 SOON_S = 5.0  # time limit for immediate reactions
 ACTIVATION_S = 60.0
-NEAR_COUNTS = 3  # of a target; a count is 0.8 mm
+NEAR_COUNTS = 3  # tolerance at a target; a count is 0.8 mm
 NEAR_M = 0.002
 
 
 class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
-    """A connected device, its clock, and a function that waits."""
+    """Test bench: a connected device, its clock, and a function that waits."""
 
     device: DeviceT
     now_ns: Callable[[], int]
@@ -67,7 +67,8 @@ class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
             poll(self.now_ns())
 
     def errors(self, poll: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
-        """The first error after the link was cut, or None; other exceptions pass through."""
+        """Poll until the first GraspError: a list of that error, empty if there is none within
+        ``seconds``. Other exceptions pass through."""
         end_ns = self.now_ns() + round(seconds * 1e9)
         while self.now_ns() < end_ns:
             try:
@@ -84,7 +85,7 @@ class GripperConformance:
 
     speed_mps = 0.05
     force_n = 15.0  # that the hand can be set to
-    far = (60, 60, 60)  # counts that every finger can reach without meeting anything
+    free_counts = (60, 60, 60)  # targets that every finger reaches without contact
     further_counts = (100, 60, 60)
 
     def ready(self, bench: Bench[Gripper]) -> Gripper:
@@ -98,7 +99,7 @@ class GripperConformance:
 
     @staticmethod
     def state(gripper: Gripper) -> GripperState:
-        """The latest one, which must exist."""
+        """The latest state; fails if there is none."""
         state = gripper.state
         assert state is not None
         return state
@@ -114,7 +115,7 @@ class GripperConformance:
         with pytest.raises(AttributeError):
             first.seq = 0  # type: ignore[misc]
 
-    def test_it_is_activated_by_its_verb_alone(self, bench: Bench[Gripper]) -> None:
+    def test_only_activate_activates_it(self, bench: Bench[Gripper]) -> None:
         gripper = bench.device
         bench.until(gripper.poll, lambda: gripper.state is not None)
         assert not self.state(gripper).active
@@ -122,23 +123,23 @@ class GripperConformance:
 
     def test_fingers_move_to_their_targets(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
-        applied = gripper.move_to(self.far, self.speed_mps, self.force_n)
-        assert applied.targets_counts == self.far
-        bench.until(gripper.poll, lambda: self.state(gripper).requested == self.far)
+        applied = gripper.move_to(self.free_counts, self.speed_mps, self.force_n)
+        assert applied.targets_counts == self.free_counts
+        bench.until(gripper.poll, lambda: self.state(gripper).requested == self.free_counts)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
-        self.at_rest_at(gripper, self.far)
+        self.at_rest_at(gripper, self.free_counts)
 
     def at_rest_at(self, gripper: Gripper, counts: tuple[int, int, int]) -> None:
-        """Assert that each finger is at rest near its count."""
+        """Assert that each finger is within ``NEAR_COUNTS`` of its target."""
         pairs = zip(self.state(gripper).positions, counts, strict=True)
         assert all(abs(at - there) <= NEAR_COUNTS for at, there in pairs)
 
     def test_a_status_from_before_a_command_is_not_fresh(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
-        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        gripper.move_to(self.free_counts, self.speed_mps, self.force_n)
         assert not self.state(gripper).at_rest
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
-        self.at_rest_at(gripper, self.far)
+        self.at_rest_at(gripper, self.free_counts)
 
     def test_it_says_what_force_it_applies_and_never_more_than_it_may(
         self, bench: Bench[Gripper]
@@ -146,11 +147,11 @@ class GripperConformance:
         gripper = self.ready(bench)
         least_n = gripper.least_force_n
         for requested_n in (least_n, least_n + 0.3, self.force_n):
-            applied = gripper.move_to(self.far, self.speed_mps, requested_n)
+            applied = gripper.move_to(self.free_counts, self.speed_mps, requested_n)
             assert least_n <= applied.force_n <= requested_n + 1e-9
             bench.until(gripper.poll, lambda: self.state(gripper).fresh)
         with pytest.raises(Refused):
-            gripper.move_to(self.far, self.speed_mps, 0.9 * least_n)
+            gripper.move_to(self.free_counts, self.speed_mps, 0.9 * least_n)
         with pytest.raises(Refused):
             gripper.close_fast(
                 0.9 * least_n, (True, False, False), self.further_counts, self.speed_mps
@@ -160,7 +161,7 @@ class GripperConformance:
         self, bench: Bench[Gripper]
     ) -> None:
         gripper = self.ready(bench)
-        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        gripper.move_to(self.free_counts, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         before = self.state(gripper).positions
         gripper.close_fast(self.force_n, (True, False, False), self.further_counts, self.speed_mps)
@@ -170,15 +171,17 @@ class GripperConformance:
 
     def test_hold_stops_moving_fingers(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
-        gripper.move_to(self.far, 0.022, self.force_n)
-        bench.until(gripper.poll, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
+        gripper.move_to(self.free_counts, 0.022, self.force_n)
+        bench.until(
+            gripper.poll, lambda: self.state(gripper).positions[0] > self.free_counts[0] // 3
+        )
         gripper.hold()
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest)
-        assert self.state(gripper).positions[0] < self.far[0] - NEAR_COUNTS
+        assert self.state(gripper).positions[0] < self.free_counts[0] - NEAR_COUNTS
 
     def test_an_open_hand_is_reported_open(self, bench: Bench[Gripper]) -> None:
         gripper = self.ready(bench)
-        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        gripper.move_to(self.free_counts, self.speed_mps, self.force_n)
         bench.until(gripper.poll, lambda: self.state(gripper).at_rest, 20.0)
         gripper.open(self.speed_mps)
         bench.until(
@@ -212,7 +215,7 @@ class FingertipConformance:
 
     @staticmethod
     def frame(sensor: TactileSensor) -> TactileFrame:
-        """The latest one, which must exist."""
+        """The latest frame; fails if there is none."""
         frame = sensor.frame
         assert frame is not None
         return frame
@@ -296,7 +299,7 @@ class ArmConformance:
 
     @staticmethod
     def state(arm: Arm) -> ArmState:
-        """The latest one, which must exist."""
+        """The latest state; fails if there is none."""
         state = arm.state
         assert state is not None
         return state
@@ -314,8 +317,7 @@ class ArmConformance:
     def test_position_is_reported_with_its_age(self, bench: Bench[Arm]) -> None:
         state = self.state(self.standing(bench))
         assert 0 <= state.age_ns(bench.now_ns()) < 1_000_000_000
-        applied = (*state.position_m, *state.velocity_mps)
-        assert all(math.isfinite(value) for value in applied)
+        assert all(math.isfinite(x) for x in (*state.position_m, *state.velocity_mps))
 
     def test_a_move_starts_at_once_and_ends_at_its_target(self, bench: Bench[Arm]) -> None:
         arm = self.standing(bench)

@@ -239,7 +239,7 @@ def cause_of(recording: Recording) -> str:
 
 
 def hand_rate(streams: Sequence[Streamed], outcomes: Sequence[EventOutcomes]) -> float | None:
-    """False events a minute of a hand of three fingers; one finger counts as a third of a hand."""
+    """False alarms a minute of a hand of three fingers; one finger counts as a third of a hand."""
     hand_s = sum(
         o.static_s * s.recording.fingers / HAND_FINGERS
         for s, o in zip(streams, outcomes, strict=True)
@@ -275,7 +275,7 @@ def stroke_intervals(
 def recording_intervals(
     parts: Sequence[tuple[Floats, Labels]], outcomes: Sequence[EventOutcomes], threshold: float
 ) -> dict[str, Interval]:
-    """Intervals of AUC, accuracy, recall, false events a minute and median delay."""
+    """Intervals of AUC, accuracy, recall, false alarms a minute and median delay."""
     rng = np.random.default_rng(0)
     resamples = [rng.integers(0, len(parts), len(parts)) for _ in range(RESAMPLES_OF_A_SET)]
     block = np.repeat(np.arange(len(parts)), [len(labels) for _, labels in parts])

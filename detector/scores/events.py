@@ -69,7 +69,7 @@ class Slips(msgspec.Struct, frozen=True, eq=False):
     truth: Events
     t_s: Floats
     earliest_s: Floats  # (m,) an event that starts at this time or later detects the slip
-    counted: Labels  # (n,) slips and false events that start in these samples count
+    counted: Labels  # (n,) slips and false alarms that start in these samples count
     static_s: float
     path_mm: Floats | None  # (n,) distance slid until each sample
 
@@ -83,7 +83,7 @@ def slips_of(
     speed_mps: Floats | None = None,
     excluded: Labels | None = None,
 ) -> Slips:
-    """True slips from labels (n,) at times (n,). Slips and false events count if they start at
+    """True slips from labels (n,) at times (n,). Slips and false alarms count if they start at
     ``first_sample`` or later and outside the ``excluded`` samples (n,), which are not static time
     either. With the sliding speed ``speed_mps`` (n,), an event may start as soon as the contact
     moves, and delays are also in mm."""

@@ -1,7 +1,7 @@
 """Label-free calibration of a decision rule: from a hold without slip that ends with an unloading.
 
 The maxima per second of the value that the rule compares with its threshold are modelled by an
-exponential tail above their upper quartile. Extrapolating the tail to the budget of false events
+exponential tail above their upper quartile. Extrapolating the tail to the budget of false alarms
 gives the threshold. The unloading proves that the fingertips measured a load, and ends the hold.
 """
 
@@ -88,8 +88,8 @@ def calibrate_rule(
     Raises UsageError for holds that are too short, and if no threshold keeps to the budget.
     """
     if budget_per_min <= 0.0:
-        remedy = "allow some false events with --budget, e.g. 0.1 a minute"
-        raise UsageError("a budget of 0 false events has no threshold", remedy)
+        remedy = "allow some false alarms with --budget, e.g. 0.1 a minute"
+        raise UsageError("a budget of 0 false alarms has no threshold", remedy)
     values = [decision_values(p, rule) for p in holds]
     seconds = [v[: len(v) // BLOCK * BLOCK].reshape(-1, BLOCK).max(axis=1) for v in values]
     maxima = np.concatenate(seconds)
@@ -106,7 +106,7 @@ def calibrate_rule(
     else:
         raise UsageError(
             "this detector classifies the hold without slip as slip",
-            "allow more false events with --budget, or require more consecutive samples",
+            "allow more false alarms with --budget, or require more consecutive samples",
         )
     minutes = len(maxima) * BLOCK / SAMPLES_PER_MIN
     return CalibratedRule(tuned, level, interval, minutes, load_counts)

@@ -1,6 +1,6 @@
-"""Sweep of decision rules and thresholds over a detector's output: delay against false events.
+"""Sweep of decision rules and thresholds over a detector's output: delay against false alarms.
 
-A detector's curve is the least delay for each rate of false events (AMOC, Fawcett and Provost
+A detector's curve is the least delay for each rate of false alarms (AMOC, Fawcett and Provost
 1999). Impacts are scored separately: an event in the time of an impact is neither a slip nor false.
 """
 
@@ -112,7 +112,7 @@ def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | No
 
 
 def within_budget(p: SweepPoint, budget_per_min: float) -> bool:
-    """Whether a point is within the budget of false events and MAX_FALSE_IMPACTS."""
+    """Whether a point is within the budget of false alarms and MAX_FALSE_IMPACTS."""
     return p.false_per_min <= budget_per_min and p.false_impacts <= MAX_FALSE_IMPACTS
 
 
@@ -139,7 +139,7 @@ def thresholds_at_budget(points: Iterable[SweepPoint], budget_per_min: float) ->
 
 
 def pareto_front(points: Iterable[SweepPoint]) -> list[SweepPoint]:
-    """Pareto-optimal points in false events and median delay, fewest false events first."""
+    """Pareto-optimal points in false alarms and median delay, fewest false alarms first."""
     kept: list[SweepPoint] = []
     for p in sorted(points, key=lambda p: (p.false_per_min, p.delay_ms)):
         if not kept or p.delay_ms < kept[-1].delay_ms:

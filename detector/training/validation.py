@@ -11,12 +11,12 @@ from detector.recordings import LabelName, Recording
 from detector.scores.evaluation import Streamed
 from detector.scores.sweep import MISS_MS, best, rules, sweep
 
-BUDGETS_PER_MIN = (0.5, 1.0, 2.0, 4.0)  # of false events, over three fingers
+BUDGETS_PER_MIN = (0.5, 1.0, 2.0, 4.0)  # of false alarms, over three fingers
 NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
 
 
 class Score(msgspec.Struct, frozen=True):
-    """Score of one validation. ``delay_ms`` is the least mean delay within a budget of false events
+    """Score of one validation. ``delay_ms`` is the least mean delay within a budget of false alarms
     (`scores.sweep.best`), averaged over budgets; MISS_MS for a budget that no rule keeps to."""
 
     delay_ms: float

@@ -26,22 +26,30 @@ class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     pressed_bytes: Annotated[
         tuple[int, ...], Meta(description="force bytes that were measured on a scale")
     ] = ()
-    presses: Annotated[int, Meta(ge=0, description="measurements per byte; 0: unknown")] = 0
-    least_force_n: Annotated[float, Meta(ge=1, le=30, description="static force of byte 0, N")]
+    presses: Annotated[
+        int, Meta(ge=0, description="number of presses per force byte; 0: unknown")
+    ] = 0
+    least_force_n: Annotated[
+        float, Meta(ge=1, le=30, description="N, static force of force byte 0")
+    ]
     most_force_n: Annotated[
-        float, Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
+        float, Meta(ge=15, le=80, description="N, static force of force byte 255; manual p. 47")
     ] = 60.0
     force_exponent: Annotated[
-        float, Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed")
+        float,
+        Meta(ge=0.3, le=3, description="exponent of force over force byte, 1 = linear; assumed"),
     ] = 1.0
     least_speed_mps: Annotated[
-        float, Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
+        float,
+        Meta(ge=0.001, le=0.1, description="m/s, finger speed of speed byte 0; manual: 22 mm/s"),
     ] = 0.022
     speed_step_mps: Annotated[
-        float, Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255")
+        float,
+        Meta(ge=1e-5, le=1e-3, description="m/s per count of the speed byte; 88 mm/s over 255"),
     ] = 0.000345
     m_per_count: Annotated[
-        float, Meta(ge=0.0003, le=0.0012, description="travel of a count, m; TR711; others 0.47 mm")
+        float,
+        Meta(ge=0.0003, le=0.0012, description="m of fingertip travel; TR711; others 0.47 mm"),
     ] = 0.00077
 
     def __post_init__(self) -> None:

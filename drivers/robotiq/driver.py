@@ -1,8 +1,8 @@
 """Driver core of the Robotiq 3-Finger gripper: verbs set intent, ``poll`` does one exchange.
 
 No thread, no sleep, no clock of its own. Source of the rules: Robotiq 3-Finger manual, 2014/2018.
-Every register image carries, for each finger, a force byte whose calibrated force is within the cap
-of the verb that made it, or byte 0, the least force of the hand.
+Every register image carries, for each finger, a force byte whose calibrated force is within the
+limit of the verb that made it, or byte 0, the least force of the hand.
 """
 
 import math

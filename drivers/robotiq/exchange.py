@@ -40,16 +40,16 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = ""
     link: Annotated[
         Literal["tcp", "rtu"],
-        Meta(description="link whose register addresses are used; manual p. 59, 75"),
+        Meta(description="Modbus link whose registers are used; manual p. 59, 75"),
     ] = "tcp"
     refresh_hz: Annotated[
         Literal[100, 200], Meta(description="register refresh rate of the hand, Hz; manual p. 75")
     ] = 100
     write_interval_s: Annotated[
-        float, Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
+        float, Meta(ge=0.005, le=0.1, description="s, least time between two writes; manual p. 75")
     ] = 0.01
     whole_writes: Annotated[
-        bool, Meta(description="always write all registers, for a hand that requires it")
+        bool, Meta(description="write all registers every time, for a hand that requires it")
     ] = False
 
 

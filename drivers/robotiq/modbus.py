@@ -35,10 +35,18 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Address of the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
-    host: Annotated[str, Meta(description="address, 192.168.1.11 as shipped; empty: not set")] = ""
-    port: Annotated[int, Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
-    serial_port: Annotated[str, Meta(description="serial line, for RTU; empty: not set")] = ""
-    slave: Annotated[int, Meta(ge=1, le=247, description="RTU slave number; manual p. 59")] = 9
+    host: Annotated[
+        str, Meta(description="the gripper's IP address, 192.168.1.11 as shipped; empty: not set")
+    ] = ""
+    port: Annotated[
+        int, Meta(ge=1, le=65535, description="the gripper's TCP port; manual p. 75")
+    ] = 502
+    serial_port: Annotated[
+        str, Meta(description="serial device for Modbus RTU; empty: not set")
+    ] = ""
+    slave: Annotated[
+        int, Meta(ge=1, le=247, description="slave number for Modbus RTU; manual p. 59")
+    ] = 9
     timeout_s: Annotated[
         float, Meta(ge=0.01, le=1, description="longest wait for a reply or a connection, s")
     ] = 0.1

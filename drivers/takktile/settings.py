@@ -31,7 +31,7 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = (_row(0), _row(1), _row(2))
     rest_reference: Annotated[
         tuple[FingerRest, FingerRest, FingerRest] | None,
-        Meta(description="rest codes of this hand, measured unloaded, fingers A, B, C"),
+        Meta(description="codes of this unloaded hand, fingers A, B, C; null: unknown"),
     ] = None
     conversion_ms: Annotated[
         float,
@@ -49,10 +49,10 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         float, Meta(gt=0, le=20, description="counts, std of a taxel at rest; Grover 2022: 0.8")
     ] = 1.5
     rest_min_counts: Annotated[
-        int, Meta(ge=0, le=1023, description="lowest rest code, counts; Grover et al. 2022: 420")
+        int, Meta(ge=0, le=1023, description="lowest code of an unloaded taxel; Grover 2022: 420")
     ] = 400  # a loaded taxel reads lower
     rest_max_counts: Annotated[
-        int, Meta(ge=0, le=1023, description="highest rest code of an unloaded taxel; assumed")
+        int, Meta(ge=0, le=1023, description="highest code of an unloaded taxel; assumed")
     ] = 512
 
     @property
@@ -80,7 +80,9 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """USB board to open."""
 
-    serial: Annotated[str, Meta(description="serial number; any: the first board found")] = ""
+    serial: Annotated[
+        str, Meta(description="serial number of the USB board; any: the first board found")
+    ] = ""
     url: Annotated[
-        str, Meta(description="tcp://HOST:PORT of an emulated board; empty: the USB bus")
+        str, Meta(description="tcp://HOST:PORT of an emulated board; empty: the USB board")
     ] = ""

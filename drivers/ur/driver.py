@@ -26,10 +26,10 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Limits of commands. The workspace is a box around the start position."""
 
     max_speed_mps: Annotated[
-        float, Meta(gt=0, le=1, description="m/s, of the tool; 0.25 is ISO 10218's reduced speed")
+        float, Meta(gt=0, le=1, description="m/s, limit of the tool; ISO 10218's reduced: 0.25")
     ] = 0.25
     max_acceleration_mps2: Annotated[
-        float, Meta(gt=0, le=10, description="m/s2, of the tool; UR manual: movel's default")
+        float, Meta(gt=0, le=10, description="m/s2, limit of the tool; UR manual: movel's default")
     ] = 1.2
     max_stop_mps2: Annotated[
         float, Meta(gt=0, le=10, description="m/s2, hardest stop of the tool; ur_rtde's default")
@@ -41,14 +41,16 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
     ] = (0.05, 0.05, 0.5)
     max_jump_m: Annotated[
-        float, Meta(gt=0, le=1, description="m, longest move from the present position; assumed")
+        float, Meta(gt=0, le=1, description="m, longest move of one command; assumed")
     ] = 0.5
     payload_kg: Annotated[
         float,
-        Meta(ge=0, le=MAX_PAYLOAD_KG, description="on the flange; hand 2.3 (manual), rest assumed"),
+        Meta(
+            ge=0, le=MAX_PAYLOAD_KG, description="kg on the flange; hand 2.3 (manual), rest assumed"
+        ),
     ] = 2.6
     stale_after_s: Annotated[
-        float, Meta(ge=0.016, le=1, description="s without a new controller timestamp; assumed")
+        float, Meta(ge=0.016, le=1, description="s, older controller timestamps are stale; assumed")
     ] = 0.05
 
 

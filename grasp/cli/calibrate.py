@@ -147,7 +147,7 @@ def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
     how = "the packaged rule is higher and kept" if kept else "higher than the packaged rule"
     source = (
         f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
-        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %) for {args.budget:g} false events a "
+        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %) for {args.budget:g} false alarms a "
         f"minute at {found.load_counts:.0f} counts of load; {how}"
     )
     lines = [

@@ -34,6 +34,11 @@ from scenarios.campaign.summary import (
 
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
 WIDTH_WITHOUT_TERMINAL = 160
+CAPTION = (
+    "success with 95 % interval; ms and mm: 50th / 90th / 99th percentile of all trials, inf: not "
+    "registered"
+)
+OF_LIFTS = ", or lost; x+y: % that slipped at most 6 cm + 6 to 12 cm"
 
 
 def _spec(args: argparse.Namespace) -> CampaignSpec:
@@ -105,7 +110,7 @@ def print_summary(summary: Summary) -> None:
         table = Table(
             "variant", "object", "paper, n = 20", "this", "registered after onset, ms",
             "moved, mm" if scenario == "tap" else "slip, mm", title=TITLES[scenario],
-            caption="ms and mm: 50th, 90th, 99th percentile of all trials; inf: not reached",
+            caption=CAPTION + (OF_LIFTS if scenario == "lift" else ""),
         )  # fmt: skip
         for variant in (v for v in summary.variants if v.scenario == scenario):
             swept = "" if variant.swept == "{}" else f"\n{variant.swept}"

@@ -172,10 +172,10 @@ def _add_detector(group: Parser) -> None:
     evaluate.option("--label", "slip: by the fingertip's speed; slip_true: the contact slides; "
         "moved: 1 mm from the last rest", choices=LABELS, default="slip")  # fmt: skip
     evaluate.option("--out FILE.json", "scores and misses, for `grasp report`", file_to_write)
-    tune = group.command("tune", "find the fastest decision rule for a rate of false events", "",
+    tune = group.command("tune", "find the fastest decision rule for a rate of false alarms", "",
         ("grasp detector tune mine.py:Vibration --data sets/paper sets/disturbances",))  # fmt: skip
     tune.option("detector NAME", "one of config/detectors, or your file")
-    tune.option("--budget N", "false events per minute and hand", decimal(0, 6000), default=1.0)
+    tune.option("--budget N", "false alarms per minute and hand", decimal(0, 6000), default=1.0)
     source = tune.add_mutually_exclusive_group(required=True)
     source.add_argument("--data", type=Path, nargs="+", metavar="DIR", help=labelled)
     source.add_argument("--unlabelled", type=Path, nargs="+", metavar="RUN|FILE", help="lifts, "
@@ -289,7 +289,7 @@ def _add_calibrate(group: Parser) -> None:
         "labels: the hand holds an object at rest, then opens", "", (
         "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",))  # fmt: skip
     noise.option("--detector NAME", "detector to tune", default="tcn")
-    noise.option("--budget N", "false events per minute and hand", decimal(0.001, 60), default=0.5)
+    noise.option("--budget N", "false alarms per minute and hand", decimal(0.001, 60), default=0.5)
     noise.option("--seconds N", "of hold", decimal(SHORTEST_HOLD_S + 5, 3600), default=180.0)
     for parser in (force, hand, noise):
         parser.option("--out FILE", "new .toml file to write", file_to_write, required=True)

@@ -49,7 +49,8 @@ def _checked(word: str, detector: str) -> str:
 
 def _kind(path: Path, table: dict[str, Any], detector: str) -> str:
     keys, word = table.keys(), str(path)
-    if keys == {"object"} and "name" in table["object"]:
+    packaged = settings.is_packaged("objects", path)
+    if packaged or (keys == {"object"} and "name" in table["object"]):
         return f"an object for --object, {load_config(word, 'simulated').object.name!r}"
     if keys == {"surface"}:
         surface = load_acquire_config(word, "simulated").surface

@@ -13,6 +13,7 @@ import msgspec
 from detector import network_file
 from detector.decision import RuleSettings
 from detector.interface import DETECTORS, FORMULAS, NETWORK
+from detector.plugins import is_plugin
 from drivers.errors import UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli import exits
@@ -27,8 +28,33 @@ from scenarios.trial.layers import trial_layers
 from scenarios.trial.result import versions
 
 FEW_SLIPS = 50  # with fewer the recall is uncertain: +/- 14 points at a recall of a half
-FEW_EVENTS = 5  # with fewer allowed false events the rate is uncertain
+LOW_RECALL = 0.5
+FEW_EVENTS = 5  # with fewer allowed false alarms the rate is uncertain
 RULE_LEVELS = ("rule.threshold", "rule.limit")  # one for each kind of rule
+# keys that their names do not explain
+OF_SCORES = {
+    "delay_mm": "distance slid until the event",
+    "release_delay_ms": "end of the slip to the end of its event",
+    "false_events_per_min": "false alarms per minute of the recordings",
+    "false_events_per_min_by_cause": "likewise; slide: recordings of the paper's kind",
+    "false_events_per_min_hand": "scaled to a hand of three fingers",
+    "threshold": "of single samples (accuracy, confusion); events follow the rule above",
+}
+OF_IMPACTS = {
+    "moved": "impacts that moved the object by 1 mm or more",
+    "far": "by 2 mm or more; registered: within 100 ms",
+    "unmoved": "by less than 0.5 mm; unmoved_strong: those that are not weak",
+}
+OF_TUNING = {
+    "false_per_min": "false alarms per minute of a hand of three fingers",
+    "mean_delay_ms": "slips and moving impacts weigh half each; a miss counts 500 ms",
+    "minutes": "of a hand at rest",
+}
+OF_CARD = {
+    "window": "samples before the newest that affect an output; mode window: samples of the input",
+    "threshold": "of single samples",
+    "temperature, shift": "calibration: log-odds plus shift, divided by temperature",
+}
 
 
 def detector_evaluate(args: argparse.Namespace) -> int:
@@ -55,6 +81,8 @@ def detector_evaluate(args: argparse.Namespace) -> int:
         show(args, sheet, scores_text(sheet, made.config.rule))
         if args.out is not None:
             kept.append(evaluated(made, sheet))
+    if not args.json:
+        print(legend(OF_SCORES | OF_IMPACTS))
     if args.out is not None:
         _keep(args, data, kept)
     return exits.SUCCESS
@@ -82,44 +110,59 @@ def scores_text(sheet: Any, rule: Any) -> str:
     return f"{sheet.detector} on {sheet.data}; {in_words(rule)}\n{listing(sheet)}"
 
 
+def legend(keys: dict[str, str]) -> str:
+    """The meaning of each key, one line each."""
+    return "\n".join(["meaning of the keys:", *(f"  {key}: {text}" for key, text in keys.items())])
+
+
 def detector_tune(args: argparse.Namespace) -> int:
     check_named([args.detector], args.config, args.set)
     return _tune_unlabelled(args) if args.unlabelled else _tune_labelled(args)
 
 
 def _tune_labelled(args: argparse.Namespace) -> int:
-    from scenarios.benchmark.scoring import contender, evidence, read_split, tune_rule
+    from scenarios.benchmark.scoring import (
+        contender,
+        evidence,
+        minutes_at_rest,
+        read_split,
+        tune_rule,
+    )
 
     name, budget = args.detector, args.budget
     recordings = read_split(args.data, "validation", exits.print_detail)
+    rest = minutes_at_rest(recordings)
+    check_testable(rest, budget, "more `validation` recordings or simulated data sets")
     with progress(f"streaming {name}", hidden=args.json) as bar:
         made = contender(name, recordings, "validation", "slip", args.config, args.set, bar)
-    rest = evidence(made.streams, made.config.rule).minutes  # independent of the rule
-    check_testable(rest, budget, "more `validation` recordings or simulated data sets; of single "
-                   "fingers three times as much")  # fmt: skip
     with progress(f"tuning {name}", hidden=args.json) as bar:
         chosen = tune_rule(made, budget, bar)
     if chosen is None:
-        raise UsageError(f"no rule keeps {name} within {budget:g} false events a minute",
-                         "allow more false events with --budget")  # fmt: skip
+        raise UsageError(f"no rule keeps {name} within {budget:g} false alarms a minute",
+                         "allow more false alarms with --budget")  # fmt: skip
     known = evidence(made.streams, chosen.rule)
     point = {**msgspec.structs.asdict(chosen), "minutes": known.minutes, "slips": known.slips}
     rule = point.pop("rule")
     lines = ["on the split validation:", *listing(point).splitlines()]
     if known.slips < FEW_SLIPS or known.minutes * budget < FEW_EVENTS:
-        lines.append("few data: one event or slip more or less would change the rule; give more "
-                     "recordings, or simulated data sets in addition")  # fmt: skip
+        lines.append("few data: one slip or false alarm more or less would change the rule; give "
+                     "more recordings, or simulated data sets in addition")  # fmt: skip
+    if known.caught < LOW_RECALL * known.slips:
+        missed = 1.0 - known.caught / known.slips
+        lines.append(f"this rule misses {missed:.0%} of the slips; allow more false alarms with "
+                     "--budget, or use another detector")  # fmt: skip
+    lines += legend(OF_TUNING | OF_IMPACTS).splitlines()
     return show(args, {**point, "rule": rule}, _rule_text(lines, rule))
 
 
 def check_testable(minutes: float, budget: float, more: str) -> None:
-    """Raise UsageError if the hand's time at rest is too short for one false event of the budget.
+    """Raise UsageError if the hand's time at rest is too short for one false alarm of the budget.
     ``more``: the remedy. A budget of 0 needs no test."""
     if minutes * budget < 1.0 and budget > 0.0:
-        event = f", where one false event is {1.0 / minutes:.3g} a minute" if minutes else ""
-        raise UsageError(f"a budget of {budget:g} a minute cannot be tested: {60 * minutes:.1f} s "
-                         f"of a hand at rest{event}", f"give {more}, or a greater "
-                         "--budget")  # fmt: skip
+        raise UsageError(f"a budget of {budget:g} false alarms a minute needs {60 / budget:.3g} s "
+                         f"of a hand at rest ({180 / budget:.3g} s of one finger); there are "
+                         f"{60 * minutes:.1f} s",
+                         f"give {more}, or a greater --budget")  # fmt: skip
 
 
 def _tune_unlabelled(args: argparse.Namespace) -> int:
@@ -156,6 +199,7 @@ def detector_card(args: argparse.Namespace) -> int:
     if (rule := _packaged_rule(name)) is not None:
         found["rule"] = rule
         text += f"\n{in_words(rule)}"
+    text += f"\n{legend(OF_CARD)}"
     return show(args, found, text)
 
 
@@ -179,6 +223,9 @@ def _packaged_rule(network: str) -> Any:
 def network_path(word: str) -> Path:
     """Path of the weights of a packaged network or a file; raises UsageError for other words."""
     known = network_file.packaged_networks()
+    if word not in known and (word in FORMULAS or is_plugin(word)):
+        raise UsageError(f"detector {word!r} is no network, so it has no card",
+                         f"`grasp detector evaluate {word} --data DIR` scores it")  # fmt: skip
     if not network_file.is_weights(word) and word not in known:
         raise UsageError(f"{word!r} is no packaged network{suggestion(word, known)}",
                          f"one of {', '.join(known)}, or a file that ends in .onnx")  # fmt: skip

@@ -14,29 +14,39 @@ Data = dict[str, float | str] | None  # fields of a failed check's message; None
 
 
 class MonitorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the plausibility checks (docs/force-limit.md); computer and links decide them."""
+    """Limits of the plausibility checks (docs/force-limit.md). Computer and links decide."""
 
     mode: Annotated[
         Literal["stop", "report"],
-        Meta(description="report: implausible data is recorded and shown, and ends no run"),
+        Meta(description="stop: implausible data ends the run; report: it is shown and recorded"),
     ] = "stop"
     jump_counts: Annotated[
-        int, Meta(ge=5, le=1023, description="all taxels change one way by; measured")
+        int, Meta(ge=5, le=1023, description="jump of all taxels that is implausible; measured")
     ] = 40
     # five times the paper's inference of 0.021 s
-    detector_s: Annotated[float, Meta(ge=0.01, le=10.0, description="a step may take")] = 0.1
+    detector_s: Annotated[
+        float, Meta(ge=0.01, le=10.0, description="longest computing time of a step")
+    ] = 0.1
     # half of the shortest standstill that lost an object
-    standstill_s: Annotated[float, Meta(ge=0.02, le=10.0, description="a step may be late")] = 0.15
+    standstill_s: Annotated[
+        float, Meta(ge=0.02, le=10.0, description="longest delay of a step's start")
+    ] = 0.15
     # two exchanges and two register refreshes are 0.04 s
     echo_s: Annotated[
-        float, Meta(ge=0.03, le=10.0, description="until the gripper's status shows a command")
+        float,
+        Meta(
+            ge=0.03, le=10.0, description="longest time until the gripper's status shows a command"
+        ),
     ] = 0.15
     # latency up to 0.15 s, two refreshes, lag, a count
     finger_start_s: Annotated[
-        float, Meta(ge=0.05, le=10.0, description="a finger that reports motion keeps its count")
+        float,
+        Meta(
+            ge=0.05, le=10.0, description="longest time that a finger in motion keeps its position"
+        ),
     ] = 0.3
     arm_start_s: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="from a command until the arm moves")
+        float, Meta(ge=0.02, le=5.0, description="longest time from a command until the arm moves")
     ] = 0.25
 
 

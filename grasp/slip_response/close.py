@@ -1,10 +1,10 @@
 """Close: the interface of slip responses, and the response that only closes the hand.
 
-A closing to the force cap has one stage or two. The first of two is a fast motion to a position at
-which the limit holds even on a stiffer contact with a stronger first grasp than stated
-(``ForceGuard.safe_travel``). It lasts about as long as the delay of a command, so it needs no
-feedback. The second starts at rest and closes to the cap at the hand's least speed, so that
-momentum causes little overshoot.
+A closing to the force limit usually has two stages. First stage: fast, to the safe travel
+(``ForceGuard.safe_travel``); it lasts about as long as the delay of a command, so it needs no
+feedback. Second stage: at the hand's least speed, from rest, to the force limit, so that momentum
+causes little overshoot. Where no safe travel is left, there is only the second stage. Where none is
+known, after lost contact and with ``controller.closing`` = constant, one stage closes to the limit.
 """
 
 from drivers.interfaces import Counts3, Detection
@@ -15,12 +15,12 @@ from grasp.observation import Observation
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
-TOP_UP_SPEED_MPS = 0.022  # of a second stage: the gripper's least (manual)
+TOP_UP_SPEED_MPS = 0.022  # speed of a second stage: the gripper's least (manual)
 STAGE_NS = 500_000_000  # longest wait for the end of a first stage
 
 
 class SlipResponse:
-    """The hand closes to the force cap while the arm continues (the paper's loop). Base class.
+    """The hand closes to the force limit while the arm continues (the paper's loop). Base class.
 
     One object for a run: ``begin`` when slip is registered or contact is lost, ``update`` every
     sample until ``end``. No method commands a device.
@@ -33,13 +33,14 @@ class SlipResponse:
         self._settings = settings
         self._plan = plan
         self._line = line
-        self._first_stage_ns: int | None = None  # since when a first stage has been requested
+        self._first_stage_ns: int | None = None  # time of the request of the current first stage
         self.closings = 0
         self.paused_s = 0.0
         self.adds_margin = False
 
     def begin(self, obs: Observation, rising: bool, lost: bool) -> tuple[Command, ...]:
-        """The first commands. ``rising``: the arm moves up. ``lost``: contact is lost."""
+        """The first commands of a response. ``rising``: the arm is lifting, not holding at the top.
+        ``lost``: contact is lost."""
         return self._close(obs, lost)
 
     def follow_up(self, obs: Observation, rising: bool) -> tuple[Command, ...]:
@@ -52,7 +53,8 @@ class SlipResponse:
         return None
 
     def update(self, obs: Observation, alarm: bool, elapsed_ns: int) -> None:
-        """Take one sample, ``elapsed_ns`` after the last. ``alarm``: slip may not be over."""
+        """Take one sample, ``elapsed_ns`` after the last. ``alarm``: slip is registered or masked,
+        or the hand moves."""
 
     @property
     def exhausted(self) -> bool:
@@ -72,14 +74,14 @@ class SlipResponse:
         return ()
 
     def _close(self, obs: Observation, lost: bool = False) -> tuple[Command, ...]:
-        """Close to the force cap, unless it is reached already."""
+        """Close to the force limit, unless it is reached already."""
         if obs.at_cap:
             return ()
         self.closings += 1
         return (self.closing(obs, lost),)
 
     def closing(self, obs: Observation, lost: bool = False) -> CloseFast:
-        """The closing that is due now; the same again during a first stage.
+        """The closing to command now; while a first stage runs, the same one again.
 
         ``lost``: contact is lost, so the position of the next contact is unknown.
         """
@@ -95,7 +97,7 @@ class SlipResponse:
         return CloseFast(cap_n, ALL_FINGERS, targets, s.closing_speed_mps, first_stage=True)
 
     def slow_closing(self) -> CloseFast:
-        """A closing to the cap without a first stage, at the second stage's speed."""
+        """A closing to the force limit without a first stage, at the second stage's speed."""
         s = self._settings
         return self._to_cap(s.closing_speed_mps if s.closing == "constant" else TOP_UP_SPEED_MPS)
 
@@ -103,7 +105,7 @@ class SlipResponse:
         return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
     def _first_stage_due(self, obs: Observation, target_counts: int) -> bool:
-        """Whether the thumb, which opposes both others, starts or continues a first stage."""
+        """Whether a first stage is to start or to continue, judged by the thumb."""
         thumb, since_ns = obs.gripper.fingers[0], self._first_stage_ns
         overdue = since_ns is not None and obs.t_ns - since_ns > STAGE_NS
         if overdue or thumb.detection is Detection.CONTACT_CLOSING:

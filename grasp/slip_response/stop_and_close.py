@@ -4,13 +4,14 @@ from grasp.commands import Command, StopArm
 from grasp.observation import Observation
 from grasp.slip_response.close import SlipResponse
 
-RESUME_MPS2 = 0.5  # greatest acceleration when the arm continues: a twentieth of gravity
+RESUME_MPS2 = 0.5  # greatest acceleration when the arm continues: adds 5 % to the load; assumed
 RESUME_QUIET_NS = 50_000_000  # time without slip before the arm continues; assumed
 NO_EFFECT_PAUSE_S = 1.5  # longest total pause for alarms that no closing ends; assumed
 
 
 class StopAndClose(SlipResponse):
-    """During the lift the arm also stops, and continues gently when slip is over.
+    """The hand closes as in ``SlipResponse``. During the lift the arm also stops, and continues
+    gently when slip is over.
 
     An object that slips in the lift mostly still stands on the table while the fingers slide up
     along it. Slip ends some 30 ms after the arm stops; the hand needs 100 to 200 ms to press
@@ -19,9 +20,9 @@ class StopAndClose(SlipResponse):
 
     _stopped = False  # this response has stopped the arm
     _at_rest = False  # the arm was at rest in the last sample
-    _no_effect = False  # no closing could have an effect when the arm stopped
-    _no_effect_s = 0.0  # total duration of such pauses
-    _alarm_ns = 0  # time of the last sample in which slip may not have been over
+    _no_effect = False  # when the arm stopped no closing could help: at the limit, or overloaded
+    _no_effect_s = 0.0  # total duration of pauses in which no closing could help
+    _alarm_ns = 0  # time of the last sample with ``alarm`` (see ``update``)
 
     def begin(self, obs: Observation, rising: bool, lost: bool) -> tuple[Command, ...]:
         return (*self._stop_arm(obs, rising), *super().begin(obs, rising, lost))
@@ -50,7 +51,7 @@ class StopAndClose(SlipResponse):
         return self._no_effect_s >= NO_EFFECT_PAUSE_S
 
     def over(self, obs: Observation) -> bool:
-        """Whether the arm is at rest and slip has been over for long enough."""
+        """Whether the response stopped no arm, or the arm rests and slip has long been over."""
         quiet = obs.t_ns - self._alarm_ns >= RESUME_QUIET_NS
         return not self._stopped or (quiet and not obs.pending and not obs.arm.moving)
 

@@ -7,10 +7,10 @@ from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.slip_response.stop_and_close import StopAndClose
 
-STEP_N = 1.5  # force of a step, rounded down to counts, at least one; assumed
-MAX_STEPS = 5  # steps in a lift; later slip leads to a closing to the cap; assumed
+STEP_N = 1.5  # force of a step, rounded down to motor counts, at least one; assumed
+MAX_STEPS = 5  # steps in a lift; later slip leads to a closing to the limit; assumed
 STEP_PATIENCE_NS = 250_000_000  # longer than a detector needs to see the end of slip; assumed
-STEP_BELOW_M = 0.03  # height of the arm; above, the object is in the air: no steps; assumed
+STEP_BELOW_M = 0.03  # no step above this height of the arm: the object is in the air; assumed
 MARGIN_AFTER_M = 0.01  # a force is sufficient once it has carried the object so far; assumed
 
 
@@ -18,13 +18,13 @@ class StopAndStep(StopAndClose):
     """The arm stops, and the thumb closes by one step per slip, later by a margin. Where a step is
     not possible or not enough, it responds as ``StopAndClose``.
 
-    While the arm is at rest, slip ends whatever the hand does; only when the arm rises again does
-    it show whether the force is sufficient. So each attempt is one step, and once it has carried
-    the object for some height the margin is added. Force is never reduced: a search for the least
-    force from above would drop objects.
+    While the arm is at rest, slip ends whatever the hand does. Only when the arm rises again does
+    it show whether the force is sufficient. So each slip leads to one step. Once the arm has risen
+    by ``MARGIN_AFTER_M`` without slip, the margin is added. Force is never reduced, because a
+    search for the least force from above would drop objects.
     """
 
-    _sufficient_m: float | None = None  # height of the arm at the last step
+    _step_height_m: float | None = None  # height of the arm at the last step; None: no margin due
     _steps_taken = 0
     _stepping = False  # the current response is a step or a margin: a closing may follow
 
@@ -34,17 +34,17 @@ class StopAndStep(StopAndClose):
             return super().begin(obs, rising, lost)
         self._steps_taken += 1
         self.closings += 1
-        self._stepping, self._sufficient_m = True, self._line.height_m(obs)
+        self._stepping, self._step_height_m = True, self._line.height_m(obs)
         return (*self._stop_arm(obs, rising), self._step_command(obs, 1))
 
     def follow_up(self, obs: Observation, rising: bool) -> tuple[Command, ...]:
         """The margin, once the force of the last step has carried the object far enough."""
-        sufficient_m, steps = self._sufficient_m, self._settings.margin_steps
-        if sufficient_m is None or steps == 0 or self._remaining_counts(obs) == 0:
+        step_height_m, steps = self._step_height_m, self._settings.margin_steps
+        if step_height_m is None or steps == 0 or self._remaining_counts(obs) == 0:
             return ()
-        if rising and self._line.height_m(obs) - sufficient_m < MARGIN_AFTER_M:
+        if rising and self._line.height_m(obs) - step_height_m < MARGIN_AFTER_M:
             return ()
-        self._sufficient_m = None
+        self._step_height_m = None
         self._stepping = self.adds_margin = True
         return (*self._stop_arm(obs, rising), self._step_command(obs, steps))
 
@@ -59,8 +59,8 @@ class StopAndStep(StopAndClose):
         return super().end()
 
     def _end_stepping(self) -> None:
-        """Add no margin, because the hand closes to its cap."""
-        self._sufficient_m = None
+        """End the steps and add no margin, because the hand closes to the force limit."""
+        self._step_height_m = None
         self._stepping = self.adds_margin = False
 
     def _step_possible(self, obs: Observation) -> bool:
@@ -76,7 +76,7 @@ class StopAndStep(StopAndClose):
         return max(1, self._plan.stiffness.counts_within(STEP_N))
 
     def _remaining_counts(self, obs: Observation) -> int:
-        """Counts by which the guard lets the thumb close further."""
+        """Motor counts by which the guard lets the thumb close further."""
         end = CLOSED_COUNTS[0] if obs.thumb_limit_counts is None else obs.thumb_limit_counts
         return max(0, end - obs.gripper.requested[0])
 

@@ -56,7 +56,7 @@ class DetectorEvaluation(msgspec.Struct, frozen=True):
     detector: str
     rule: RuleSettings
     sheet: dict[str, Any]
-    choices: list[RuleScores]  # Pareto-optimal rules, fewest false events first
+    choices: list[RuleScores]  # Pareto-optimal rules, fewest false alarms first
     slips: list[ScoredSlip]
     worst: list[SlipTrace]
 

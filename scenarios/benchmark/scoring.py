@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 import msgspec
+import numpy as np
 
 from detector.decision import RuleSettings
 from detector.interface import SlipDetector
@@ -18,6 +19,7 @@ from detector.scores.evaluation import (
     Streamed,
     evaluate_streams,
     score_stream,
+    scoring_reference,
     stream_recordings,
 )
 from detector.scores.sweep import SweepPoint, best, rules, sweep, thresholds_at_budget
@@ -116,10 +118,18 @@ def contender(
 def tune_rule(
     contender: Contender, budget_per_min: float, progress: Progress = lambda done, total: None
 ) -> SweepPoint | None:
-    """Fastest rule within a budget of false events a minute of a hand; None without one."""
+    """Fastest rule within a budget of false alarms a minute of a hand; None without one."""
     points = contender.points(progress)
     points += sweep(contender.streams, thresholds_at_budget(points, budget_per_min))
     return best(points, budget_per_min)
+
+
+def minutes_at_rest(recordings: Sequence[Recording]) -> float:
+    """Static time of a hand without impacts, minutes; one finger counts as a third of a hand."""
+    none = np.empty(0)
+    references = [scoring_reference(Streamed(r, none, none), True) for r in recordings]
+    pairs = zip(references, recordings, strict=True)
+    return sum(s.slips.static_s * r.fingers / HAND_FINGERS for s, r in pairs) / 60.0
 
 
 class Evidence(msgspec.Struct, frozen=True):
@@ -132,9 +142,8 @@ class Evidence(msgspec.Struct, frozen=True):
 
 
 def evidence(streams: Sequence[Streamed], rule: RuleSettings) -> Evidence:
-    """Numbers of slips and false events of the rule on these streams."""
+    """Numbers of slips and false alarms of the rule on these streams."""
     outcomes = [score_stream(s, rule, exclude_impacts=True).events for s in streams]
-    pairs = zip(streams, outcomes, strict=True)
-    hand_s = sum(o.static_s * s.recording.fingers / HAND_FINGERS for s, o in pairs)
     slips, missed = sum(len(o.delays_ms) for o in outcomes), sum(o.missed for o in outcomes)
-    return Evidence(hand_s / 60.0, slips, slips - missed, sum(o.false for o in outcomes))
+    minutes = minutes_at_rest([s.recording for s in streams])
+    return Evidence(minutes, slips, slips - missed, sum(o.false for o in outcomes))

@@ -71,7 +71,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     open_loop_onset_s: float | None
     peak_force_n: float | None
     force_bound_n: float
-    cap_reached: bool  # set down because slip was still registered at the force cap
+    cap_reached: bool  # set down because slip was still registered at the force limit
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None

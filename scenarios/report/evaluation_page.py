@@ -20,7 +20,7 @@ from scenarios.report.run_view import in_words
 
 HEADINGS = (
     "detector", "AUC", "accuracy", "calibration error", "slips detected",
-    "false events per minute (hand)", "delay, ms", "slip by then, mm", "one update, µs",
+    "false alarms per minute (hand)", "delay, ms", "slip by then, mm", "one update, µs",
 )  # fmt: skip
 Ends = tuple[float | None, float | None]
 
@@ -125,7 +125,7 @@ def _sentence(every: Sequence[Scored]) -> str:
 
 
 def _speed_plots(every: Sequence[Scored]) -> list[Plot]:
-    """Delay over false events for all thresholds, and accuracy over the cost of an update.
+    """Delay over false alarms for all thresholds, and accuracy over the cost of an update.
 
     The dot is the detector's own rule. A detector that misses half of the slips has no median
     delay."""
@@ -138,7 +138,7 @@ def _speed_plots(every: Sequence[Scored]) -> list[Plot]:
         if s.compute_us is not None and s.compute_us.p50 is not None:
             costs.append(Curve(each.detector, (), dot=(s.compute_us.p50, 100 * s.accuracy)))
     slowest_ms = max([100.0, *(ms for curve in delays for _, ms in curve.points)])
-    rates = Axis("false events per minute of three fingers", 0.1, 1000.0, log=True)
+    rates = Axis("false alarms per minute of three fingers", 0.1, 1000.0, log=True)
     cost = Axis("one update, µs (median)", 10.0, 1000.0, log=True)
     return [
         Plot("Delay", rates, Axis("median delay, ms", 0.0, slowest_ms), delays),

@@ -37,7 +37,9 @@ CUT_SIGMAS = 2.5  # normal variates are clipped at this many standard deviations
 # drivers.interfaces.
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
 Scalar = bool | int | float | str
-PackageSettings = Annotated[dict[str, Scalar], Meta(description="passed to its package")]
+PackageSettings = Annotated[
+    dict[str, Scalar], Meta(description="settings for the package of that device")
+]
 
 
 @cache
@@ -50,9 +52,13 @@ class PluginDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     """Devices of other packages, by the names of their entry points. They count as real: only the
     rig hardware opens them."""
 
-    gripper: Annotated[str, Meta(description="of grasp.grippers; empty: Robotiq 3-Finger")] = ""
-    arm: Annotated[str, Meta(description="of grasp.arms; empty: Universal Robots")] = ""
-    fingertips: Annotated[str, Meta(description="of grasp.fingertips; empty: TakkTile")] = ""
+    gripper: Annotated[
+        str, Meta(description="entry point in grasp.grippers; empty: Robotiq 3-Finger")
+    ] = ""
+    arm: Annotated[str, Meta(description="entry point in grasp.arms; empty: Universal Robots")] = ""
+    fingertips: Annotated[
+        str, Meta(description="entry point in grasp.fingertips; empty: TakkTile")
+    ] = ""
     gripper_settings: PackageSettings = msgspec.field(default_factory=dict)
     arm_settings: PackageSettings = msgspec.field(default_factory=dict)
     fingertips_settings: PackageSettings = msgspec.field(default_factory=dict)
@@ -83,8 +89,12 @@ class PluginDeviceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
 class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Standard deviations between trials, all assumed; zero switches one off."""
 
-    friction_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of friction")] = 0.08
-    mass_cv: Annotated[float, Meta(ge=0, le=0.3, description="relative, of the mass")] = 0.02
+    friction_cv: Annotated[
+        float, Meta(ge=0, le=0.3, description="relative standard deviation of friction")
+    ] = 0.08
+    mass_cv: Annotated[
+        float, Meta(ge=0, le=0.3, description="relative standard deviation of the object's mass")
+    ] = 0.02
     finger_scatter_m: Annotated[
         float, Meta(ge=0, le=0.005, description="standard deviation of a finger's stop position")
     ] = 0.00008
@@ -92,13 +102,17 @@ class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(ge=0, le=0.02, description="standard deviation of the grip height")
     ] = 0.002
     force_stop_fraction: Annotated[
-        float, Meta(ge=0, le=0.5, description="motors stop up to this below their calibrated force")
+        float,
+        Meta(
+            ge=0, le=0.5, description="largest fraction by which motors stop below calibrated force"
+        ),
     ] = 0.05
     width_error_m: Annotated[
-        float, Meta(ge=-0.02, le=0.02, description="added to the half width in every trial")
+        float,
+        Meta(ge=-0.02, le=0.02, description="added to the object's half width in every trial"),
     ] = 0.0
     aside_m: Annotated[
-        float, Meta(ge=0, le=0.02, description="standard deviation of the lateral mass offset")
+        float, Meta(ge=0, le=0.02, description="standard deviation of the centre of mass, sideways")
     ] = 0.002
     command_latency_s: Annotated[
         float, Meta(ge=0, le=0.2, description="largest added command-to-motor latency (uniform)")

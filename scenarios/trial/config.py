@@ -3,9 +3,10 @@
 import hashlib
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import msgspec
+from msgspec import Meta
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
@@ -60,8 +61,10 @@ class SourceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Source of the values that the user calibrated, as text; that of the hand's calibration is
     `calibration.source`."""
 
-    counts_per_newton: str = ""  # of guard.counts_per_newton, by `grasp calibrate force`
-    rule: str = ""  # of rule, by `grasp calibrate noise`
+    counts_per_newton: Annotated[
+        str, Meta(description="source of guard.counts_per_newton, by grasp calibrate force")
+    ] = ""
+    rule: Annotated[str, Meta(description="source of [rule], by grasp calibrate noise")] = ""
 
     def in_words(self) -> list[str]:
         """One line for each known source."""

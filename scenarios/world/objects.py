@@ -25,8 +25,6 @@ def within(low: float, high: float, text: str = "") -> Meta:
 
 
 Counts = Annotated[int, within(0, 255)]  # of a finger's motor
-Friction = Annotated[float, Meta(gt=0.0, le=2.0)]  # of rubber; assumed
-Aside = Annotated[float, within(-0.2, 0.2)]
 TextureRms = Annotated[float, within(0.0, 1e-3)]
 TextureLength = Annotated[float, within(0.2e-3, 10e-3)]
 
@@ -36,27 +34,40 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     name: Name
     description: str = ""
-    long_body: bool = False  # scored by the 6 and 12 cm marks (paper, table IV)
-    grip_counts: tuple[Counts, Counts, Counts]  # motor positions of the first, weak grasp
-    mass_kg: Annotated[float, within(1e-4, 3.0)]  # of the object alone
-    added_mass_kg: Annotated[float, within(0.0, 3.0)] = 0.0  # weights added for the lift (paper)
-    friction_static: Friction  # 0.5-1.2
-    friction_kinetic: Friction  # sliding; 0.6-0.95 of static
-    wall_stiffness_npm: Annotated[float, within(200.0, 1e7)]  # of one side
-    # force rise per metre of thumb travel, measured with this hand; none:
+    long_body: Annotated[bool, Meta(description="scored by marks at 6 and 12 cm (paper, IV)")] = (
+        False
+    )
+    grip_counts: Annotated[
+        tuple[Counts, Counts, Counts],
+        Meta(description="motor counts A, B, C of the weak first grasp"),
+    ]
+    mass_kg: Annotated[float, within(1e-4, 3.0, "of the object alone")]
+    added_mass_kg: Annotated[float, within(0.0, 3.0, "weights added for the lift (paper)")] = 0.0
+    friction_static: Annotated[float, Meta(gt=0.0, le=2.0, description="rubber on it; 0.5-1.2")]
+    friction_kinetic: Annotated[
+        float, Meta(gt=0.0, le=2.0, description="rubber sliding on it; 0.6-0.95 of static")
+    ]
+    wall_stiffness_npm: Annotated[float, within(200.0, 1e7, "of one side of the object")]
+    # force rise per metre of thumb travel, measured with this hand; null:
     # guard.contact_stiffness_npm
     contact_stiffness_npm: Annotated[float, within(100.0, 1e5)] | None = None
     shape: Literal["straight", "ellipsoid"] = "straight"
-    half_width_m: Annotated[float, within(0.005, 0.07)]  # at the widest point, closing axis
-    half_height_m: Annotated[float, within(0.005, 0.3)] = 0.1  # vertical, of an ellipsoid
-    grip_height_m: Aside = 0.0  # grip above the widest point of an ellipsoid
-    body_above_grip_m: Annotated[float, within(0.0, 0.5)] = 0.15  # straight, above the pads' centre
-    # about the closing axis, 0.04-0.12; 0.09 for a 0.3 m tall object
-    radius_of_gyration_m: Annotated[float, within(0.005, 0.3)] = 0.09
-    centre_aside_m: Aside = 0.0  # centre of mass beside the grip's centre
-    centre_above_m: Aside = 0.0  # centre of mass above the grip's centre
-    texture_rms_m: TextureRms = 0.1e-3  # irregularity, 0.01-0.45 mm
-    texture_length_m: TextureLength = 1.5e-3  # its correlation length, 1-2 mm
+    half_width_m: Annotated[float, within(0.005, 0.07, "along the closing axis, at the widest")]
+    half_height_m: Annotated[float, within(0.005, 0.3, "vertical, of an ellipsoid")] = 0.1
+    grip_height_m: Annotated[
+        float, within(-0.2, 0.2, "grip above the widest point of an ellipsoid")
+    ] = 0.0
+    body_above_grip_m: Annotated[
+        float, within(0.0, 0.5, "length of a straight object above the pads' centre")
+    ] = 0.15
+    # 0.04-0.12; 0.09 for a 0.3 m tall object
+    radius_of_gyration_m: Annotated[float, within(0.005, 0.3, "about the closing axis")] = 0.09
+    centre_aside_m: Annotated[float, within(-0.2, 0.2, "centre of mass beside the grip")] = 0.0
+    centre_above_m: Annotated[float, within(-0.2, 0.2, "centre of mass above the grip")] = 0.0
+    texture_rms_m: Annotated[float, within(0.0, 1e-3, "of the surface, 0.01-0.45 mm")] = 0.1e-3
+    texture_length_m: Annotated[
+        float, within(0.2e-3, 10e-3, "correlation length of the texture, 1-2 mm")
+    ] = 1.5e-3
 
     def __post_init__(self) -> None:
         if self.friction_kinetic > self.friction_static:

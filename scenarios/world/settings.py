@@ -16,10 +16,8 @@ GROSS_SLIP_MPS = 0.003  # lower bound of the label `slip` (paper, section III-B)
 GROSS_TURN_RADPS = 0.2  # lower bound of that label in rotation
 
 
-Share = Annotated[float, within(0.0, 1.0)]
 RelaxedShare = Annotated[float, within(0.0, 0.5)]
 Stiffness = Annotated[float, within(500.0, 1e6)]
-LongestStep = Annotated[float, within(1e-6, 0.05)]
 Slope = Annotated[float, within(-0.4, 0.4)]
 Memory = Annotated[float, within(0.002, 10.0)]  # s, time constant
 Motion = Annotated[float, within(0.0, 0.5)]  # mm, rms
@@ -83,11 +81,15 @@ class ContactTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Contact levels in place of those that `config/contact_levels.toml` has for a run."""
 
-    # auto: by scenario; L1 without a scenario
-    level: Literal["auto", "L1", "L3", "L4"] = "auto"
-    # during a tap, at least level; auto: as level, or by scenario where level is auto too; L4
-    # without a scenario
-    impact_level: Literal["auto", "L1", "L3", "L4"] = "auto"
+    level: Annotated[
+        Literal["auto", "L1", "L3", "L4"],
+        Meta(description="contact model; auto: by scenario, L1 without one"),
+    ] = "auto"
+    # auto: as level; where level is auto too, by scenario, and L4 without a scenario
+    impact_level: Annotated[
+        Literal["auto", "L1", "L3", "L4"],
+        Meta(description="contact model during a tap, at least `level`"),
+    ] = "auto"
 
     def __post_init__(self) -> None:
         if "auto" not in (self.level, self.impact_level):
@@ -105,15 +107,19 @@ def _check_levels(level: str, impact_level: str) -> None:
 class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Compliance of the pads; fixed values are constants of ``contact``."""
 
-    shear_stiffness_npm: Stiffness = 8000.0  # tangential; derived, 6-12 N/mm
-    # tangential; assumed, 5-16 N s/m
-    shear_damping_nspm: Annotated[float, within(0.0, 200.0)] = 12.0
-    # damping over stiffness along the closing axis after an impact along it; as in shear; assumed,
-    # 0.5-3 ms
-    normal_loss_s: Annotated[float, within(0.0, 0.01)] = 1.5e-3
-    relaxation_fraction: RelaxedShare = 0.1  # of the normal force; real recording 0.05-0.15
-    step_s: LongestStep = 5e-4  # of the integration
-    impact_step_s: LongestStep = 1e-4  # of the integration during an impact
+    shear_stiffness_npm: Annotated[float, within(500.0, 1e6, "of a pad, tangential")] = 8000.0
+    shear_damping_nspm: Annotated[float, within(0.0, 200.0, "of a pad, tangential; assumed")] = 12.0
+    # as in shear; assumed, 0.5-3 ms
+    normal_loss_s: Annotated[
+        float,
+        within(0.0, 0.01, "pad's damping over stiffness, in an impact along the closing axis"),
+    ] = 1.5e-3
+    # real recording: 0.05-0.15
+    relaxation_fraction: Annotated[
+        float, within(0.0, 0.5, "part of the normal force that relaxes")
+    ] = 0.1
+    step_s: Annotated[float, within(1e-6, 0.05, "longest step of the simulation")] = 5e-4
+    impact_step_s: Annotated[float, within(1e-6, 0.05, "longest step during an impact")] = 1e-4
 
 
 class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -248,14 +254,19 @@ class Impact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A downward force on the object once the arm is at rest with it in the air."""
 
-    force_n: Annotated[float, within(0.0, 200.0)] = 0.0  # added to the weight; 0: none
-    # least height of the object. For a pull at the top only: more than the height at which the arm
-    # pauses to respond to slip
-    above_m: Annotated[float, within(0.0, 1.0)] = 0.005
+    force_n: Annotated[float, within(0.0, 200.0, "N, pull added to the weight; 0: none")] = 0.0
+    # for a pull at the top only: more than the height at which the arm pauses to respond to slip
+    above_m: Annotated[float, within(0.0, 1.0, "m, least height of the object for the pull")] = (
+        0.005
+    )
 
 
 class DamageSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Damage of every fingertip from the beginning of a trial."""
 
-    taxels_lost: Share = 0.0  # of each fingertip, chosen at random; they keep their first value
-    gain_lost: Share = 0.0  # of every change from rest; the noise is unchanged
+    taxels_lost: Annotated[
+        float, within(0.0, 1.0, "share of each fingertip's taxels that keep their first value")
+    ] = 0.0
+    gain_lost: Annotated[
+        float, within(0.0, 1.0, "share of every change from rest that is lost; not of the noise")
+    ] = 0.0

@@ -1,4 +1,4 @@
-"""Delay against false events: points, table and chart of a tiny grid."""
+"""Delay against false alarms: points, table and chart of a tiny grid."""
 
 from pathlib import Path
 

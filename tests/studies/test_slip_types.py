@@ -98,4 +98,4 @@ def test_trained_outputs_are_read_with_their_network(tmp_path: Path) -> None:
     weights.write_bytes(weights_path("gru").read_bytes())
     assert read_outputs(weights, weights_digest(weights), read_network(weights)) is not None
     made = msgspec.json.decode((tmp_path / "gru.auxiliary.json").read_bytes(), type=OutputsFile)
-    assert f"{tmp_path.name}: {study.OWN}, {study.FIGURES[0]}" in made.scores
+    assert f"{tmp_path.name}: {study.NETWORK}, {study.FIGURES[0]}" in made.scores

@@ -1,11 +1,13 @@
 """User files for objects, surfaces, rigs and settings, given by their path."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import ConfigError
+from grasp import settings
 from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.campaign.config import load_config
@@ -58,6 +60,26 @@ def test_a_file_that_is_no_object_is_refused_by_its_path(
         load_config(str(file), "simulated", "energy")
     output = f"{caught.value.message} {caught.value.remedy}"
     assert str(file) in output and key in output and problem in output
+
+
+def test_a_packaged_object_may_be_given_by_its_path(capsys: pytest.CaptureFixture[str]) -> None:
+    for kind, name in (("objects", "can"), ("objects/unseen", "mug"), ("surfaces", "sphere")):
+        assert main(["config", str(config_dir() / kind / f"{name}.toml")]) == 0
+        assert f"{name!r}" in capsys.readouterr().out
+
+
+def test_an_object_with_the_name_of_a_held_out_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, user_file: UserFile
+) -> None:
+    copy = shutil.copytree(config_dir(), tmp_path / "config")
+    mine = shutil.copy(copy / "objects/unseen/jar.toml", copy / "objects")
+    monkeypatch.setattr(settings, "config_dir", lambda: copy)
+    for word in ("jar", str(mine)):
+        with pytest.raises(ConfigError, match="also the name of a file in config/objects/unseen"):
+            settings.item_layer("objects", "object", word)
+    wrong = shutil.copy(copy / "objects/can.toml", copy / "objects/tin.toml")
+    with pytest.raises(ConfigError, match="is 'can', a name in config/objects"):
+        settings.item_layer("objects", "object", str(wrong))
 
 
 # Rigs

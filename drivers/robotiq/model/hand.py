@@ -29,36 +29,37 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     m_per_count: ClassVar[float] = 0.00077  # fingertip travel of a motor count; Franchi TR711
 
     refresh_hz: Annotated[
-        Literal[100, 200], Meta(description="rate at which registers are latched; manual p. 75")
+        Literal[100, 200], Meta(description="Hz, update rate of the registers; manual p. 75")
     ] = 100
     tick_phase_s: float = 0.005  # offset of refresh ticks from time zero; random for each trial
     command_latency_s: Annotated[
-        float, Meta(ge=0, le=0.15, description="from take-up to motor, s; assumed")
+        float, Meta(ge=0, le=0.15, description="s from a command's take-up to the motor; assumed")
     ] = 0.03
     activation_s: Annotated[
         float, Meta(ge=0, le=30, description="duration of activation, s; assumed")
     ] = 6.0
     tip_mass_kg: Annotated[
-        float,
-        Meta(ge=0.02, le=2, description="effective mass at the tip, motor included, kg; assumed"),
+        float, Meta(ge=0.02, le=2, description="kg, moving mass at the tip, with motor; assumed")
     ] = 0.1
     least_force_n: Annotated[
-        float, Meta(ge=1, le=30, description="true static force of byte 0, N; Grover 2022")
+        float, Meta(ge=1, le=30, description="N, true static force of force byte 0; Grover 2022")
     ] = 10.0
     force_exponent: Annotated[
-        float, Meta(ge=0.3, le=3, description="curve of byte to true force; assumed linear")
+        float, Meta(ge=0.3, le=3, description="exponent of true force over force byte; assumed")
     ] = 1.0
     current_clamp: Annotated[
-        bool, Meta(description="motor current is limited at once, not only on detection; assumed")
+        bool, Meta(description="motor current is limited before contact is detected, too; assumed")
     ] = True
     override_s: Annotated[
-        float, Meta(ge=0, le=0.3, description="force overridden at start, s; manual p. 47, assumed")
+        float,
+        Meta(ge=0, le=0.3, description="s at start without force limit; manual p. 47, assumed"),
     ] = 0.0
     override_n: Annotated[
-        float, Meta(ge=0, le=80, description="force while it is overridden, N; assumed")
+        float, Meta(ge=0, le=80, description="N, force during override_s; assumed")
     ] = 30.0
     debounce_s: Annotated[
-        float, Meta(ge=0.001, le=0.2, description="stall to reported contact, s; assumed")
+        float,
+        Meta(ge=0.001, le=0.2, description="s from a finger's stall to reported contact; assumed"),
     ] = 0.03
 
     def force_n(self, byte: int) -> float:

@@ -65,7 +65,9 @@ class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     cells: Annotated[
         tuple[Cell, ...],
-        msgspec.Meta(min_length=1, description="(row, column) of the cells, in row-major order"),
+        msgspec.Meta(
+            min_length=1, description="(row, column) of the board's cells, in row-major order"
+        ),
     ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit
 
 

@@ -39,13 +39,13 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Meta(description="m, centre of gravity of the payload from the flange; assumed"),
     ] = (0.0, 0.0, 0.06)
     watchdog_hz: Annotated[
-        float, Meta(ge=1, le=50, description="kicks per s below which the controller stops")
+        float, Meta(ge=1, le=50, description="watchdog kicks per s; with fewer the arm stops")
     ] = 10.0
     heartbeat_timeout_s: Annotated[
-        float, Meta(ge=0.05, le=5, description="s without a read() after which a motion is braked")
+        float, Meta(ge=0.05, le=5, description="s without a poll after which a motion is braked")
     ] = 0.15
     step_timeout_s: Annotated[
-        float, Meta(ge=0.1, le=10, description="s for each question and each command")
+        float, Meta(ge=0.1, le=10, description="s, longest wait for the reply to a command")
     ] = 2.0
 
     @property

@@ -283,7 +283,7 @@ def test_metrics_pool_recordings_and_list_false_events_by_cause() -> None:
         "slide": 0.0, "tightening": pytest.approx(2 / (5.0 / 60)),
     }  # fmt: skip
     assert e.false_events_per_min == pytest.approx(2 / (9.5 / 60))
-    # one finger each: a hand of three has three times the false events
+    # one finger each: a hand of three has three times the false alarms
     assert e.false_events_per_min_hand == pytest.approx(3 * 2 / (9.5 / 60))
     low, high = e.intervals["false_events_per_min"]
     assert (low, high) == (0.0, pytest.approx(2 / (5.0 / 60)))

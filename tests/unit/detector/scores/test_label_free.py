@@ -54,7 +54,7 @@ def test_hold_that_looks_like_slip_or_is_too_short_is_refused():
         calibrate_rule([loud], RuleSettings(), 1.0, 300.0)
     with pytest.raises(UsageError, match="too few"):
         calibrate_rule([quiet(0.3)], RuleSettings(), 1.0, 300.0)
-    with pytest.raises(UsageError, match="budget of 0 false events"):
+    with pytest.raises(UsageError, match="budget of 0 false alarms"):
         calibrate_rule([quiet(3.0)], RuleSettings(), 0.0, 300.0)
 
 

@@ -1,4 +1,4 @@
-"""Driver core: faults, lost links, malformed replies, and the force cap under any verbs."""
+"""Driver core: faults, lost links, malformed replies, and the force limit under any commands."""
 
 from contextlib import suppress
 

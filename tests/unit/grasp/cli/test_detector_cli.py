@@ -74,8 +74,16 @@ def test_a_tuned_rule_is_toml_that_a_run_accepts(
     path.write_text(capsys.readouterr().out)
     assert "few data" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
+    assert "this rule misses 100% of the slips" in path.read_text()
     (sheet,) = results(capsys, *words, "--config", str(path), "--json")
     assert sheet["false_events_per_min_hand"] <= 12.0  # type: ignore[operator]
+
+
+def test_a_tuned_rule_that_detects_most_slips_has_no_warning(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "tune", "psd-fair", "--data", str(data), "--budget", "12"]) == 0
+    assert "misses" not in capsys.readouterr().out
 
 
 def test_a_budget_too_small_for_the_recorded_rest_is_refused(
@@ -85,8 +93,8 @@ def test_a_budget_too_small_for_the_recorded_rest_is_refused(
     assert main([*tune, "2"]) == 2
     output = capsys.readouterr()
     assert output.out == ""
-    assert "a budget of 2 a minute cannot be tested: 5.4 s of a hand" in output.err
-    assert "one false event is 11.2 a minute" in output.err
+    assert "2 false alarms a minute needs 30 s of a hand at rest (90 s of one" in output.err
+    assert "there are 5.4 s" in output.err
     assert "or a greater --budget)" in output.err
     assert main([*tune, "12"]) == 0
 
@@ -95,6 +103,9 @@ def test_a_card_describes_the_weights(tmp_path: Path, capsys: pytest.CaptureFixt
     path = write_network(tmp_path, "gru", seed=7)
     (found,) = results(capsys, "detector", "card", str(path), "--json")
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
+    for word in ("energy", "mine.py:Vibration"):
+        assert main(["detector", "card", word]) == 2
+        assert f"{word!r} is no network, so it has no card" in capsys.readouterr().err
     assert main(["detector", "card", "tcm"]) == 2
     error = capsys.readouterr().err
     assert "'tcm' is no packaged network (did you mean 'tcn'?)" in error
