@@ -102,10 +102,10 @@ class ForceGuard:
         if least_force_n > limit_n:
             raise ConfigError(
                 "guard", "force_limit_n",
-                f"the gripper's calibration cannot close with less than {least_force_n:g} N, "
-                f"above the limit of {limit_n:g} N",
-                f"guard.force_limit_n >= {least_force_n:g}, or a gripper.calibration that closes "
-                f"with {limit_n:g} N or less",
+                f"by its calibration the hand cannot close with less than {least_force_n:g} N; the "
+                f"limit is {limit_n:g} N",
+                f"a gripper.calibration by `grasp calibrate hand` with {limit_n:g} N or less, or "
+                f"guard.force_limit_n and controller.grip_force_n >= {least_force_n:g}",
             )  # fmt: skip
         if self.closing_speed_mps < least_speed_mps:
             least_n = least_speed_mps * math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)

@@ -25,7 +25,9 @@ from grasp.files import private_opener
 LIBRARY = "grasp-controller"  # without version, which is in the metadata
 METADATA_NAME = "run"
 UNIX_NS = "unix_ns"  # of the metadata; 0 if absent
-PATH_REMEDY = "give the path of a run's .mcap file"
+PATH_REMEDY = (
+    "give a run's folder, such as runs/NAME (`grasp runs` lists the names), or its .mcap file"
+)
 CHUNK_BYTES = 32 * 1024  # most data lost when the process is killed: about half a second of a run
 
 Channels = Mapping[str, type[msgspec.Struct]]

@@ -223,7 +223,7 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
     key = at.rstrip("`").lstrip(".")
     whole = hasattr(_type_at(cls, key), "__struct_fields__")  # a section, not one setting
     if field := re.search(r"(?:unknown|required) field `(.+?)`", problem):
-        known = list(_fields(_type_at(cls, key)))
+        known = [name for name in _fields(_type_at(cls, key)) if key or name not in CHOSEN]
         key = f"{key}.{field[1]}".lstrip(".")
         elsewhere = [
             f"{s}.{field[1]}" for s in _fields(cls) if field[1] in _fields(_type_at(cls, s))

@@ -22,6 +22,7 @@ from grasp.files import write_whole
 from scenarios.campaign.config import load_config, load_for_devices
 from scenarios.lab import calibrate, fingertips, preflight
 from scenarios.lab.hand import hand_guard
+from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.wired import ANY_BOARD
 
@@ -60,7 +61,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     def plan() -> str:
         return (
             f"move finger {args.finger} {PRESSES} times onto the scale, with force byte 0 "
-            f"(at most {args.up_to:g} N by the manual)"
+            f"({MANUAL.least_force_n:g} N by the manual, at most --up-to {args.up_to:g} N)"
         )
 
     def look() -> str:
@@ -108,7 +109,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     def act(permit: Any, operator: Any) -> str:
         counts = calibrate.record_still_object(config, permit, args.seconds, operator, print_status)
         found = tune_without_labels(detector_config, [(counts, *find_hold(counts))], args.budget)
-        return _rule_file(args, found, found.rule == detector_config.rule)
+        return _rule_file(args, found, detector_config.rule)
 
     return _measure(args, config, plan, look, act)
 
@@ -141,14 +142,22 @@ def _measure(
     return lab.perform(args, config, plan, look, run, ask, moves)
 
 
-def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
-    low, high = found.interval
-    # a hand at rest gives no data on closing, lifting or taps
-    how = "the packaged rule is higher and kept" if kept else "higher than the packaged rule"
+def _rule_file(args: argparse.Namespace, found: Any, configured: Any) -> str:
+    """Text of the file. The threshold is never below the ``configured`` one, because a hand at rest
+    gives no data on closing, lifting or taps."""
+    name, levels = "threshold", (found.level, *found.interval)
+    if configured.kind == "cusum":
+        name = "limit"
+    else:  # of a probability; the levels are log-odds
+        levels = tuple(1.0 / (1.0 + math.exp(-level)) for level in levels)
+    allowed, low, high = (f"{level:.4f}" for level in levels)
+    before, used = getattr(configured, name), getattr(found.rule, name)
+    how = "higher and is used" if used == before else f"lower, so {allowed} is used"
     source = (
-        f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: level "
-        f"{found.level:.2f} ({low:.2f} to {high:.2f}, 95 %) for {args.budget:g} false alarms a "
-        f"minute at {found.load_counts:.0f} counts of load; {how}"
+        f"a hold of {found.minutes:.1f} minutes, {calibrate.now()}, {args.detector}: for "
+        f"{args.budget:g} false alarms a minute this noise allows a {name} of {allowed} ({low} to "
+        f"{high}, 95 %), at {found.load_counts:.0f} counts of load; the configured {name}, "
+        f"{before:.4f}, is {how}"
     )
     lines = [
         "[source]",

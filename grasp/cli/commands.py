@@ -29,7 +29,8 @@ ROOT_END = (
     "interrupted (143 terminated, 129 terminal closed)."
 )
 FINGERS = ("A", "B", "C")
-SLOW = "slowly, at its least force"
+SLOW = "slowly, at the hand's least force"
+RUN_HELP = "folder of a run, its name as `grasp runs` lists it, or its recording.mcap"
 ARM_SPEED = "10 mm/s in a straight line"
 MAX_FORCE_N = 60.0  # of the hand, by its manual
 SHORTEST_HOLD_S = 30.0
@@ -52,7 +53,7 @@ def build_parser() -> Parser:
     config = root.command("config", "show the resolved settings, or check your files", ". "
         "Prints every setting with its value, its allowed range and its source. A FILE may be an "
         "object, surface, calibration, rig, campaign, data set, or settings for --config.", (
-        "grasp config object --object ball", "grasp config mug.toml cell.toml lab.toml",
+        "grasp config object --object ball", "grasp config thermos.toml cell.toml lab.toml",
         "grasp config --config lab.toml --config grip.toml"), section=SET_UP)  # fmt: skip
     config.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     share(config, "object profile detector rig config set json")
@@ -62,7 +63,7 @@ def build_parser() -> Parser:
 def _add_run(group: Parser) -> None:
     lift = group.command("lift", "lift an object from a weak grip and respond to slip", "", (
         "grasp run lift --object can",
-        "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
+        "grasp run lift --object ./thermos.toml --rig simulated --seed 7 --report",
         "grasp run lift --detector mine.py:Vibration --set object.mass_kg=0.3 --json",
         "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
     ))  # fmt: skip
@@ -78,8 +79,8 @@ def _add_run(group: Parser) -> None:
     tap.set_defaults(keep=False, first=False)
     press.option("--surface NAME", "one of config/surfaces, or a .toml file", default="planar")
     press.option("--direction DIR", "degrees in steps of 45, or cw or ccw", default="0")
-    press.option("--speed MPS", "speed of a stroke, m/s", decimal(0.004, 0.2), default=0.05)
-    press.option("--seconds S", "length of the recording", decimal(1, 3600), default=20.0)
+    press.option("--speed MPS", "speed of a stroke, m/s", decimal(0.004, 0.2, "m/s"), default=0.05)
+    press.option("--seconds S", "length of the recording, s", decimal(1, 3600, "s"), default=20.0)
     press.set_defaults(view=False)
     for name, parser in (("lift", lift), ("tap", tap)):
         share(parser, "object profile detector")
@@ -91,7 +92,8 @@ def _add_run(group: Parser) -> None:
     for name, parser in (("lift", lift), ("tap", tap), ("acquire", press)):
         parser.set_defaults(scenario=name)
         parser.option("--runs DIR", "folder of recordings", folder_to_fill, default="runs")
-        parser.option("--pace", "virtual time (default: real if shown)", choices=("real", "max"))
+        parser.option("--pace", "of the simulated rig: real time, or as fast as possible (default: "
+            "real with --view or at a terminal)", choices=("real", "max"))  # fmt: skip
         share(parser, "rig seed config set json confirm dry")
 
 
@@ -99,7 +101,7 @@ def _add_recordings(root: Parser) -> None:
     replay = root.command("replay", "run detector and controller on a recording again", "", (
         "grasp replay runs/20260102-101500-lift-can --check",
         "grasp replay --tactile fingertip.csv --detector energy"), section=TRY)  # fmt: skip
-    replay.option("run RUN", "folder or recording.mcap of a run", Path, nargs="?")
+    replay.option("run RUN", RUN_HELP, Path, nargs="?")
     replay.flag("--check", "exit 1 if any event or command differs from the recording")
     replay.option("--tactile PATH", "a fingertip recording (.npz or .csv) instead of a run", Path)
     replay.option("--detector NAME", "with --tactile: a detector's name or path (default: that of "
@@ -112,7 +114,7 @@ def _add_recordings(root: Parser) -> None:
     report = root.command("report", "write an HTML page of a run, campaign or evaluation", "", (
         "grasp report runs/20260102-101500-lift-can", "grasp report scores.json",
         "grasp report runs/campaigns/paper.sqlite"), section=TRY)  # fmt: skip
-    report.option("run RUN", "folder or recording.mcap of a run, SQLite file of a campaign, or "
+    report.option("run RUN", f"{RUN_HELP}; SQLite file of a campaign, or "
         ".json file of `grasp detector evaluate --out`", Path)  # fmt: skip
     report.option("--out FILE.html", "page to write (default: next to the RUN)", file_to_write)
     export = root.command("export", "export a run or campaign as a table or a plot", ". csv: "
@@ -121,7 +123,7 @@ def _add_recordings(root: Parser) -> None:
         "for Foxglove and Lichtblick.",
         ("grasp export runs/20260102-101500-lift-can --to svg",
         "grasp export runs/campaigns/paper.sqlite --out paper.csv"), section=TRY)  # fmt: skip
-    export.option("run RUN", "folder or recording.mcap of a run, or a campaign's file", Path)
+    export.option("run RUN", f"{RUN_HELP}; or a campaign's file", Path)
     export.option("--to", "default: by --out, else csv", choices=("csv", "svg", "gif", "layout"))
     export.option("--out FILE", "file to write (default: next to the RUN)", file_to_write)
 
@@ -243,7 +245,9 @@ def _add_gripper(group: Parser) -> None:
     step = group.command("step", f"move a finger by a few millimetres {SLOW}", "", (
         "grasp gripper step --finger B --mm 2 --config lab.toml --confirm-motion",
         "grasp gripper step --finger B --mm 2 --open --config lab.toml --dry-run"))  # fmt: skip
-    step.option("--mm MM", "travel of the fingertip, at most 5", decimal(0.01, 5), default=2.0)
+    step.option(
+        "--mm MM", "travel of the fingertip, at most 5", decimal(0.01, 5, "mm"), default=2.0
+    )
     step.flag("--open", "open instead of closing")
     for parser, finger in ((close, "all"), (step, "A")):
         parser.option("--finger", "A is the thumb", choices=(*FINGERS, "all"), default=finger)
@@ -255,7 +259,7 @@ def _add_arm(group: Parser) -> None:
     step = group.command("step", f"one step of at most 5 mm in the base frame, at {ARM_SPEED}", "",
         ("grasp arm step --z 3 --config lab.toml --confirm-motion",))  # fmt: skip
     for axis, text in (("x", "mm along x"), ("y", "mm along y"), ("z", "mm upwards")):
-        step.option(f"--{axis} MM", text, decimal(-5, 5), default=0.0)
+        step.option(f"--{axis} MM", text, decimal(-5, 5, "mm"), default=0.0)
     stop = group.command("stop", "stop the arm's program; needs no --confirm-motion")
     for parser in (step, stop):
         _add_lab(parser)
@@ -264,10 +268,11 @@ def _add_arm(group: Parser) -> None:
 def _add_tactile(group: Parser) -> None:
     identify = group.command("identify", "press a pad and see which finger and taxel respond")
     identify.option("--url URL", "emulated board, tcp://HOST:PORT (default: usb.url)")
-    identify.option("--seconds N", "duration, s", decimal(0.01, 86_400), default=10.0)
+    identify.option("--seconds N", "duration, s", decimal(0.01, 86_400, "s"), default=10.0)
     share(identify, "config set json")
     watch = group.command("watch", "show counts, noise and lost frames each second; start unloaded")
-    watch.option("--seconds N", "duration, s (default: 3600, with --rest 5)", decimal(1, 86_400))
+    watch.option("--seconds N", "duration, s (default: 3600, with --rest 5)",
+        decimal(1, 86_400, "s"))  # fmt: skip
     watch.flag("--rest", "print the rest codes of the unloaded hand as tactile.rest_reference")
     watch.option("--out FILE", "with --rest: new file to write", file_to_write)
     _add_lab(watch, moves=False)
@@ -282,15 +287,17 @@ def _add_calibrate(group: Parser) -> None:
     hand.flag("--scale", "confirm that one fingertip is over a scale and the hand is empty")
     for parser in (force, hand):
         parser.option("--finger", "finger to calibrate", choices=FINGERS, default="A")
-        parser.option("--up-to N", "largest force, N; it may exceed the force limit of a run"
+        parser.option("--up-to N", "largest force to measure, N; larger readings are refused"
             + (" (default: guard.force_limit_n)" if parser is force else ""),
-            decimal(0.1, MAX_FORCE_N), required=parser is hand)  # fmt: skip
+            decimal(0.1, MAX_FORCE_N, "N"), required=parser is hand)  # fmt: skip
     noise = group.command("noise", "tune the decision rule to your fingertips' noise, without "
         "labels: the hand holds an object at rest, then opens", "", (
         "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",))  # fmt: skip
     noise.option("--detector NAME", "detector to tune", default="tcn")
     noise.option("--budget N", "false alarms per minute and hand", decimal(0.001, 60), default=0.5)
-    noise.option("--seconds N", "of hold", decimal(SHORTEST_HOLD_S + 5, 3600), default=180.0)
+    shortest_s = SHORTEST_HOLD_S + 5
+    noise.option("--seconds N", f"duration of the hold, s ({shortest_s:g} to 3600, default: 180)",
+        decimal(shortest_s, 3600, "s"), default=180.0)  # fmt: skip
     for parser in (force, hand, noise):
         parser.option("--out FILE", "new .toml file to write", file_to_write, required=True)
         parser.option("--note TEXT", "text to add to the source in the file", default="")

@@ -83,7 +83,8 @@ def _show(args: argparse.Namespace) -> int:
     for word in args.section:
         if word not in sections:
             hint = settings.suggestion(word, sections)
-            raise UsageError(f"no section {word!r}{hint}", f"one of: {', '.join(sections)}")
+            remedy = f"a .toml file, or one of: {', '.join(sections)}"
+            raise UsageError(f"no such file or section: {word!r}{hint}", remedy)
     shown = args.section or sections
     layers = trial_layers(*chosen)
     if {"rule", "network"} & set(shown):

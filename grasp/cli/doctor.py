@@ -36,7 +36,8 @@ def doctor(args: argparse.Namespace) -> int:
     def text() -> str:
         width, lines = max(len(check.name) for check in checks), []
         for check in checks:
-            lines.append(f"{MARKS[check.status]}  {check.name:<{width}}  {check.detail}")
+            detail = check.detail.replace("\n", f"\n      {'':<{width}}  ")
+            lines.append(f"{MARKS[check.status]}  {check.name:<{width}}  {detail}")
             if check.remedy:
                 lines.append(f"      {'':<{width}}  -> {check.remedy}")
         warned = sum(check.status == "warn" for check in checks)

@@ -19,6 +19,7 @@ from scenarios.campaign.config import load_for_devices
 from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import HARDWARE, arm_address, permit
+from scenarios.trial.operator_prompts import WITHDRAWN
 
 TYPED_BYTES = 4096  # most input kept; the kernel's limit of a line too
 READS = 4  # most reads in a row
@@ -139,6 +140,7 @@ class TerminalOperator:
 
     def __init__(self) -> None:
         self.typed = b""  # not yet polled
+        self.asking = False  # a question is open
         self._closed = False
 
     def expect(self) -> None:
@@ -151,6 +153,7 @@ class TerminalOperator:
         """Ask; input before the question is discarded."""
         self._read()
         self.typed = b""
+        self.asking = text != WITHDRAWN
         self._print(text)
 
     def poll(self) -> str | None:
@@ -165,7 +168,7 @@ class TerminalOperator:
         line, newline, rest = self.typed.partition(b"\n")
         if not newline:
             return None
-        self.typed = rest
+        self.typed, self.asking = rest, False
         return line.decode(errors="replace")
 
     def _print(self, text: str) -> None:

@@ -44,15 +44,16 @@ class LocalViewer:
 class Display:
     """Shows runs tick by tick, in wall time from another process, in virtual time from this one.
 
-    ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` shows
-    only lines of registrations. ``page``: the page of ``viewed``, which is updated too.
+    ``quiet`` shows nothing; with an ``operator``, who types, no panel is drawn, and only events are
+    shown while a question is open; ``brief`` shows only lines of registrations. ``page``: the page
+    of ``viewed``, which is updated too.
     """
 
     def __init__(
-        self, rig: str, quiet: bool, plain: bool = False, brief: bool = False, page: Any = None
+        self, rig: str, quiet: bool, operator: Any = None, brief: bool = False, page: Any = None
     ) -> None:
-        self._rig, self._page = rig, page
-        self._panel = sys.stdout.isatty() and not plain
+        self._rig, self._page, self._operator = rig, page, operator
+        self._panel = sys.stdout.isatty() and operator is None
         self._brief = brief and not self._panel
         self._phase: State | None = None
         self._ticks = 0
@@ -90,7 +91,8 @@ class Display:
         changed = tick.decision.state is not self._phase
         event = tick.decision.slip.event or (changed and not self._brief)
         every = REFRESH_TICKS if self._panel else STATUS_TICKS
-        due = self._ticks % every == 0 and not self._brief
+        asking = self._operator is not None and self._operator.asking
+        due = self._ticks % every == 0 and not self._brief and not asking
         self._phase = tick.decision.state
         self._ticks += 1
         if self._shown is not None and (event or due):
@@ -138,7 +140,9 @@ def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
 
 def verdict(result: Any) -> str:
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
-    lines = [f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})"]
+    why = [f"{fault.code} ({fault.device})" for fault in result.faults]
+    what = ", ".join(why) if result.outcome == "fault" and why else result.outcome
+    lines = [f"\n{word}: {spelt(what)}  ({result.object}, seed {result.seed})"]
     lines += [f"  {text}" for text in facts(result)]
     if result.success is not None and result.outcome != "fault" and result.end is not None:
         where = f"{result.end.where}: " if result.end.where else ""

@@ -17,26 +17,34 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 PICTURES = (".svg", ".png", ".pdf")
-OBJECT_HELP = "one of config/objects, or your .toml file"
+OBJECT_HELP = "one of config/objects or config/objects/unseen, or your .toml file"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
     def number(text: str) -> int:
-        if not text.isdecimal() or not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"{text!r}: not a whole number, {least} to {most}")
+        if not text.removeprefix("-").isdecimal():
+            raise argparse.ArgumentTypeError(
+                f"{text!r} is not a whole number, allowed: {least} to {most}"
+            )
+        if not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text} is out of range: {least} to {most}")
         return int(text)
 
     return number
 
 
-def decimal(least: float, most: float) -> Callable[[str], float]:
+def decimal(least: float, most: float, unit: str = "") -> Callable[[str], float]:
+    within = f"{least:g} to {most:g} {unit}".rstrip()
+
     def number(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
+        if math.isnan(value):
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number, allowed: {within}")
         if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"{text!r}: not a number, {least:g} to {most:g}")
+            raise argparse.ArgumentTypeError(f"{text} is out of range: {within}")
         return value
 
     return number

@@ -179,7 +179,8 @@ def _print_dry_run(would: list[str], checks: list[Any], args: argparse.Namespace
         print("\n".join(f"would {line}" for line in would))
         for check in checks:
             if check.status != "ok":
-                say(f"{check.name}: {check.detail} ({check.remedy})")
+                remedy = f" ({check.remedy})" if check.remedy else ""
+                say(f"{check.name}: {check.detail}{remedy}")
     value = {"would": would, "checks": [check._asdict() for check in checks], "exit_code": code}
     return show(args, value, "would not start" if failed else "would start", code)
 
@@ -211,6 +212,8 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
     up_mm = controller.retreat_m * 1e3
     retreat = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
     lower_mmps = controller.lower_speed_mps * 1e3
+    stops = lift and "slip_stop_mps2" not in controller.unread
+    stop = f", and stop it at {controller.slip_stop_mps2:g} m/s2 when the object slips"
     lines = [
         args.first and "close the fingers in free air to the grasp positions, and open them again",
         asked and f"ask for {config.object.name} to be put between the fingers",
@@ -218,8 +221,7 @@ def plan(config: Any, args: argparse.Namespace) -> list[str]:
         f"{closing_mmps:.0f} mm/s, with at most {limit_n:g} N commanded per finger (byte 0 of this "
         f"hand: {known.least_force_n:g} N)",
         f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
-        f"{controller.lift_speed_mps * 1e3:.0f} mm/s"
-        f"{', and stop it when the object slips' if lift else ''}",
+        f"{controller.lift_speed_mps * 1e3:.0f} mm/s{stop if stops else ''}",
         not lift and "ask for taps on the object, with the arm at rest",
         asked and f"ask how far the object's mark {'slipped' if lift else 'moved'}, mm",
         "keep holding the object" if controller.keep

@@ -94,7 +94,7 @@ def _follow(
     failure: Any = None
     with (
         viewed(args, lambda: LiveTrials(config, title, of)) as page,
-        Display(config.rig, args.json, operator is not None, not single, page=page) as display,
+        Display(config.rig, args.json, operator, not single, page) as display,
     ):
         display.setting_up()
         context = TrialContext(

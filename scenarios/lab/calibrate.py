@@ -307,7 +307,7 @@ def force_file(finger: str, fit: CountsFit, note: str = "") -> str:
 # {fit.slope:.1f} counts/N [{low:.1f}, {high:.1f}] (95 %, for an exact scale).
 # The fitted line has an offset of {fit.offset_n:+.2f} N (rest codes of the pad, tare of the scale), which is not used.
 # Readings differ by at most {fit.worst_n:.2f} N from a line through zero. Other forces and fingertips were not measured.
-# For `grasp run acquire` set control.counts_per_newton.
+# `grasp run acquire` reads another setting: add `--set control.counts_per_newton={fit.slope:.1f}` to it.
 [source]
 counts_per_newton = {source}
 [guard]

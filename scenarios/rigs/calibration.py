@@ -15,6 +15,7 @@ from grasp.settings import (
     named_layer,
     names,
     read_toml,
+    suggestion,
     without_chosen,
 )
 
@@ -42,6 +43,10 @@ def rig_layers(word: str) -> tuple[str, list[Layer]]:
     """Packaged rig for a name or a file, and its settings overridden by the file's. Raises
     ConfigError."""
     if not is_path(word):
+        known = names("rigs")
+        if word not in known:
+            remedy = f"{', '.join(known)}, or the path of a .toml file"
+            raise ConfigError("--rig", "-", f"{word!r} is unknown{suggestion(word, known)}", remedy)
         return word, [without_chosen(named_layer("rigs", word))]
     file = read_toml(Path(word))
     base = file.table.get("rig")

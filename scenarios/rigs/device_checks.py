@@ -91,7 +91,7 @@ def _calibration(config: GraspRigConfig) -> Finding:
     """Check that a calibration is chosen; a run is refused without one."""
     chosen = calibration(config)
     if config.rig == HARDWARE and weak_claim(chosen):
-        return "warn", describe_calibration(chosen), "verify it with `grasp calibrate hand`"
+        return "warn", describe_calibration(chosen)  # measured, or it would have been refused
     return "ok", describe_calibration(chosen)
 
 
@@ -99,7 +99,7 @@ def _guard(config: GraspRigConfig, would_run: Callable[[Any], object]) -> Findin
     would_run(config)
     source = getattr(config, "source", None)  # of a trial's settings
     notes = [] if source is None else source.in_words() or [ASSUMED]
-    return "ok", "; ".join(["the limits can be kept with this hand and these settings", *notes])
+    return "ok", "\n".join(["the limits can be kept with this hand and these settings", *notes])
 
 
 def _cell(config: AnyRigConfig) -> Finding:

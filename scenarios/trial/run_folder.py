@@ -25,6 +25,7 @@ from scenarios.trial.foxglove import ViewerMessages
 from scenarios.trial.result import REPORT, Bug, Failure, FinishedRun, ResultT, versions
 from scenarios.world.truth import Truth
 
+RUNS = Path("runs")  # default folder of recordings
 RECORDING = "recording.mcap"
 RESULT = "result.json"
 PROBE_BYTES = 65_536  # about one second of a recording
@@ -33,7 +34,9 @@ WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **VIEWER_CHANNELS}
 
 
 def find_recording(path: Path) -> Path:
-    """The recording of a run folder, or the file itself."""
+    """The recording of a run folder, which may be named as in `grasp runs`, or the file itself."""
+    if not path.exists() and (RUNS / path).is_dir():
+        path = RUNS / path
     return path / RECORDING if path.is_dir() else path
 
 

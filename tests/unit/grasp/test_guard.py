@@ -55,6 +55,7 @@ def test_calibration_that_cannot_keep_the_limit_is_refused_with_the_remedy() -> 
         ForceGuard(GuardSettings(), least_force_n=15.0, stiffness=RIGID)
     assert "15 N" in caught.value.message
     assert "calibration" in caught.value.remedy
+    assert "controller.grip_force_n >= 15" in caught.value.remedy
 
 
 def test_least_force_equal_to_the_limit_is_accepted() -> None:

@@ -55,6 +55,21 @@ def test_key_without_its_section_is_refused_with_the_full_name(tmp_path: Path) -
         lift(file=file)
 
 
+def test_allowed_sections_do_not_include_names_that_only_an_option_chooses() -> None:
+    with pytest.raises(ConfigError) as caught:
+        lift("nosuch.key=1")
+    allowed = caught.value.allowed.split(", ")
+    assert "guard" in allowed
+    assert not {"rig", "profile", "detector_name"} & set(allowed)
+
+
+def test_unknown_rig_is_reported_as_the_value_of_its_option() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config("can", "emulatd", "energy")
+    assert caught.value.message == "--rig: 'emulatd' is unknown (did you mean 'emulated'?)"
+    assert "simulated" in caught.value.allowed
+
+
 def test_unknown_object_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError) as caught:
         load_config("cann", "simulated", "energy")

@@ -167,6 +167,7 @@ def test_no_run_activates_a_hand(lab: Lab, tmp_path: Path) -> None:
         dry = lab.grasp("run", *words, *HARDWARE, "--dry-run")
         assert dry.code == 4, dry
         assert remedy in dry.err and dry.out.endswith("would not start\n")
+        assert ("stop it at 1 m/s2" in dry.out) == ("--first" in words)
     words = ("run", "lift", *HARDWARE, *CONFIRMED, "--runs", str(tmp_path))
     for more in ((), ("--trials", "2")):
         result = lab.grasp(*words, *more, operator=lambda question: "")

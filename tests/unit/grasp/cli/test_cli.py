@@ -157,7 +157,7 @@ def test_invalid_options_are_refused_with_a_remedy_before_anything_moves(
     for words, expected in (
         ("tap --taps 3", "`grasp run tap` does not take --taps 3"),
         ("lift --direction top", "`grasp run lift` does not take --direction top"),
-        ("tap --trials 0", "a whole number"),
+        ("tap --trials 0", "out of range"),
         ("tap --set controller.keep=true", "only one trial is possible"),
         ("tap --set object.mass_kg=2.9", "leaves it in the hand"),
         ("lift --object cann", "did you mean 'can'"),
@@ -216,5 +216,7 @@ def test_settings_are_printed_with_their_allowed_values(capsys: pytest.CaptureFi
     assert code == 0 and "force_limit_n = 10.0  # float" in out
     _, table = run_json(capsys, "config", "--set", "guard.tip_mass_kg=0.3")
     assert table["guard"]["tip_mass_kg"] == 0.3
+    code, _, error = call("config", "lab.tml", capsys=capsys)
+    assert code == 2 and "no such file or section: 'lab.tml'" in error
     out = call("config", capsys=capsys)[1]
     assert "grip_counts = [55, 55, 55]  # 3 x int" in out and "tuple[" not in out

@@ -59,7 +59,8 @@ def test_refusal_without_confirmation_states_the_motion(
         (f"gripper activate {HAND}", "open and close all fingers fully"),
         (
             "calibrate hand --up-to 16 --out NEW",
-            "move finger A 10 times onto the scale, with force byte 0",
+            "move finger A 10 times onto the scale, with force byte 0 (15 N by the manual, at most "
+            "--up-to 16 N)",
         ),
     ):
         assert main(words.replace("NEW", str(tmp_path / "new.toml")).split()) == 2, words

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.lab import TerminalOperator
+from scenarios.trial.operator_prompts import WITHDRAWN
 
 
 @pytest.fixture
@@ -48,6 +49,19 @@ def test_input_before_a_question_is_discarded(
     person.say("How far?")
     assert person.poll() is None
     assert capsys.readouterr().err == ">>> How far?\n"
+
+
+def test_question_is_open_until_it_is_answered_or_withdrawn(typed: int) -> None:
+    person = TerminalOperator()
+    assert not person.asking
+    person.say("How far?")
+    os.write(typed, b"1")
+    assert person.poll() is None and person.asking
+    os.write(typed, b"2\n")
+    assert person.poll() == "12" and not person.asking
+    person.say("How far?")
+    person.say(WITHDRAWN)
+    assert not person.asking
 
 
 def test_end_of_the_input_counts_as_ctrl_c_once(

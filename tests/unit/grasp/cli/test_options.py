@@ -36,8 +36,10 @@ def test_every_number_of_the_command_line_has_bounds() -> None:
 
 def test_invalid_values_are_refused_with_the_allowed_range(capsys: Capture) -> None:
     for words, expected in (
-        ("run lift --trials 0", "1 to 10000"),
-        ("run acquire --speed 9", "0.004 to 0.2"),
+        ("run lift --trials 0", "0 is out of range: 1 to 10000"),
+        ("run lift --trials x", "'x' is not a whole number, allowed: 1 to 10000"),
+        ("run acquire --speed 9", "9 is out of range: 0.004 to 0.2 m/s"),
+        ("run acquire --speed nan", "'nan' is not a number, allowed: 0.004 to 0.2 m/s"),
     ):
         assert main(words.split()) == 2, words
         assert expected in capsys.readouterr().err, words

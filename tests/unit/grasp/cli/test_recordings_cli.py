@@ -18,6 +18,20 @@ def test_replay_checks_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert result["same"] is True
 
 
+def test_run_is_found_by_the_name_that_runs_lists(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call("run", "lift", capsys=capsys)
+    name = call("runs", capsys=capsys)[1].split()[0]
+    assert call("replay", name, "--check", capsys=capsys)[0] == 0
+    for words in (("report", name), ("export", name), ("export", name, "--to", "layout")):
+        code, out, _ = call(*words, capsys=capsys)
+        assert code == 0 and Path(out.strip()).parent == Path("runs") / name, words
+    code, _, error = call("replay", "no-run", capsys=capsys)
+    assert code == 2 and "such as runs/NAME" in error
+
+
 def stroke_csv(path: Path) -> Path:
     rows = ["t_s,p0,p1,p2,p3,p4,p5,slip"]
     for k in range(400):

@@ -1,12 +1,16 @@
 """The terminal view of a run: panel, lines and verdict."""
 
 from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from grasp.cli import live, view
 from grasp.fault import Fault
+from grasp.loop import Tick
+from grasp.states import State
 from scenarios.report.run_view import facts
 from scenarios.trial.final_state import FinalState
 
@@ -68,6 +72,32 @@ def verdict(**changes: object) -> SimpleNamespace:
     return SimpleNamespace(**(values | changes))
 
 
+def test_verdict_of_a_fault_names_its_code_and_device() -> None:
+    faults = (Fault("stale", "arm", "the arm sends no data", kind="stale"),)
+    output = live.verdict(verdict(outcome="fault", faults=faults))
+    assert output.startswith("\nFAILED: stale (arm)  (can, seed 3)\n")
+
+
+def test_status_lines_pause_while_a_question_is_open(capsys: pytest.CaptureFixture[str]) -> None:
+    operator = SimpleNamespace(asking=True)
+    slip = SimpleNamespace(event=False, registered=False, masked=False, armed=False)
+    tick = SimpleNamespace(
+        t_ns=0, decision=SimpleNamespace(slip=slip, state=State.HOLD),
+        estimated_n=(0.0, 0.0, 0.0), observation=SimpleNamespace(probabilities=np.zeros(3)),
+        gripper=SimpleNamespace(positions=(0, 0, 0)), arm=SimpleNamespace(position_m=(0, 0, 0)),
+    )  # fmt: skip
+    with live.Display("simulated", quiet=False, operator=operator) as display:
+
+        def lines() -> int:
+            for _ in range(2 * live.STATUS_TICKS):
+                display.tick(cast(Tick, tick))
+            return len(capsys.readouterr().out.splitlines())
+
+        assert lines() == 1  # the start of the phase
+        operator.asking = False
+        assert lines() == 2
+
+
 def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out() -> None:
     closed = FinalState(
         "the arm is stationary", "the hand is closed", "to let go, run `grasp release`"
@@ -104,7 +134,9 @@ def test_one_trial_shows_phases_and_a_series_only_registrations(
     shown_view = FakeView()
     monkeypatch.setattr(view, "Lines", lambda: shown_view)
     monkeypatch.setattr(view, "tick_view", lambda *_: SLIPPING)
-    display = live.Display("simulated", quiet=False, plain=True, brief=brief)
+    display = live.Display(
+        "simulated", quiet=False, operator=SimpleNamespace(asking=False), brief=brief
+    )
     for phase in phases:
         decision = SimpleNamespace(state=phase, slip=SimpleNamespace(event=None))
         display.tick(SimpleNamespace(decision=decision))
