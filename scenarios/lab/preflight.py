@@ -30,9 +30,10 @@ HALVED = {
 }  # fmt: skip
 STOP_INSTRUCTIONS = (
     "protective stop: the arm stops and the hand keeps its grip. Find the cause on the teach "
-    "pendant, wait 5 s, clear it there; then let go as the message says",
+    "pendant, wait 5 s, clear it there; then run `grasp release`",
     "emergency stop: press it if in doubt. The arm brakes, the hand keeps its grip. Release the "
-    "button, power the robot on and release its brakes on the teach pendant, then let go",
+    "button, power the robot on and release its brakes on the teach pendant, then run "
+    "`grasp release`",
     "loss of remote control (somebody set the pendant to Local): the program ends and the arm "
     "stops. Set it to Remote, then start again",
     "Ctrl-C: the arm stops, the hand keeps its grip, and the command that opens it is printed",
