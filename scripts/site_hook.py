@@ -1,4 +1,4 @@
-"""Hook of MkDocs: a link out of `docs/`, to a file of the checkout, is told as its path."""
+"""Hook of MkDocs: a link out of `docs/`, to a file of the checkout, is shown as its path."""
 
 import re
 

@@ -138,9 +138,10 @@ def campaign(run: Run) -> Made:
 
 def highest(item: str, trials: Sequence[worker.Row]) -> list[Row]:
     """Highest commanded force, and highest true force of any finger."""
-    told, true = ([f for t in trials if (f := getattr(t, name)) is not None]
-                  for name in ("commanded_force_n", "peak_force_n"))  # fmt: skip
-    return [Row(item, "highest commanded force, N", max(told, default=None), n=len(told)),
+    commanded, true = ([f for t in trials if (f := getattr(t, name)) is not None]
+                       for name in ("commanded_force_n", "peak_force_n"))  # fmt: skip
+    return [Row(item, "highest commanded force, N", max(commanded, default=None),
+                n=len(commanded)),
             Row(item, "highest true force, N", max(true, default=None), n=len(true))]  # fmt: skip
 
 

@@ -19,7 +19,7 @@ PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 VIOLATIONS = {
     "layers": ("drivers.planted", "grasp.planted_other"),
     "detector-alone": ("detector.training.planted", "drivers.planted_other"),
-    "scenario-rooms": ("scenarios.lift.planted", "scenarios.campaign.planted_other"),
+    "scenario-packages": ("scenarios.lift.planted", "scenarios.campaign.planted_other"),
     "cli-is-top": ("scenarios.planted", "grasp.cli"),
     "world-alone": ("scenarios.world.planted", "detector.planted_other"),
     "world-drivers": ("scenarios.world.cell", "drivers.robotiq.protocol"),
