@@ -239,7 +239,7 @@ class GraspController:
         or the object is lost."""
         slip, lost = self.slip_monitor.status, self._contact.thumb_lost
         rising = self.state is State.LIFT  # in `hold` the arm is at rest
-        # at the limit no closing has an effect, and with `hold_by_clock` no set-down follows either
+        # with `hold_by_clock` slip at the limit is ignored: no closing and no set-down could follow
         ignored = self._settings.hold_by_clock and obs.at_cap
         if lost and obs.at_cap:
             self._lose(obs, "contact lost, and the thumb can close no further")

@@ -50,7 +50,7 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         Meta(description="every_finger: the limit holds for each finger, the thumb closes alone; "
              "each_motor: for each motor, all close and the thumb bears the sum of B and C"),
     ] = "every_finger"  # fmt: skip
-    # from the momentum of the fingers; it limits the speed of closing
+    # the excess comes from the momentum of the fingers, so it limits the speed of closing
     overshoot_n: Annotated[
         float, Meta(ge=0.1, le=20.0, description="accepted excess of true force over the limit")
     ] = 1.0
@@ -140,8 +140,7 @@ class ForceGuard:
         stiffness; and where it reaches limit plus overshoot at 1.3 times that stiffness after a
         first grasp stronger by 1 N. None before the first grasp, and with `each_motor`.
 
-        Estimated force less stiffness x travel takes the place of the first grasp's force where it
-        is larger.
+        The first grasp's force is at least the estimated force less stiffness x travel.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None

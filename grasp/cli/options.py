@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 PICTURES = (".svg", ".png", ".pdf")
-OBJECT_HELP = "one of config/objects or config/objects/unseen, or your .toml file"
+OBJECT_HELP = "an object of config/objects (also the held-out ones), or your .toml file"
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:

@@ -1,10 +1,11 @@
 """Close: the interface of slip responses, and the response that only closes the hand.
 
 A closing to the force limit usually has two stages. First stage: fast, to the safe travel
-(``ForceGuard.safe_travel``); it lasts about as long as the delay of a command, so it needs no
-feedback. Second stage: at the hand's least speed, from rest, to the force limit, so that momentum
-causes little overshoot. Where no safe travel is left, there is only the second stage. Where none is
-known, after lost contact and with ``controller.closing`` = constant, one stage closes to the limit.
+(``ForceGuard.safe_travel``); it lasts about as long as the delay of a command. Feedback would come
+too late, so it ends at a position. Second stage: at the hand's least speed, from rest, to the force
+limit, so that momentum causes little overshoot. Where no safe travel is left, there is only the
+second stage. One stage closes to the limit if no safe travel is known, if contact is lost, or if
+``controller.closing`` is constant.
 """
 
 from drivers.interfaces import Counts3, Detection

@@ -20,7 +20,9 @@ class StopAndClose(SlipResponse):
 
     _stopped = False  # this response has stopped the arm
     _at_rest = False  # the arm was at rest in the last sample
-    _no_effect = False  # when the arm stopped no closing could help: at the limit, or overloaded
+    _no_effect = (
+        False  # closing was already useless when the arm stopped: at the limit, or overloaded
+    )
     _no_effect_s = 0.0  # total duration of pauses in which no closing could help
     _alarm_ns = 0  # time of the last sample with ``alarm`` (see ``update``)
 
