@@ -126,8 +126,8 @@ def _weakest(known: GripperCalibration) -> int:
 
 
 def choices() -> str:
-    """Allowed values of `gripper.calibration`, as text."""
-    return f"{', '.join(names(KIND))}, or the path of a .toml file"
+    """Values of `gripper.calibration` that real devices accept, as text."""
+    return "manual, or the file that `grasp calibrate hand` writes"
 
 
 def _choice(table: dict[str, Any], before: str) -> str:
