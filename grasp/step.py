@@ -18,9 +18,9 @@ from drivers.errors import GraspError, describe_exception, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
-from grasp.fault import FINGERTIPS, Fault
+from grasp.fault import Fault
 from grasp.guard import ForceGuard
-from grasp.monitors.checks import Monitors, failed, implausible, invalid_probabilities
+from grasp.monitors.checks import Monitors, failed, invalid_probabilities
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.states import OPEN_STATES, UNTARED_STATES
@@ -56,7 +56,6 @@ class GraspStep:
         self._estimated_n: Vector3 = (0.0, 0.0, 0.0)
         self._responsive_n: Vector3 = (0.0, 0.0, 0.0)
         self.last_close: CloseFast | None = None  # the closing that was admitted last
-        self._fingertips_failed = False  # a plausibility check of them has failed in this run
         self._tared = False  # counts are relative to rest counts that this run has taken
         self._reset_failure: Fault | None = None  # why the detector's last reset failed
 
@@ -76,7 +75,7 @@ class GraspStep:
         """The command that the guard admits instead, at the latest estimated force."""
         if not isinstance(command, GripperCommand):
             return command
-        admitted = self._guard.admit(command, gripper, self._limiting_n)
+        admitted = self._guard.admit(command, gripper, self._estimated_n)
         if isinstance(admitted, CloseFast):
             self.last_close = admitted
         return admitted
@@ -87,12 +86,11 @@ class GraspStep:
             return None
         hand = (c for c in self.controller.abort_commands() if isinstance(c, GripperCommand))
         command = next(hand, None)
-        return None if command is None else self._guard.admit(command, gripper, self._limiting_n)
+        return None if command is None else self._guard.admit(command, gripper, self._estimated_n)
 
     def _observe(self, inputs: StepInput) -> Observation:
         state = self.controller.state
         found = self._monitors.check(state, inputs)
-        self._fingertips_failed |= implausible(found, FINGERTIPS)
         faults = (*inputs.errors, *filter(self._monitors.stops, found))
         reported = tuple(fault for fault in found if fault not in faults)
         # `grasp.tare` counts as tared: there is no frame until this run's rest counts are taken
@@ -115,23 +113,12 @@ class GraspStep:
             reported=reported,
             estimated_n=self._estimated_n,
             responsive_n=self._responsive_n,
-            overloaded=self._guard.overloaded(self._limiting_n),
+            overloaded=self._guard.overloaded(self._estimated_n),
             last_close=self.last_close,
             safe_travel_counts=self._guard.safe_travel(inputs.gripper, self._estimated_n),
             thumb_limit_counts=self._guard.thumb_limit_counts,
             motion=self._kind_of_slip(probabilities),
         )
-
-    @property
-    def _limiting_n(self) -> Vector3:
-        """Estimated force that the guard compares with the limit. After a failed fingertip check
-        only responsive taxels of live fingertips count: a stuck fingertip that reads high would
-        otherwise block a closing, and the object could fall."""
-        if not self._fingertips_failed:
-            return self._estimated_n
-        fingers = zip(self._responsive_n, self._monitors.fingertips.dead, strict=True)
-        a, b, c = (0.0 if dead else force_n for force_n, dead in fingers)
-        return a, b, c
 
     def _estimate_force(self, counts: NDArray[np.int16]) -> None:
         self._estimated_n = self._responsive_n = self._force_n(counts)

@@ -60,12 +60,6 @@ class FingertipHistory:
         self.jumped = self._all_jumped(change, self.responsive & ~rails_before)
         self.plausible = not (self.jumped or whole.any())
 
-    @property
-    def dead(self) -> Flags:
-        """Loaded fingertips whose codes all repeat, (3,)."""
-        dead: Flags = (self.repeats.min(axis=1) >= DEAD_SAMPLES) & self.loaded
-        return dead
-
     def _all_jumped(self, change: NDArray[np.int64], responsive: Flags) -> bool:
         """Whether all responsive taxels, and most are, changed at once in one direction. A contact
         instead presses some taxels and unloads others."""
@@ -86,7 +80,7 @@ def frozen(h: FingertipHistory, s: MonitorSettings) -> Data:
 
 def dead(h: FingertipHistory, s: MonitorSettings) -> Data:
     """Fails if all codes of a loaded fingertip repeat."""
-    return finger_names(h.dead)
+    return finger_names((h.repeats.min(axis=1) >= DEAD_SAMPLES) & h.loaded)
 
 
 def few_responsive(h: FingertipHistory, s: MonitorSettings) -> Data:

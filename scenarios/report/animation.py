@@ -3,6 +3,7 @@
 It needs the true motion of the object, which only simulated and emulated rigs record.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,9 @@ def animate_run(path: Path, out: Path) -> None:
 
     plt, run = _pyplot(), read_run(path)
     truth = run.truth
-    if truth is None or truth.onset_s is None:
+    opened_s = [c.t_ns * 1e-9 for c in run.phases if c.phase == "release.open"]
+    # a released object slides too, which is no slip of a grasp
+    if truth is None or truth.onset_s is None or truth.onset_s >= min(opened_s, default=math.inf):
         raise BadFile(
             str(path),
             "shows no slip",

@@ -25,13 +25,12 @@ from grasp.controller import Decision, GraspController
 from grasp.fault import lines
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.monitors.checks import CHECKS, Monitors
-from grasp.monitors.fingertips import DEAD_SAMPLES
 from grasp.monitors.settings import MonitorSettings
 from grasp.observation import Observation, StepInput
 from grasp.slip_monitor import DISARMED
 from grasp.states import SAFE_STATES, State
 from grasp.step import GraspStep
-from tests.unit.grasp.builders import LOST, STOP, arm, codes, frame, frame_of, gripper
+from tests.unit.grasp.builders import LOST, STOP, arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 
 ANY_CLOSE = ((True, True, True), (255, 255, 255), 0.1)
@@ -164,20 +163,6 @@ def test_force_is_still_estimated_in_the_safe_state_after_a_tare(end: State) -> 
 def test_saturated_taxels_count_in_measured_but_not_in_responsive_force() -> None:
     obs = Bench().decide(railed(frame(-1)))
     assert (obs.estimated_n, obs.responsive_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
-
-
-def test_dead_fingertip_that_reads_an_overload_no_longer_prevents_a_closing() -> None:
-    b = Bench(FakeController(State.HOLD, CLOSE))
-    observations = []
-    for k in range(DEAD_SAMPLES + 1):
-        raw = codes(k) + np.int16(49)  # fingers B and C press lightly
-        raw[0] = 1
-        observations.append(b.decide(frame_of(raw), t_ns=(k + 1) * TICK))
-    first, last = observations[0], observations[-1]
-    assert (first.faults, first.overloaded) == ((), True)
-    assert [fault.code for fault in last.faults] == ["fingertip_dead"]
-    assert last.estimated_n[0] > 1000.0 and not last.overloaded
-    assert b.guard.requests[-1][1][0] == 0.0
 
 
 def railed(of: TactileFrame) -> TactileFrame:
