@@ -1,6 +1,7 @@
 """Messages for viewers: frames at the positions of arm, fingers and object."""
 
 import json
+import re
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from mcap.reader import make_reader
 from grasp.clock import VIRTUAL_EPOCH_NS
 from grasp.messages import ARM, GRIPPER, TRUTH
 from grasp.recording import RunRecording
+from grasp.settings import config_dir
 from scenarios.lift.lift import lift
 from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.world.settings import HALF_APERTURE_M
@@ -59,3 +61,12 @@ def test_frames_have_the_recorded_positions_of_arm_fingers_and_object(recording:
     drawn, known = np.array(heights).T
     np.testing.assert_allclose(drawn - drawn[0], known - known[0], atol=2e-4)
     assert np.ptp(known) > 0.1
+
+
+def test_curves_of_the_packaged_layout_are_fields_of_a_recording(recording: Path) -> None:
+    layout = (config_dir() / "viewers" / "foxglove.json").read_text()
+    curves = set(re.findall(r'"(/\w+)\.(\w+)', layout))
+    recorded = messages(recording)
+    assert len(curves) > 5
+    for topic, field in curves:
+        assert field in recorded[topic][0][2], f"{topic}.{field}"
