@@ -23,7 +23,7 @@ class SlipDetector(Protocol):
 
     Frames are 10 ms apart; the caller repeats the last frame for a missed one. A probability above
     ``threshold`` classifies the sample as slip. The output depends on the last ``memory`` samples;
-    0 means unbounded.
+    0: all samples since the reset.
     """
 
     name: str

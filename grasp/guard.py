@@ -61,14 +61,14 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     tip_mass_kg: Annotated[
         float, Meta(ge=0.001, le=5.0, description="moving mass of finger and motor at the tip")
     ] = 0.1
-    # that is where force of the first grasp + stiffness x travel reaches the limit
+    # `travel_bound`: closing ends where force of the first grasp + stiffness x travel is the limit
     travel_bound: Annotated[
         bool, Meta(description="closing also stops where the stiffness predicts the limit")
     ] = False
     counts_per_newton: Annotated[
         float, Meta(ge=1.0, le=5e3, description="summed taxel counts per newton; calibrate it")
     ] = 160.0
-    # above the limit; covers the error of the estimate
+    # `estimate_margin_n` covers the error of the estimate
     estimate_margin_n: Annotated[
         float, Meta(ge=0.0, le=50.0, description="excess of estimated force that stops closing")
     ] = 5.0
@@ -140,7 +140,8 @@ class ForceGuard:
         stiffness; and where it reaches limit plus overshoot at 1.3 times that stiffness after a
         first grasp stronger by 1 N. None before the first grasp, and with `each_motor`.
 
-        The first grasp's force is at least the estimated force less stiffness x travel.
+        The estimated force, less what closing since the first grasp explains, replaces the first
+        grasp's force if it is larger.
         """
         if self._first_grasp is None or self._settings.cap_mode == "each_motor":
             return None
