@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.errors import BadFile
 from drivers.interfaces import FINGER_NAMES
-from scenarios.report.export import COLOURS, LIMIT_COLOUR, _pyplot, title
+from scenarios.report.export import COLOURS, LIMIT_COLOUR, pyplot, title
 from scenarios.report.run_record import RunRecord, TrueWorld, read_run
 
 BEFORE_S, AFTER_S = 0.2, 0.9  # shown around the onset of slip
@@ -30,7 +30,7 @@ def animate_run(path: Path, out: Path) -> None:
     without a true slip."""
     from matplotlib.animation import FuncAnimation, PillowWriter
 
-    plt, run = _pyplot(), read_run(path)
+    plt, run = pyplot(), read_run(path)
     truth = run.truth
     opened_s = [c.t_ns * 1e-9 for c in run.phases if c.phase == "release.open"]
     # a released object slides too, which is no slip of a grasp

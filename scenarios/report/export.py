@@ -81,7 +81,7 @@ SHADES = {
 }  # fmt: skip
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -94,7 +94,7 @@ def _pyplot() -> Any:
 def draw_run(path: Path, out: Path) -> None:
     """Plot force, slip probability and slip distance of a run over time, with shaded phases, to
     ``out``. Raises BadFile as ``read_run``."""
-    plt, run = _pyplot(), read_run(path)
+    plt, run = pyplot(), read_run(path)
     figure, (force, p, slip) = plt.subplots(
         3, 1, sharex=True, figsize=(9, 6.4), height_ratios=(3, 2, 2), layout="constrained"
     )

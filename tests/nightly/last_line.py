@@ -18,11 +18,11 @@ DROPPED_M, SLID_M = 0.003, 0.015  # height of a dropped object; slip that counts
 TIMED_OUT = r"did not end in time|lasted longer than"
 LATE = r"stale|stands still|stood still|silent|does not answer|no data|in time|_late\b|loop_"
 # the hand could not be commanded, and the last line says so
-CANNOT_COMMAND = r"holds by itself|status is implausible|refuses every motion|not heard"
+CANNOT_COMMAND = r"holds by itself|status is implausible|refuses every motion|does not report"
 DEVICE_WORDS = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
-    "fingertips": r"fingertip|tactile|taxel|feels nothing|estimated force",
+    "fingertips": r"fingertip|tactile|taxel|estimated force",
     "detector": r"detector",
     "loop": r"loop_|the control step began",
 }

@@ -68,7 +68,7 @@ DECLARED = (
         "an arm that loses every stop cannot be stopped: the last line asks for the emergency stop",
         r"arm stop lost", AIR | {"release.open", "release.retreat"},
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
-        r"arm (is )?still mov|implausible|cannot be believed|does not report|not heard",
+        r"arm (is )?still mov|implausible|does not report",
     ),
     Declared(
         "the hand opens and ignores commands until it is open",
