@@ -18,7 +18,8 @@ from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 from scenarios.acquire.session import counts_per_newton
-from scenarios.campaign.config import EXPERIMENTS, load_config
+from scenarios.campaign.config import load_config
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.lab.preflight import (
     SOFTEST_OBJECT,
     STOP_INSTRUCTIONS,

@@ -10,14 +10,11 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
-from drivers.robotiq.driver import DriverSettings as GripperSettings
-from drivers.robotiq.modbus import ModbusSettings
 from drivers.robotiq.model.hand import HandSettings
-from drivers.takktile.model.board import BoardModelSettings
-from drivers.takktile.settings import TakkTileSettings, UsbSettings
-from drivers.ur.driver import ArmSettings
-from drivers.ur.link.client import UrSettings
-from drivers.ur.model import ArmModelSettings
+from drivers.robotiq.settings import DriverSettings as GripperSettings
+from drivers.robotiq.settings import ModbusSettings
+from drivers.takktile.settings import BoardModelSettings, TakkTileSettings, UsbSettings
+from drivers.ur.settings import ArmModelSettings, ArmSettings, UrSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.settings import (
     HALF_APERTURE_M,

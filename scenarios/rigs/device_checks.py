@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.modbus import ModbusTransport
 from drivers.robotiq.protocol import (
     FAULTS,
     REGISTERS,
@@ -20,6 +20,7 @@ from drivers.robotiq.protocol import (
     implausible_values,
     mode_warning,
 )
+from drivers.robotiq.settings import ModbusSettings
 from drivers.takktile.driver import TakkTileDriver
 from drivers.ur.link import preflight as arm_preflight
 from drivers.ur.link.preflight import preflight

@@ -3,7 +3,7 @@
 import math
 
 from drivers.errors import ConfigError
-from drivers.ur.driver import ArmSettings
+from drivers.ur.settings import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
 from grasp.slip_response.stop_and_close import RESUME_MPS2

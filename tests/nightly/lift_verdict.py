@@ -5,7 +5,7 @@ import re
 import msgspec
 
 from grasp.monitors.checks import STOOD_STILL
-from scenarios.lift.lift import LiftConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome, LiftResult
 from scenarios.rigs.rig import calibration
 from scenarios.trial.result import FinishedRun
