@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES, Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_object_radps
 from scenarios.world.fingertip import Codes, Fingertips, HeldObject
