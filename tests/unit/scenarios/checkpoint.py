@@ -48,8 +48,8 @@ def copied(parts: Parts) -> Parts:
         made: Parts = copy.deepcopy(parts)
     parts[1]._on_tick, made[1]._on_tick = on_tick, lambda tick: None
     link: ModelLink = made[0].tactile._link  # its functions still refer to the original
-    link._receiver._connect = lambda serial: ModelUsb(link._model)
-    link._receiver._clock = lambda: link._now_ns
+    link.receiver._connect = lambda serial: ModelUsb(link._model)
+    link.receiver._clock = lambda: link._now_ns
     return made
 
 
