@@ -7,6 +7,7 @@ inputs: no clock, no sleep, no I/O.
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -65,6 +66,8 @@ class GraspStep:
         self._observe(obs)
         decision = self.controller.step(obs)
         if decision.reset_detector:
+            motion = obs.motion()  # of the state before
+            obs.motion = lambda: motion
             self._reset_detector()
         if decision.first_grasp:
             self._guard.set_first_grasp(obs.gripper.min_closure_counts, self._estimated_n)
@@ -117,7 +120,7 @@ class GraspStep:
         obs.last_close = self.last_close
         obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
         obs.thumb_limit_counts = self._guard.thumb_limit_counts
-        obs.motion = self._kind_of_slip(probabilities)
+        obs.motion = partial(self._kind_of_slip, probabilities)
 
     def _estimate_force(self, counts: NDArray[np.int16]) -> None:
         self._estimated_n = self._responsive_n = self._force_n(counts)

@@ -114,11 +114,11 @@ def _near(old: tuple[int, bytes], new: tuple[int, bytes], within: float) -> bool
     """Whether two messages differ only in the detector's outputs, by at most ``within``."""
     pattern = rb'"(?:' + "|".join(OUTPUTS).encode() + rb')":\[([^]]*)\]'
     rest = [(t_ns, re.sub(pattern, b"", data)) for t_ns, data in (old, new)]
-    outputs = [
+    a, b = (
         [float(n) for numbers in re.findall(pattern, data) for n in numbers.split(b",")]
         for _, data in (old, new)
-    ]
-    return rest[0] == rest[1] and bool(np.allclose(*outputs, rtol=within, atol=within))
+    )
+    return rest[0] == rest[1] and len(a) == len(b) and np.allclose(a, b, rtol=within, atol=within)
 
 
 def _show(wrong: Sequence[Key], old: Contents, new: Contents, topics: bool) -> None:
