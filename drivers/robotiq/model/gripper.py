@@ -91,14 +91,10 @@ class GripperModel:
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
         self._sampled = encode(self._status_now(now_ns))
-        self._busy = False
+        # whether a motor may move, or the status change, without a further write
+        self.moving = False
         self._next_tick_ns = 0
         self._wake()
-
-    @property
-    def moving(self) -> bool:
-        """Whether a motor may move, or the status change, without a further write."""
-        return self._busy
 
     @property
     def ready(self) -> bool:
@@ -171,19 +167,19 @@ class GripperModel:
         Without ``loads``, those given last stay in effect, as springs fixed in space."""
         if loads is not None:
             self._fingers.load(loads)
-        if self._busy:
+        if self.moving:
             self._run_to(now_ns)
         if now_ns > self._now_ns:
             self._now_ns = now_ns
 
     def _wake(self) -> None:
-        self._busy = True
+        self.moving = True
         if self._next_tick_ns <= self._now_ns:
             ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
             self._next_tick_ns = self._phase_ns + ticks * self._period_ns
 
     def _run_to(self, now_ns: int) -> None:
-        while self._busy:
+        while self.moving:
             start_ns = self._pending[0].at_ns if self._pending else _NEVER
             event_ns = min(self._next_tick_ns, start_ns, self._stage_end_ns)
             self._fingers.integrate(min(event_ns, now_ns))
@@ -204,7 +200,7 @@ class GripperModel:
             self._taken_up = self._written
             self._take_up(decode(self._written), now_ns)
         self._sampled = encode(self._status_now(now_ns))
-        self._busy = (
+        self.moving = (
             self._fingers.moving
             or bool(self._pending)
             or self._stage_end_ns != _NEVER
