@@ -112,8 +112,6 @@ class SimulatedCell:
         self.contact = Contact(
             settings.contact, settings.body, settings.level, settings.impact_level
         )
-        # views of the contact's state, which stay up to date
-        self._loads = FingerLoads(self.contact.normal_n, self.contact.stiffness_npm)
         self._offset_m = settings.finger_offset_m
         self._travel_m = self.gripper.travel_m + self._offset_m
 
@@ -150,9 +148,12 @@ class SimulatedCell:
             t_ns, end_ns = self._now_ns, now_ns
             before_m = self._travel_m
             if gripper.moving:
-                if self._near(now_ns):
+                reach_m = CLOSING_MPS * (now_ns - t_ns) * 1e-9
+                if self.contact.clearance_m(before_m) <= reach_m:
                     end_ns = min(now_ns, t_ns + EXCHANGE_NS)
-                gripper.advance(end_ns, self._loads)
+                s = self.contact.state
+                loads = FingerLoads(s[laws.NORMAL : laws.NORMAL + FINGERS], s[laws.STIFFNESS :])
+                gripper.advance(end_ns, loads)
                 self._travel_m = gripper.travel_m + self._offset_m
             else:
                 gripper.advance(end_ns)
@@ -167,11 +168,6 @@ class SimulatedCell:
             if self._pull.waits:
                 self._begin_pull()
 
-    def _near(self, until_ns: int) -> bool:
-        """Whether moving fingers touch the object or could reach it by then."""
-        reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
-        return self.contact.clearance_m(self._travel_m) <= reach_m
-
     def _begin_pull(self) -> None:
         """Begin the pull if it is due."""
         height_m = float(self.contact.state[laws.HEIGHT])
@@ -179,11 +175,14 @@ class SimulatedCell:
             self.contact.pull(self._pull.settings, (self._now_ns - self._start_ns) * 1e-9)
 
     def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
-        """Sampling function for the contact state of now; evaluated only if the board reads it."""
-        state, arm_moves = self.contact.state.copy(), self.shaken or self._arm_rise_mps != 0.0
-        return lambda: self._sample(t_ns, state, arm_moves)
+        """Sampling function for the contact state of now; evaluated only if the board reads it, and
+        before the next one."""
+        arm_moves = self.shaken or self._arm_rise_mps != 0.0
+        self._latched = t_ns, self.contact.state.copy(), arm_moves
+        return self._sample
 
-    def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
+    def _sample(self) -> tuple[Codes, Codes]:
+        t_ns, s, arm_moves = self._latched
         motion_mm, turn, centre_mm = self.contact.surface_motion(s, self._frames)
         self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
@@ -196,7 +195,7 @@ class SimulatedCell:
     def compile(self) -> None:
         """Run every compiled function once. The first run on a machine takes seconds, so it must
         finish before a device has to reply."""
-        self._near(self._now_ns + EXCHANGE_NS)
+        self.contact.clearance_m(self._travel_m)
         self.advance(self._now_ns + EXCHANGE_NS)
         self._latch(self._now_ns)()
 

@@ -240,11 +240,6 @@ class Contact:
             rise_m, from_mps, to_mps, travel0, travel1,
         )  # fmt: skip
 
-    @property
-    def stiffness_npm(self) -> Floats:
-        """(3,) dN/dtravel of each finger, the others at rest; a view of the state."""
-        return self.state[laws.STIFFNESS :]
-
     def clearance_m(self, travel: Floats) -> float:
         """Gap between the object and the pads, m: sum of the thumb's and the nearest opposing
         finger's; 0 while a finger touches the object."""
