@@ -19,7 +19,8 @@ from grasp.cli.options import whole
 from grasp.cli.parser import Parser
 from scenarios.acquire.datasets.random_objects import random_object, shape_ranges
 from scenarios.campaign.config import load_config
-from scenarios.lift.lift import LiftConfig, lift
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import lift
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.rigs.simulated import cell_settings
 from scenarios.world.contact import GRAVITY_MPS2

@@ -2,7 +2,7 @@
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Self
 
 from grasp.cli import view
@@ -125,12 +125,14 @@ class Display:
 
 
 @contextlib.contextmanager
-def viewed(args: Any, make: Callable[[], Any]) -> Iterator[Any]:
-    """The page of `--view`, made by ``make`` and closed with the run; None without the option."""
+def viewed(args: Any, config: Any, title: str, trials: int) -> Iterator[Any]:
+    """The page of `--view`, closed with the run; None without the option."""
     if not args.view:
         yield None
         return
-    live = make()
+    from scenarios.report.live_feed import LiveTrials
+
+    live = LiveTrials(config, title, trials)
     print_status(f"view: {live.feed.address}")
     try:
         yield live

@@ -25,6 +25,7 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmDriver, ArmLink
 from drivers.ur.model import ArmModel
 from grasp.clock import PacedClock, VirtualClock
+from scenarios.rigs.calibration import calibration
 from scenarios.rigs.config import (
     CUT_SIGMAS,
     AnyRigConfig,
@@ -33,7 +34,7 @@ from scenarios.rigs.config import (
     VariationSettings,
     wider,
 )
-from scenarios.rigs.rig import Rig, calibration, connect
+from scenarios.rigs.rig import Rig, connect
 from scenarios.world.cell import CellSettings, SimulatedCell
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings

@@ -205,11 +205,8 @@ def emulated_board() -> Iterator[EmulatedBoard]:
     import numpy as np  # noqa: PLC0415
 
     from drivers.takktile.emulator.server import BoardServer  # noqa: PLC0415
-    from drivers.takktile.model.board import (  # noqa: PLC0415
-        CONVERTER_MAX,
-        BoardModel,
-        BoardModelSettings,
-    )
+    from drivers.takktile.model.board import CONVERTER_MAX, BoardModel  # noqa: PLC0415
+    from drivers.takktile.settings import BoardModelSettings  # noqa: PLC0415
 
     codes = np.full((3, 6), REST_CODE, np.int16)
     warm = np.full(codes.size, 500, np.int16)

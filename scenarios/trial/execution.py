@@ -24,7 +24,8 @@ from grasp.realtime import real_time
 from grasp.slip_monitor import SlipMonitor
 from grasp.states import State
 from grasp.step import GraspStep
-from scenarios.rigs.rig import GraspRig, Stalls, calibration
+from scenarios.rigs.calibration import calibration
+from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.feasibility import check_arm, check_grip, check_override, check_waits
 from scenarios.trial.final_state import FinalState, end_message, final_state

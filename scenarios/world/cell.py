@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import CODE_MAX, FINGER_NAMES, Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_object_radps
 from scenarios.world.fingertip import Codes, Fingertips, HeldObject
@@ -156,15 +158,13 @@ class SimulatedCell:
         self.gripper.advance(t1, self._loads)
         if moved:
             self._travel_m = self.gripper.travel_m + self._offset_m
-        self.arm.brake_if_unread(t1)
-        height, rise_mps = self.arm.vertical(t1)
+        (_, _, height), (_, _, rise_mps) = self.arm.advance(t1)
         self.contact.advance(
             (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
             before, self._travel_m,
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
-        self.arm.commit(end_ns)
         self._now_ns = end_ns
         if self._pull.begins(end_ns, float(self.contact.state[laws.HEIGHT]), rise_mps):
             self.contact.pull(self._pull.settings, (end_ns - self._start_ns) * 1e-9)

@@ -9,11 +9,13 @@ either. A link in this process may take a frame's codes instead, while no fault 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from drivers.takktile.settings import BoardModelSettings
 
 Cell = tuple[int, int]  # (row, column)
 Codes = NDArray[np.int16]
@@ -58,17 +60,6 @@ class Unplugged(Exception):
 
 class Hung(Exception):
     """The firmware waits on its I2C bus: transfers time out until the board is replugged."""
-
-
-class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Properties that differ between boards."""
-
-    cells: Annotated[
-        tuple[Cell, ...],
-        msgspec.Meta(
-            min_length=1, description="(row, column) of the board's cells, in row-major order"
-        ),
-    ] = tuple((row, column) for row in range(3) for column in range(6))  # the Robotiq kit
 
 
 class _PendingFaults(msgspec.Struct):

@@ -9,11 +9,11 @@ import pytest
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel
 from drivers.takktile.model.link import ModelLink
 from drivers.takktile.protocol import UsbRequest
 from drivers.takktile.receiver import UsbBoard
-from drivers.takktile.settings import TakkTileSettings
+from drivers.takktile.settings import BoardModelSettings, TakkTileSettings
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS

@@ -7,7 +7,8 @@ import msgspec
 import pytest
 
 from drivers.interfaces import ArmState, Vector3
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from grasp.commands import MoveArm, StopArm
 from grasp.fault import ARM
 from grasp.monitors.arm import AT_TARGET_M, OFF_LINE_M, TURN_S, ArmHistory
