@@ -70,6 +70,7 @@ $(BASE): $(MADE) requirements/base.txt pyproject.toml
 	@echo "installing requirements/base.txt"
 	@$(PIP) --require-hashes -r requirements/base.txt
 	@$(PIP) --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m grasp.cli.compiling
 	@touch $@
 
 $(DEV): $(BASE) requirements/dev.txt
