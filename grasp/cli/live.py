@@ -19,7 +19,7 @@ SETTING_UP = {
     "simulated": "starting the simulation", "emulated": "starting the emulated cell",
     "hardware": "connecting to the devices",
 }  # fmt: skip
-ACTIVATING = ", activating the gripper (10 s, the first time 20 s)"
+ACTIVATING = ", activating the gripper"
 COMPILING = "setting up: compiling the simulation, about a minute, only once"
 
 
