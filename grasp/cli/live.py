@@ -68,7 +68,7 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.simulated import on_first_compilation
+            from scenarios.rigs.compilation import on_first_compilation
 
             said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
             self._until_closed.enter_context(said)
