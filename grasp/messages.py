@@ -160,7 +160,7 @@ def control_message(obs: Observation, decision: Decision) -> ControlMessage:
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
         **msgspec.structs.asdict(decision.slip),
-        **{name: getattr(obs.inputs, name) for name in INPUTS},
+        **{name: getattr(obs, name) for name in INPUTS},
         estimated_n=obs.estimated_n,
         commands=list(decision.commands),
         faults=obs.faults,
@@ -174,7 +174,7 @@ def recorded_input(
     control: ControlMessage,
     gripper: GripperState,
     arm: ArmState,
-) -> StepInput:
+) -> Observation:
     """The inputs of a recorded step."""
     others = {name: getattr(control, name) for name in INPUTS}
-    return StepInput(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)
+    return Observation(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)

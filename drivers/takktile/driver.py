@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused, on_failure
 from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
-from drivers.takktile import protocol
-from drivers.takktile.board import Codes, Missed, Reading
+from drivers.takktile.board import CodePair, Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Readings, ReceiverCounts
+from drivers.takktile.receiver import Receiver
 from drivers.takktile.settings import (
     REST_REFERENCE_TOLERANCE_COUNTS,
     REST_SAMPLES,
@@ -32,32 +31,18 @@ class FrameAssembly:
         self._max_age_ns = round(settings.max_age_ms * 1e6)
         self._cells = 0
         self._order = np.zeros((FINGERS, settings.taxels), np.intp)  # of taxels in the bulk frame
-        self._frame: TactileFrame | None = None
-        self._latest_raw: Codes | None = None
+        self.frame: TactileFrame | None = None
+        self.latest_raw: Codes | None = None  # of the last good sample, also before rest
+        self.frames = 0  # samples used so far
         self._rest: Codes | None = None
         self._rest_samples: list[Codes] | None = None  # while rest is being taken
         self._rest_start_ns = 0
         self._seq = 0
-        self._frames = 0
         self._missed = dict.fromkeys(Missed, 0)
-
-    @property
-    def frame(self) -> TactileFrame | None:
-        return self._frame
-
-    @property
-    def latest_raw(self) -> Codes | None:
-        """(3, taxels) int16 codes of the last good sample, also before rest; None before that."""
-        return self._latest_raw
 
     @property
     def rest_taken(self) -> bool:
         return self._rest is not None
-
-    @property
-    def frames(self) -> int:
-        """Samples used so far."""
-        return self._frames
 
     @property
     def missed(self) -> dict[str, int]:
@@ -70,7 +55,7 @@ class FrameAssembly:
         self._cells = layout.frame_cells
 
     def clear_rest(self) -> None:
-        self._rest = self._rest_samples = self._frame = None
+        self._rest = self._rest_samples = self.frame = None
 
     def begin_rest(self, after_ns: int) -> None:
         """Take rest counts from samples converted after ``after_ns``."""
@@ -90,23 +75,23 @@ class FrameAssembly:
             return
         raw, temperature = codes
         raw.flags.writeable = temperature.flags.writeable = False
-        self._frames += 1
-        self._latest_raw = raw
+        self.frames += 1
+        self.latest_raw = raw
         # The first sample after begin_rest was converted before it, while the hand may have moved.
         if self._rest_samples is not None and reading.sampled_ns > self._rest_start_ns:
             self._take_rest(raw, self._rest_samples)
         if self._rest is not None:
             counts = raw - self._rest
             counts.flags.writeable = False
-            self._frame = TactileFrame(
+            self.frame = TactileFrame(
                 now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
             )
 
-    def _decode(self, reading: Reading, now_ns: int) -> tuple[Codes, Codes] | Missed:
+    def _decode(self, reading: Reading, now_ns: int) -> CodePair | Missed:
         """(3, taxels) pressure and temperature codes."""
         if now_ns - reading.sampled_ns > self._max_age_ns:
             return Missed.TOO_OLD
-        codes = protocol.parse_frame(reading.data, self._cells)
+        codes = reading.codes(self._cells)
         if codes is None:
             return Missed.IMPLAUSIBLE
         pressure, temperature = codes
@@ -114,11 +99,11 @@ class FrameAssembly:
 
     def _miss(self, cause: Missed, now_ns: int) -> None:
         self._missed[cause] += 1
-        if self._frame is None:
+        if self.frame is None:
             return
-        missed = self._frame.missed + 1
-        self._frame = msgspec.structs.replace(
-            self._frame,
+        missed = self.frame.missed + 1
+        self.frame = msgspec.structs.replace(
+            self.frame,
             t_ns=now_ns,
             seq=self._seq,
             missed=missed,
@@ -193,12 +178,7 @@ class FrameLink(Protocol):
     """Source of a board's frames: ``ReadingThread`` in wall time, ``ModelLink`` in virtual time."""
 
     @property
-    def counts(self) -> ReceiverCounts: ...
-
-    @property
-    def next_sample_ns(self) -> int:
-        """Sample time of the running conversion."""
-        ...
+    def receiver(self) -> Receiver: ...
 
     def start(self) -> Layout:
         """Find and open the board and start reading; raises ``LinkLost`` or ``DeviceFault``."""
@@ -206,10 +186,6 @@ class FrameLink(Protocol):
 
     def stop(self) -> None:
         """Stop reading and stop the board; safe to call twice."""
-        ...
-
-    def take(self) -> Readings:
-        """Readings since the last call; does not wait."""
         ...
 
 
@@ -235,7 +211,7 @@ class TakkTileDriver:
     """
 
     def __init__(self, link: FrameLink, settings: TakkTileSettings) -> None:
-        self._link = link
+        self._link, self._receiver = link, link.receiver
         self._fingertips = FrameAssembly(settings)
         self._opens = 0
         self._decimated = 0
@@ -244,7 +220,7 @@ class TakkTileDriver:
         """Open the board, check the taxel map, start reading; raises ``LinkLost`` or
         ``DeviceFault``."""
         layout = self._link.start()
-        self._opens = self._link.take().opens
+        self._opens = self._receiver.take().opens
         with on_failure(self._link.stop):
             self._fingertips.set_layout(layout)
         return self
@@ -287,12 +263,12 @@ class TakkTileDriver:
             empty_ticks=missed[Missed.TIMEOUT.value],
             implausible=missed[Missed.IMPLAUSIBLE.value],
             too_old=missed[Missed.TOO_OLD.value],
-            **msgspec.structs.asdict(self._link.counts),
+            **msgspec.structs.asdict(self._receiver.counts),
         )
 
     def begin_rest(self) -> None:
         # excludes a sample whose conversion has already started
-        self._fingertips.begin_rest(self._link.next_sample_ns)
+        self._fingertips.begin_rest(self._receiver.next_sample_ns)
 
     def poll(self, now_ns: int) -> None:
         """Take the newest sample; a tick without one repeats the last frame.
@@ -301,11 +277,12 @@ class TakkTileDriver:
         when the sample completes implausible rest counts. After the board has been reopened there
         is no frame until the rest has been taken again.
         """
-        batch = self._link.take()
+        batch = self._receiver.take()
         if batch.opens != self._opens:
             self._opens = batch.opens
             self._fingertips.clear_rest()
-        self._decimated += max(0, len(batch.readings) - 1)
-        self._fingertips.tick(batch.readings[-1] if batch.readings else Missed.TIMEOUT, now_ns)
+        readings = batch.readings
+        self._decimated += len(readings[1:])
+        self._fingertips.tick(readings[-1] if readings else Missed.TIMEOUT, now_ns)
         if batch.error is not None:
             raise type(batch.error)(batch.error.message, batch.error.remedy)

@@ -11,6 +11,7 @@ target; kept velocities and stops are not scaled.
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import msgspec
 
@@ -35,23 +36,14 @@ class Segment(msgspec.Struct, frozen=True):
     velocity_mps: Vector3
     acceleration_mps2: Vector3
 
-    @property
-    def at_rest(self) -> bool:
-        return self.velocity_mps == ZERO and self.acceleration_mps2 == ZERO
-
-    def position(self, t_ns: float) -> Vector3:
+    def at(self, t_ns: float) -> tuple[Vector3, Vector3]:
+        """Position, m, and velocity, m/s."""
         t = (t_ns - self.start_ns) * 1e-9
         (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
-        return x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t
-
-    def velocity(self, t_ns: float) -> Vector3:
-        return ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
-
-    def vertical(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and upward speed, m/s: the z components of ``position`` and ``velocity``."""
-        t = (t_ns - self.start_ns) * 1e-9
-        z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
-        return z + (w + 0.5 * c * t) * t, w + c * t
+        return (
+            (x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t),
+            (u + a * t, v + b * t, w + c * t),
+        )
 
 
 class Rotation(msgspec.Struct, frozen=True):
@@ -62,12 +54,25 @@ class Rotation(msgspec.Struct, frozen=True):
     spin_radps: float
     acceleration_radps2: float
 
-    def angle(self, t_ns: int) -> float:
+    def at(self, t_ns: int) -> tuple[float, float]:
+        """Angle, rad, and spin, rad/s."""
         t = (t_ns - self.start_ns) * 1e-9
-        return self.origin_rad + (self.spin_radps + 0.5 * self.acceleration_radps2 * t) * t
+        spin, acceleration = self.spin_radps, self.acceleration_radps2
+        return (
+            self.origin_rad + (spin + 0.5 * acceleration * t) * t,
+            spin + acceleration * (t_ns - self.start_ns) * 1e-9,
+        )
 
-    def spin(self, t_ns: int) -> float:
-        return self.spin_radps + self.acceleration_radps2 * (t_ns - self.start_ns) * 1e-9
+
+P = TypeVar("P", Segment, Rotation)
+
+
+def _part_at(chain: Sequence[P], t_ns: int) -> P:
+    """The last part of a chain that has started."""
+    for part in reversed(chain):
+        if part.start_ns <= t_ns:
+            return part
+    return chain[0]
 
 
 class SpeedScaling:
@@ -168,7 +173,6 @@ class ArmModel:
         self._latency_ns = round(command_latency_s * 1e9)
         self._committed_ns = now_ns
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
-        self._starts = [now_ns]
         self._rotations: list[Rotation] = [Rotation(now_ns, 0.0, 0.0, 0.0)]
         self._scaling = SpeedScaling(now_ns, self._period_ns)
         self._line: list[Segment] = []  # of the last command, if it is a move: at full speed
@@ -214,8 +218,7 @@ class ArmModel:
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
-        present = self._at(effect_ns)
-        at_m, from_mps = present.position(effect_ns), present.velocity(effect_ns)
+        at_m, from_mps = _part_at(self._chain, effect_ns).at(effect_ns)
         self._replace_segments_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
@@ -272,77 +275,68 @@ class ArmModel:
         that for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
         self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
 
-    def brake_if_unread(self, until_ns: int) -> None:
-        """Brake now if the arm will be unread for too long at ``until_ns``."""
-        if self._read_timeout_ns is None or self._stopping:
-            return
-        alone_ns = self._read_ns + self._read_timeout_ns
-        if until_ns > alone_ns:
-            self.stop_l(self._acceleration_mps2, alone_ns)
+    def advance(self, until_ns: int) -> tuple[Vector3, Vector3]:
+        """Simulate to a time; returns position, m, and velocity, m/s. The motion up to then is
+        fixed: later commands take effect after it, even those of a controller that catches up on
+        cycles."""
+        if self._read_timeout_ns is not None and not self._stopping:
+            alone_ns = self._read_ns + self._read_timeout_ns
+            if until_ns > alone_ns:
+                self.stop_l(self._acceleration_mps2, alone_ns)
+        if until_ns > self._committed_ns:
+            self._committed_ns = until_ns
+        segment = self._chain[-1]
+        if until_ns < segment.start_ns:  # during a motion
+            segment = _part_at(self._chain, until_ns)
+        return segment.at(until_ns)
 
-    def commit(self, until_ns: int) -> None:
-        """Fix the motion up to a time to which the world has been simulated. Later commands take
-        effect after that time, even those of a controller that catches up on cycles."""
-        self._committed_ns = max(self._committed_ns, until_ns)
+    def at(self, t_ns: int) -> ArmSample:
+        """True state at a time."""
+        segment, rotation = _part_at(self._chain, t_ns), _part_at(self._rotations, t_ns)
+        position_m, velocity_mps = segment.at(t_ns)
+        angle_rad, spin_radps = rotation.at(t_ns)
+        moving = velocity_mps != ZERO or segment.acceleration_mps2 != ZERO or spin_radps != 0.0
+        return ArmSample(
+            t_ns, position_m, velocity_mps, moving, self.protective_stop,
+            angle_rad, spin_radps, self._scaling.slider,
+        )  # fmt: skip
 
     def position(self, t_ns: int) -> Vector3:
-        return self._at(t_ns).position(t_ns)
+        return self.at(t_ns).position_m
 
     def velocity(self, t_ns: int) -> Vector3:
-        return self._at(t_ns).velocity(t_ns)
-
-    def vertical(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and speed upwards, m/s."""
-        return self._at(t_ns).vertical(t_ns)
+        return self.at(t_ns).velocity_mps
 
     def angle(self, t_ns: int) -> float:
         """Rotation of the tool about its own axis since the start, rad."""
-        return self._rotation_at(t_ns).angle(t_ns)
+        return self.at(t_ns).angle_rad
 
     def spin(self, t_ns: int) -> float:
-        return self._rotation_at(t_ns).spin(t_ns)
+        return self.at(t_ns).spin_radps
 
     def moving(self, t_ns: int) -> bool:
-        return not self._at(t_ns).at_rest or self.spin(t_ns) != 0.0
+        return self.at(t_ns).moving
 
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         self._read_ns = max(self._read_ns, now_ns)
-        t_ns = now_ns // self._period_ns * self._period_ns
-        segment, turn = self._at(t_ns), self._rotation_at(t_ns)
-        spin_radps = turn.spin(t_ns)
-        sample = ArmSample(
-            t_ns, segment.position(t_ns), segment.velocity(t_ns),
-            not segment.at_rest or spin_radps != 0.0,
-            self.protective_stop, turn.angle(t_ns), spin_radps, self._scaling.slider,
-        )  # fmt: skip
-        return self._corrupt(sample)
+        return self._corrupt(self.at(now_ns // self._period_ns * self._period_ns))
 
     def _effect_ns(self, now_ns: int) -> int:
         """First controller cycle in which a command takes effect."""
         t_ns = max(now_ns + self._latency_ns, self._committed_ns)
         return -(-t_ns // self._period_ns) * self._period_ns
 
-    def _at(self, t_ns: int) -> Segment:
-        if t_ns >= self._starts[-1]:  # the usual case
-            return self._chain[-1]
-        return self._chain[max(0, bisect_right(self._starts, t_ns) - 1)]
-
     def _present(self, t_ns: int) -> tuple[Vector3, Vector3, float]:
         """Position, unit vector of the velocity, speed."""
-        at_m, (x, y, z) = self.position(t_ns), self.velocity(t_ns)
+        at_m, (x, y, z) = _part_at(self._chain, t_ns).at(t_ns)
         speed = math.hypot(x, y, z)
         if speed < _STATIONARY_BELOW_MPS:
             return at_m, ZERO, 0.0
         return at_m, (x / speed, y / speed, z / speed), speed
 
-    def _rotation_at(self, t_ns: int) -> Rotation:
-        started = bisect_right(self._rotations, t_ns, key=lambda turn: turn.start_ns)
-        return self._rotations[max(0, started - 1)]
-
     def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
-        present = self._rotation_at(effect_ns)
-        angle, spin = present.angle(effect_ns), present.spin(effect_ns)
+        angle, spin = _part_at(self._rotations, effect_ns).at(effect_ns)
         change_s = abs(spin_radps - spin) / acceleration_radps2
         end_ns = effect_ns + round(change_s * 1e9)
         past = [turn for turn in self._rotations if turn.start_ns < effect_ns][-_HISTORY:]
@@ -355,7 +349,6 @@ class ArmModel:
         self._line = []
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
         self._chain = past[-_HISTORY:] + chain
-        self._starts = [segment.start_ns for segment in self._chain]
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
@@ -372,7 +365,7 @@ def _ramp(
     x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
     ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
     end_ns = start_ns + round(change_s * 1e9)
-    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, ZERO)]
+    return [ramp, Segment(end_ns, ramp.at(end_ns)[0], to_mps, ZERO)]
 
 
 def _can_go_on(
@@ -437,7 +430,7 @@ def times(direction: Vector3, size: float) -> Vector3:
 
 
 def _scaled_segment(part: Segment, path_ns: float, now_ns: int, scale: float) -> Segment:
+    at_m, velocity_mps = part.at(path_ns)
     return Segment(
-        now_ns, part.position(path_ns), times(part.velocity(path_ns), scale),
-        times(part.acceleration_mps2, scale * scale),
-    )  # fmt: skip
+        now_ns, at_m, times(velocity_mps, scale), times(part.acceleration_mps2, scale * scale)
+    )

@@ -36,7 +36,7 @@ from grasp.commands import (
     describe,
 )
 from grasp.monitors.checks import Monitors
-from grasp.observation import StepInput
+from grasp.observation import Observation
 from grasp.slip_response.close import CLOSED_COUNTS
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
@@ -103,7 +103,7 @@ class _Lift:
         moving = self.lifting and not self._arm_arrives
         arm = ArmState(t_ns, 0, self._arm_m, ORIGIN, moving)
         result = self._step.decide(
-            StepInput(
+            Observation(
                 t_ns=t_ns, frame=frame, rest_taken=self._rest_taken, gripper=self._gripper(t_ns),
                 arm=arm,
             )

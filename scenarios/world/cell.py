@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGER_NAMES, Vector3
+from drivers.interfaces import CODE_MAX, FINGER_NAMES, Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.takktile.model.board import BoardModel
 from drivers.takktile.settings import BoardModelSettings
@@ -158,15 +158,13 @@ class SimulatedCell:
         self.gripper.advance(t1, self._loads)
         if moved:
             self._travel_m = self.gripper.travel_m + self._offset_m
-        self.arm.brake_if_unread(t1)
-        height, rise_mps = self.arm.vertical(t1)
+        (_, _, height), (_, _, rise_mps) = self.arm.advance(t1)
         self.contact.advance(
             (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
             before, self._travel_m,
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
-        self.arm.commit(end_ns)
         self._now_ns = end_ns
         if self._pull.begins(end_ns, float(self.contact.state[laws.HEIGHT]), rise_mps):
             self.contact.pull(self._pull.settings, (end_ns - self._start_ns) * 1e-9)
@@ -250,8 +248,9 @@ class TaxelDamage:
         if self._first is None or self._lost is None:
             self._first, self._lost = codes.copy(), self._choose_lost_taxels(*codes.shape)
         noise = self._noise_counts * self._rng.standard_normal(codes.shape)
-        out = np.rint(self._first + self._gain * (codes - self._first) + noise)
-        return np.where(self._lost, self._first, out.astype(np.int16))
+        exact = self._first + self._gain * (codes - self._first) + noise
+        out = np.clip(np.rint(exact), 0, CODE_MAX).astype(np.int16)
+        return np.where(self._lost, self._first, out)
 
     def _choose_lost_taxels(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
         lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)

@@ -56,8 +56,8 @@ def copied(parts: Parts) -> Parts:
         again = made[1]._step._detector
         again._bindings = [again._bind(0), again._bind(1)]
     link: ModelLink = made[0].tactile._link  # its functions still refer to the original
-    link._receiver._connect = lambda serial: ModelUsb(link._model)
-    link._receiver._clock = lambda: link._now_ns
+    link.receiver._connect = lambda serial: ModelUsb(link._model)
+    link.receiver._clock = lambda: link._now_ns
     return made
 
 
