@@ -161,10 +161,6 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
         if len(data) != BYTES:
             raise ValueError(f"{len(data)} bytes, need {BYTES}")
         state, detections = data[0], data[1]
-        a, b, c, scissor = (
-            AxisStatus(data[at], data[at + 1], data[at + 2], detections >> shift & 3)
-            for at, shift in ((3, 0), (6, 2), (9, 4), (12, 6))
-        )
         return cls(
             active=bool(state & 1),
             mode=state >> 1 & 3,
@@ -172,10 +168,10 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
             initialization=state >> 4 & 3,
             stopped=state >> 6,
             fault=data[2] & 0x0F,
-            a=a,
-            b=b,
-            c=c,
-            scissor=scissor,
+            a=AxisStatus(data[3], data[4], data[5], detections & 3),
+            b=AxisStatus(data[6], data[7], data[8], detections >> 2 & 3),
+            c=AxisStatus(data[9], data[10], data[11], detections >> 4 & 3),
+            scissor=AxisStatus(data[12], data[13], data[14], detections >> 6),
         )
 
     @classmethod

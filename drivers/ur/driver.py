@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import msgspec
-from msgspec import Meta
 
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
+from drivers.ur.settings import MAX_PAYLOAD_KG, ArmSettings
 
 _NOT_ACCEPTED = "the arm controller did not accept the move", "look at the teach pendant"
 _SLACK_M = 1e-9  # rounding of a pose computed from the start pose and a limit
@@ -17,41 +17,8 @@ _SLACK_M = 1e-9  # rounding of a pose computed from the start pose and a limit
 MAX_SPIN_RADPS = 1.5  # about the tool's z axis; paper: 1 rad/s
 MAX_TURN_RAD = 1.6  # in either direction from the start, for the cables; assumed
 DRIVE_TIMEOUT_S = 0.1  # a drive that is not renewed for so long is stopped; assumed
-MAX_PAYLOAD_KG = 10.0  # gripper included; UR10 user manual
 _ARRIVED_WITHIN_M = 0.0005  # a move ends within this distance of its target; assumed
 _ARRIVED_BELOW_MPS = 0.001  # a move ends below this speed, which the link reports as stationary
-
-
-class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of commands. The workspace is a box around the start position."""
-
-    max_speed_mps: Annotated[
-        float, Meta(gt=0, le=1, description="m/s, limit of the tool; ISO 10218's reduced: 0.25")
-    ] = 0.25
-    max_acceleration_mps2: Annotated[
-        float, Meta(gt=0, le=10, description="m/s2, limit of the tool; UR manual: movel's default")
-    ] = 1.2
-    max_stop_mps2: Annotated[
-        float, Meta(gt=0, le=10, description="m/s2, hardest stop of the tool; ur_rtde's default")
-    ] = 10.0
-    workspace_low_m: Annotated[
-        tuple[float, float, float], Meta(description="m, lowest x, y, z from the start; assumed")
-    ] = (-0.05, -0.05, -0.01)
-    workspace_high_m: Annotated[
-        tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
-    ] = (0.05, 0.05, 0.5)
-    max_jump_m: Annotated[
-        float, Meta(gt=0, le=1, description="m, longest move of one command; assumed")
-    ] = 0.5
-    payload_kg: Annotated[
-        float,
-        Meta(
-            ge=0, le=MAX_PAYLOAD_KG, description="kg on the flange; hand 2.3 (manual), rest assumed"
-        ),
-    ] = 2.6
-    stale_after_s: Annotated[
-        float, Meta(ge=0.016, le=1, description="s, older controller timestamps are stale; assumed")
-    ] = 0.05
 
 
 class ArmSample(msgspec.Struct, frozen=True):

@@ -11,13 +11,12 @@ target; kept velocities and stops are not scaled.
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Annotated
 
 import msgspec
-from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.ur.driver import ArmSample
+from drivers.ur.settings import ArmModelSettings
 
 COMMAND_LATENCY_S = 0.002  # transmission to the controller, before the next cycle; assumed
 SLIDER_S = 0.5  # from full speed to rest after the slider is moved; assumed
@@ -26,15 +25,6 @@ ZERO: Vector3 = (0.0, 0.0, 0.0)
 _STATIONARY_BELOW_MPS = 1e-8  # rounding to whole nanoseconds leaves this at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as on it
 _HISTORY = 32  # past segments kept: a few commands, far more than one control period
-
-
-class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the modelled controller."""
-
-    start_m: Vector3 = (0.5, 0.1, 0.3)  # tool position at power-up, base frame
-    period_s: Annotated[
-        float, Meta(ge=0.001, le=0.02, description="s, controller cycle; UR manual: CB3 125 Hz")
-    ] = 0.008
 
 
 class Segment(msgspec.Struct, frozen=True):

@@ -13,10 +13,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGER_NAMES
+from drivers.interfaces import CODE_MAX, FINGER_NAMES
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_object_radps
 from scenarios.world.fingertip import Codes, Fingertips, HeldObject
@@ -257,8 +259,9 @@ class TaxelDamage:
         if self._first is None or self._lost is None:
             self._first, self._lost = codes.copy(), self._choose_lost_taxels(*codes.shape)
         noise = self._noise_counts * self._rng.standard_normal(codes.shape)
-        out = np.rint(self._first + self._gain * (codes - self._first) + noise)
-        return np.where(self._lost, self._first, out.astype(np.int16))
+        exact = self._first + self._gain * (codes - self._first) + noise
+        out = np.clip(np.rint(exact), 0, CODE_MAX).astype(np.int16)
+        return np.where(self._lost, self._first, out)
 
     def _choose_lost_taxels(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
         lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)

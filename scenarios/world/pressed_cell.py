@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGERS, PERIOD_NS
-from drivers.takktile.model.board import BoardModel, BoardModelSettings
-from drivers.ur.model import ArmModel, ArmModelSettings
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.settings import BoardModelSettings
+from drivers.ur.model import ArmModel
+from drivers.ur.settings import ArmModelSettings
 from scenarios.world.fingertip import REST_HIGH, REST_LOW, Fingertips
 from scenarios.world.settings import (
     WALL_STIFFNESS_NPM,
