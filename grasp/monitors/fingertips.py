@@ -143,13 +143,16 @@ class FingertipHistory:
         return few
 
 
-def taxels_at_rail(codes: list[int]) -> int:
-    """Number of taxels with a code at an end of the range."""
-    count = 0
-    for code in codes:
-        if code not in INNER_CODES:
-            count += 1
-    return count
+def taxels_at_rail(frame: TactileFrame) -> list[int]:
+    """Number of each finger's taxels with a code at an end of the range."""
+    counts = []
+    for codes in frame.raw.tolist():
+        count = 0
+        for code in codes:
+            if code not in INNER_CODES:
+                count += 1
+        counts.append(count)
+    return counts
 
 
 def _names(fingers: Iterable[bool]) -> str:
