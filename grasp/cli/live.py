@@ -19,7 +19,7 @@ SETTING_UP = {
     "simulated": "starting the simulation", "emulated": "starting the emulated cell",
     "hardware": "connecting to the devices",
 }  # fmt: skip
-ACTIVATING = ", activating the gripper (10 s, the first time 20 s)"
+ACTIVATING = ", activating the gripper"
 COMPILING = "setting up: compiling the simulation, about a minute, only once"
 
 
@@ -68,7 +68,7 @@ class Display:
 
     def __enter__(self) -> Self:
         if isinstance(self._shown, LocalViewer):  # where the world is
-            from scenarios.rigs.simulated import on_first_compilation
+            from scenarios.rigs.compilation import on_first_compilation
 
             said = on_first_compilation(lambda: self.show_waiting(view.StatusLine(COMPILING)))
             self._until_closed.enter_context(said)

@@ -8,12 +8,10 @@ and time (``scenarios.tap.mallet``). Normal variates are clipped at 2.5 standard
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 import msgspec
 import numpy as np
-from numba.core import event
 from numpy.typing import NDArray
 
 from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
@@ -173,23 +171,3 @@ def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCel
     if isinstance(config, GraspRigConfig):
         return make_cell(config, seed, start_ns)
     return make_pressed_cell(config, seed, start_ns)
-
-
-class _FirstCompilation(event.Listener):
-    """Calls a function at the first compilation; functions in numba's cache are not compiled."""
-
-    def __init__(self, callback: Callable[[], None]) -> None:
-        self._callback: Callable[[], None] | None = callback
-
-    def on_start(self, _: Any) -> None:
-        if self._callback is not None:
-            callback, self._callback = self._callback, None
-            callback()
-
-    def on_end(self, _: Any) -> None:
-        pass
-
-
-def on_first_compilation(callback: Callable[[], None]) -> AbstractContextManager[None]:
-    """Context in which ``callback`` is called once, when the first function must be compiled."""
-    return event.install_listener("numba:compile", _FirstCompilation(callback))
