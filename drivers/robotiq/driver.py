@@ -12,13 +12,7 @@ import msgspec
 
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperState
-from drivers.robotiq.exchange import (
-    ACTIVATE,
-    RESET,
-    DriverSettings,
-    ExchangeStatistics,
-    RegisterTransport,
-)
+from drivers.robotiq.exchange import ACTIVATE, RESET, ExchangeStatistics, RegisterTransport
 from drivers.robotiq.hand_state import (
     STATUS_UNCHANGED_NS,
     Activation,
@@ -37,7 +31,7 @@ from drivers.robotiq.protocol import (
     check_not_scissor,
 )
 
-__all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
+__all__ = ["ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
 LATE_READ_COUNTS = 2  # lag of a position, by refresh and read
 

@@ -1,10 +1,9 @@
 """Register exchange with the gripper: requested registers, written registers, confirmed status."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Literal, Protocol
+from typing import Protocol
 
 import msgspec
-from msgspec import Meta
 
 from drivers.errors import LinkLost
 from drivers.robotiq.protocol import (
@@ -16,6 +15,7 @@ from drivers.robotiq.protocol import (
     StatusRegisters,
     to_bytes,
 )
+from drivers.robotiq.settings import DriverSettings
 
 RESET = CommandRegisters()
 ACTIVATE = CommandRegisters(activate=True)
@@ -31,27 +31,6 @@ class RegisterTransport(Protocol):
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None: ...
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]: ...
-
-
-class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the gripper driver. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
-
-    calibration: Annotated[
-        str, Meta(description="a name in config/calibrations, or a .toml file of this hand")
-    ] = ""
-    link: Annotated[
-        Literal["tcp", "rtu"],
-        Meta(description="Modbus link whose registers are used; manual p. 59, 75"),
-    ] = "tcp"
-    refresh_hz: Annotated[
-        Literal[100, 200], Meta(description="register refresh rate of the hand, Hz; manual p. 75")
-    ] = 100
-    write_interval_s: Annotated[
-        float, Meta(ge=0.005, le=0.1, description="s, least time between two writes; manual p. 75")
-    ] = 0.01
-    whole_writes: Annotated[
-        bool, Meta(description="write all registers every time, for a hand that requires it")
-    ] = False
 
 
 class ExchangeStatistics(msgspec.Struct):

@@ -15,7 +15,6 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.exchange import (
     ACTIVATE,
     RESET,
-    DriverSettings,
     Exchange,
     ExchangeStatistics,
     RegisterTransport,
@@ -33,6 +32,7 @@ from drivers.robotiq.protocol import (
     Severity,
     StatusRegisters,
 )
+from drivers.robotiq.settings import DriverSettings
 
 _ACTIVATES = "the gripper lost its activation, and the next command made it activate"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"

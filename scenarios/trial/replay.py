@@ -41,7 +41,7 @@ from grasp.messages import (
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load
 from grasp.states import PhaseChange
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.calibration import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
 from scenarios.trial.run_folder import open_trial
