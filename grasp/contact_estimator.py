@@ -38,17 +38,18 @@ class ContactEstimator:
 
     def update(self, obs: Observation, airborne: bool) -> None:
         """Take one sample; ``airborne``: the object may be in the air."""
-        weight = min(1.0, (obs.t_ns - self._t_ns) / GRIP_NS)
+        t_ns, responsive_n = obs.t_ns, obs.responsive_n
+        weight = min(1.0, (t_ns - self._t_ns) / GRIP_NS)
         self.grip_n += weight * (thumb_n(obs) - self.grip_n)
-        self._t_ns = obs.t_ns
-        if obs.estimated_n[0] >= self._contact_n and sum(obs.responsive_n) >= self._contact_n:
-            self._thumb_contact_ns = obs.t_ns
+        self._t_ns = t_ns
+        if obs.estimated_n[0] >= self._contact_n and sum(responsive_n) >= self._contact_n:
+            self._thumb_contact_ns = t_ns
         elif airborne:
-            self.longest_gap_ns = max(self.longest_gap_ns, obs.t_ns - self._thumb_contact_ns)
-        if max(obs.responsive_n) >= self._contact_n:
-            self._contact_ns = obs.t_ns
+            self.longest_gap_ns = max(self.longest_gap_ns, t_ns - self._thumb_contact_ns)
+        if max(responsive_n) >= self._contact_n:
+            self._contact_ns = t_ns
         if not obs.overloaded:
-            self._within_limit_ns = obs.t_ns
+            self._within_limit_ns = t_ns
 
     @property
     def thumb_lost(self) -> bool:

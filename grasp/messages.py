@@ -119,12 +119,10 @@ def write_tick(write: Write, tick: Tick) -> None:
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:
-    counts, raw, temperature = (
-        codes.ravel().tolist() for codes in (frame.counts, frame.raw, frame.temperature)
-    )
     return TactileMessage(
-        frame.seq, frame.sampled_ns, counts, raw, temperature, frame.missed, frame.stale
-    )
+        frame.seq, frame.sampled_ns, frame.counts.ravel().tolist(), frame.raw.ravel().tolist(),
+        frame.temperature.ravel().tolist(), frame.missed, frame.stale,
+    )  # fmt: skip
 
 
 def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
@@ -156,13 +154,25 @@ def _nan_for_null(value: Any) -> Any:
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
+    slip = decision.slip
     return ControlMessage(
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
-        **msgspec.structs.asdict(decision.slip),
-        **{name: getattr(obs, name) for name in INPUTS},
+        armed=slip.armed,
+        masked=slip.masked,
+        registered=slip.registered,
+        event=slip.event,
+        finger=slip.finger,
         estimated_n=obs.estimated_n,
+        rest_taken=obs.rest_taken,
+        pending=obs.pending,
+        errors=obs.errors,
+        gripper_lost=obs.gripper_lost,
         commands=list(decision.commands),
+        set_down=obs.set_down,
+        stop=obs.stop,
+        late_ns=obs.late_ns,
+        took_ns=obs.took_ns,
         faults=obs.faults,
         reported=obs.reported,
     )

@@ -7,6 +7,7 @@ inputs: no clock, no sleep, no I/O.
 
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import compress
 
 import msgspec
 import numpy as np
@@ -103,7 +104,7 @@ class GraspStep:
         failure: Fault | None = None
         if frame is not None and self._tared:
             if self._monitors.force_plausible:
-                self._estimate_force(frame.counts)
+                self._estimate_force(frame.counts.tolist())
             if not safe_state_due:
                 probabilities, failure = self._detect(frame)
         if failure is not None and state not in OPEN_STATES:  # contact is expected
@@ -119,10 +120,13 @@ class GraspStep:
         obs.thumb_limit_counts = self._guard.thumb_limit_counts
         obs.motion = self._kind_of_slip(probabilities)
 
-    def _estimate_force(self, counts: NDArray[np.int16]) -> None:
-        self._estimated_n = self._responsive_n = self._force_n(counts)
-        if not self._monitors.fingertips.all_responsive:
-            self._responsive_n = self._force_n(counts * self._monitors.fingertips.responsive)
+    def _estimate_force(self, counts: list[list[int]]) -> None:
+        a, b, c = map(sum, counts)
+        self._estimated_n = self._responsive_n = self._guard.estimated_n((a, b, c))
+        fingertips = self._monitors.fingertips
+        if not fingertips.all_responsive:
+            a, b, c = (sum(compress(*f)) for f in zip(counts, fingertips.responsive, strict=True))
+            self._responsive_n = self._guard.estimated_n((a, b, c))
 
     def _detect(self, frame: TactileFrame) -> tuple[NDArray[np.float64], Fault | None]:
         """Probability of slip at each finger, and the fault if the detector failed. A stale frame
@@ -145,10 +149,6 @@ class GraspStep:
             with suppress(Exception):  # only recorded, so a bug must not end a run
                 return self._motion()
         return None
-
-    def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
-        a, b, c = counts.sum(axis=1).tolist()
-        return self._guard.estimated_n((a, b, c))
 
     def _reset_detector(self) -> None:
         """Reset the detector; after a failure it is not used until a reset succeeds."""

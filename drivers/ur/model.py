@@ -11,7 +11,6 @@ target; kept velocities and stops are not scaled.
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import TypeVar
 
 import msgspec
 
@@ -36,15 +35,6 @@ class Segment(msgspec.Struct, frozen=True):
     velocity_mps: Vector3
     acceleration_mps2: Vector3
 
-    def at(self, t_ns: float) -> tuple[Vector3, Vector3]:
-        """Position, m, and velocity, m/s."""
-        t = (t_ns - self.start_ns) * 1e-9
-        (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
-        return (
-            (x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t),
-            (u + a * t, v + b * t, w + c * t),
-        )
-
 
 class Rotation(msgspec.Struct, frozen=True):
     """Rotation about the tool's z axis with constant acceleration, like a ``Segment``."""
@@ -54,25 +44,31 @@ class Rotation(msgspec.Struct, frozen=True):
     spin_radps: float
     acceleration_radps2: float
 
-    def at(self, t_ns: int) -> tuple[float, float]:
-        """Angle, rad, and spin, rad/s."""
-        t = (t_ns - self.start_ns) * 1e-9
-        spin, acceleration = self.spin_radps, self.acceleration_radps2
-        return (
-            self.origin_rad + (spin + 0.5 * acceleration * t) * t,
-            spin + acceleration * (t_ns - self.start_ns) * 1e-9,
-        )
+
+def _motion(chain: Sequence[Segment], t_ns: float) -> tuple[Vector3, Vector3, Vector3]:
+    """Position, m, velocity, m/s, and acceleration, m/s2, in the last segment that has started."""
+    for segment in reversed(chain):
+        if segment.start_ns <= t_ns:
+            break
+    t = (t_ns - segment.start_ns) * 1e-9
+    x, y, z = segment.origin_m
+    u, v, w = segment.velocity_mps
+    a, b, c = segment.acceleration_mps2
+    return (
+        (x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t),
+        (u + a * t, v + b * t, w + c * t),
+        segment.acceleration_mps2,
+    )
 
 
-P = TypeVar("P", Segment, Rotation)
-
-
-def _part_at(chain: Sequence[P], t_ns: int) -> P:
-    """The last part of a chain that has started."""
+def _turning(chain: Sequence[Rotation], t_ns: int) -> tuple[float, float]:
+    """Angle, rad, and spin, rad/s, in the last part that has started."""
     for part in reversed(chain):
         if part.start_ns <= t_ns:
-            return part
-    return chain[0]
+            break
+    t = (t_ns - part.start_ns) * 1e-9
+    angle = part.origin_rad + (part.spin_radps + 0.5 * part.acceleration_radps2 * t) * t
+    return angle, part.spin_radps + part.acceleration_radps2 * (t_ns - part.start_ns) * 1e-9
 
 
 class SpeedScaling:
@@ -183,7 +179,7 @@ class ArmModel:
         self.payload_kg = 0.0
         self.protective_stop = False
         self.reversed_moves = False  # injected fault: moves away from its target
-        self._corrupt: Callable[[ArmSample], ArmSample] = lambda sample: sample
+        self._corrupt: Callable[[ArmSample], ArmSample] | None = None
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -218,7 +214,7 @@ class ArmModel:
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
-        at_m, from_mps = _part_at(self._chain, effect_ns).at(effect_ns)
+        at_m, from_mps, _ = _motion(self._chain, effect_ns)
         self._replace_segments_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
@@ -285,17 +281,14 @@ class ArmModel:
                 self.stop_l(self._acceleration_mps2, alone_ns)
         if until_ns > self._committed_ns:
             self._committed_ns = until_ns
-        segment = self._chain[-1]
-        if until_ns < segment.start_ns:  # during a motion
-            segment = _part_at(self._chain, until_ns)
-        return segment.at(until_ns)
+        position_m, velocity_mps, _ = _motion(self._chain, until_ns)
+        return position_m, velocity_mps
 
     def at(self, t_ns: int) -> ArmSample:
         """True state at a time."""
-        segment, rotation = _part_at(self._chain, t_ns), _part_at(self._rotations, t_ns)
-        position_m, velocity_mps = segment.at(t_ns)
-        angle_rad, spin_radps = rotation.at(t_ns)
-        moving = velocity_mps != ZERO or segment.acceleration_mps2 != ZERO or spin_radps != 0.0
+        position_m, velocity_mps, acceleration_mps2 = _motion(self._chain, t_ns)
+        angle_rad, spin_radps = _turning(self._rotations, t_ns)
+        moving = velocity_mps != ZERO or acceleration_mps2 != ZERO or spin_radps != 0.0
         return ArmSample(
             t_ns, position_m, velocity_mps, moving, self.protective_stop,
             angle_rad, spin_radps, self._scaling.slider,
@@ -320,7 +313,8 @@ class ArmModel:
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         self._read_ns = max(self._read_ns, now_ns)
-        return self._corrupt(self.at(now_ns // self._period_ns * self._period_ns))
+        sample = self.at(now_ns // self._period_ns * self._period_ns)
+        return sample if self._corrupt is None else self._corrupt(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
         """First controller cycle in which a command takes effect."""
@@ -329,14 +323,14 @@ class ArmModel:
 
     def _present(self, t_ns: int) -> tuple[Vector3, Vector3, float]:
         """Position, unit vector of the velocity, speed."""
-        at_m, (x, y, z) = _part_at(self._chain, t_ns).at(t_ns)
+        at_m, (x, y, z), _ = _motion(self._chain, t_ns)
         speed = math.hypot(x, y, z)
         if speed < _STATIONARY_BELOW_MPS:
             return at_m, ZERO, 0.0
         return at_m, (x / speed, y / speed, z / speed), speed
 
     def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
-        angle, spin = _part_at(self._rotations, effect_ns).at(effect_ns)
+        angle, spin = _turning(self._rotations, effect_ns)
         change_s = abs(spin_radps - spin) / acceleration_radps2
         end_ns = effect_ns + round(change_s * 1e9)
         past = [turn for turn in self._rotations if turn.start_ns < effect_ns][-_HISTORY:]
@@ -365,7 +359,7 @@ def _ramp(
     x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
     ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
     end_ns = start_ns + round(change_s * 1e9)
-    return [ramp, Segment(end_ns, ramp.at(end_ns)[0], to_mps, ZERO)]
+    return [ramp, Segment(end_ns, _motion([ramp], end_ns)[0], to_mps, ZERO)]
 
 
 def _can_go_on(
@@ -430,7 +424,7 @@ def times(direction: Vector3, size: float) -> Vector3:
 
 
 def _scaled_segment(part: Segment, path_ns: float, now_ns: int, scale: float) -> Segment:
-    at_m, velocity_mps = part.at(path_ns)
+    at_m, velocity_mps, acceleration_mps2 = _motion([part], path_ns)
     return Segment(
-        now_ns, at_m, times(velocity_mps, scale), times(part.acceleration_mps2, scale * scale)
+        now_ns, at_m, times(velocity_mps, scale), times(acceleration_mps2, scale * scale)
     )

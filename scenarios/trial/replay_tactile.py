@@ -79,7 +79,7 @@ class _Lift:
         self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
     ) -> None:
         self.lifting = False  # the arm has been commanded to lift
-        self._step = make_step(config, monitors=Monitors(config.monitors, checks={}))
+        self._step = make_step(config, monitors=Monitors(config.monitors, enabled=False))
         self._seq = 0
         self._rest_taken = False
         self._arm_arrives, self._arm_m = arm_arrives, ORIGIN

@@ -3,7 +3,7 @@
 from drivers.interfaces import Counts3, Vector3
 from grasp.fault import Fault
 from grasp.loop import Issued, Tick
-from grasp.monitors.fingertips import at_rail
+from grasp.monitors.fingertips import taxels_at_rail
 from grasp.states import AIRBORNE_STATES, LOWERING_STATES, State
 from scenarios.world.truth import Truth
 
@@ -44,8 +44,8 @@ class Trace:
         a_n, b_n, c_n = map(max, self.peak_estimated_n, tick.estimated_n)
         self.peak_estimated_n = a_n, b_n, c_n
         if tick.frame is not None:
-            railed = map(sum, at_rail(tick.frame.raw).tolist())
-            a, b, c = map(max, self.taxels_at_rail, railed)
+            at_rail = map(taxels_at_rail, tick.frame.raw.tolist())
+            a, b, c = map(max, self.taxels_at_rail, at_rail)
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:

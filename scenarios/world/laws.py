@@ -197,7 +197,10 @@ def inertial_normal_forces(
 
 @njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
-    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m."""
+    """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m; 0 while a
+    finger touches it."""
+    if max(s[NORMAL], s[NORMAL + 1], s[NORMAL + 2]) > 0.0:
+        return 0.0
     width, _ = width_and_slope(p, s[SLIP])
     if s[PRESENT] == 0.0 or width < 0.0:
         return np.inf
@@ -616,12 +619,14 @@ def advance(
     finger_rise_m: float, v0: float, v1: float, travel0: Floats, travel1: Floats,
 ) -> None:  # fmt: skip
     """Advance state and elements by dt_s. The fingers rise by finger_rise_m with speeds v0 -> v1 at
-    the ends and close from travel0 to travel1 (3,), m.
+    the ends and close from travel0 to travel1 (3,), m. Nothing changes without an object.
 
     Records the onset of gross slip: the first instant at which every touching pad slides faster
     than 3 mm/s, or the object turns faster than 0.2 rad/s with at most one sticking pad. After it,
     records the first rise of the thumb's force.
     """
+    if s[PRESENT] == 0.0:
+        return
     tapped = s[TAP_S] > 0.0
     since_impact = t_s + dt_s - s[TAP_START_S] if tapped else -1.0
     if 0.0 < since_impact < IMPACT_LASTS_S + dt_s:
@@ -646,16 +651,16 @@ def advance(
 
 @njit(cache=True)
 def surface_motion(
-    p: Floats, s: Floats, up: Floats, across: Floats, places: Floats, turns: Floats,
-    motion: Floats, turn: Floats, centre: Floats,
+    p: Floats, s: Floats, angle: float, up: Floats, across: Floats, places: Floats, turns: Floats,
+    motion_mm: Floats, turn: Floats, centre_mm: Floats,
 ) -> None:  # fmt: skip
-    """Surface motion in the pads' frames: motion (F, 2), m, and turn (F,), rad, at each pad's
-    centre, at ``places`` (F,) across; centre (F, 2), m, of a curved surface. ``up`` and ``across``
-    (F, 2) and ``turns`` (F,) are the pads' frames."""
+    """Surface motion in the pads' frames: motion (F, 2), mm, and angle (F,), rad, at each pad's
+    centre, at ``places`` (F,), m, across; centre (F, 2), mm, of a curved surface. Upwards is at
+    ``angle`` from a pad's x; ``up`` and ``across`` (F, 2) and ``turns`` (F,) are its frame."""
     middle = centre_on_pad(p, s[SLIP])
     for i in range(FINGERS):
         rise = s[TURN] * places[i] - s[SLIP]  # the object lags behind rising fingers
         for d in range(2):
-            motion[i, d] = s[ACROSS] * across[i, d] + rise * up[i, d]
-            centre[i, d] = middle * up[i, d]
-        turn[i] = turns[i] * s[TURN]
+            motion_mm[i, d] = (s[ACROSS] * across[i, d] + rise * up[i, d]) * 1e3
+            centre_mm[i, d] = middle * up[i, d] * 1e3
+        turn[i] = angle + turns[i] * s[TURN]

@@ -8,7 +8,7 @@ counts are motor counts, 0 open to 255 closed. Time is an argument.
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from enum import Enum
+from enum import IntEnum
 from typing import Final, Literal
 
 import numpy as np
@@ -32,6 +32,8 @@ from drivers.robotiq.model.motor import (
     FINGERS,
     FREE,
     OPEN_LIMIT_COUNTS,
+    TRAVEL,
+    VELOCITY,
     Axes,
     FingerLoads,
     FingerMotion,
@@ -51,7 +53,7 @@ FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status
 Corruption = Callable[[Words], Words]
 
 
-class Stage(Enum):
+class Stage(IntEnum):
     """Operating stage of the hand as a whole."""
 
     BOOTING, RESET, ACTIVATING, MODE_CHANGE, READY, RELEASED, FAULTED = range(7)
@@ -86,19 +88,15 @@ class GripperModel:
         self._go_to = False
         self._injected = 0
         self._jammed = False
-        self._corrupt: Corruption = _unchanged
+        self._corrupt: Corruption | None = None
         self.ignores_writes = False  # injected fault: writes have no effect
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
         self._sampled = encode(self._status_now(now_ns))
-        self._busy = False
+        # whether a motor may move, or the status change, without a further write
+        self.moving = False
         self._next_tick_ns = 0
         self._wake()
-
-    @property
-    def moving(self) -> bool:
-        """Whether a motor may move, or the status change, without a further write."""
-        return self._busy
 
     @property
     def ready(self) -> bool:
@@ -108,19 +106,20 @@ class GripperModel:
     @property
     def travel_m(self) -> NDArray[np.float64]:
         """Fingertip travel from the mechanical opening stop, (3,) m."""
-        return self._fingers.travel_m
+        return np.array(self._fingers.real[TRAVEL])
 
     @property
     def velocity_mps(self) -> NDArray[np.float64]:
         """Fingertip velocity, closing positive, (3,) m/s."""
-        return self._fingers.velocity_mps
+        return np.array(self._fingers.real[VELOCITY])
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
         """Set command registers; those not written keep their values.
 
         Raises ValueError for registers that do not exist or values beyond 16 bits.
         """
-        self.advance(now_ns)
+        if now_ns > self._now_ns:
+            self.advance(now_ns)
         if self.ignores_writes:
             return
         self._written = written(self._written, first_register, registers)
@@ -129,8 +128,9 @@ class GripperModel:
 
     def read(self, now_ns: int) -> Words:
         """The eight status registers as sampled at the last refresh tick."""
-        self.advance(now_ns)
-        return self._corrupt(self._sampled)
+        if now_ns > self._now_ns:
+            self.advance(now_ns)
+        return self._sampled if self._corrupt is None else self._corrupt(self._sampled)
 
     def inject_fault(self, code: int) -> None:
         """Report a fault from the next tick on; 0 clears it. 0x0D, 0x0E and 0x0F stop the hand. As
@@ -171,19 +171,7 @@ class GripperModel:
         Without ``loads``, those given last stay in effect, as springs fixed in space."""
         if loads is not None:
             self._fingers.load(loads)
-        if self._busy:
-            self._run_to(now_ns)
-        if now_ns > self._now_ns:
-            self._now_ns = now_ns
-
-    def _wake(self) -> None:
-        self._busy = True
-        if self._next_tick_ns <= self._now_ns:
-            ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
-            self._next_tick_ns = self._phase_ns + ticks * self._period_ns
-
-    def _run_to(self, now_ns: int) -> None:
-        while self._busy:
+        while self.moving:
             start_ns = self._pending[0].at_ns if self._pending else _NEVER
             event_ns = min(self._next_tick_ns, start_ns, self._stage_end_ns)
             self._fingers.integrate(min(event_ns, now_ns))
@@ -197,6 +185,14 @@ class GripperModel:
                     self._fingers.execute(motion)
             else:
                 self._tick(event_ns)
+        if now_ns > self._now_ns:
+            self._now_ns = now_ns
+
+    def _wake(self) -> None:
+        self.moving = True
+        if self._next_tick_ns <= self._now_ns:
+            ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
+            self._next_tick_ns = self._phase_ns + ticks * self._period_ns
 
     def _tick(self, now_ns: int) -> None:
         self._next_tick_ns += self._period_ns
@@ -204,11 +200,11 @@ class GripperModel:
             self._taken_up = self._written
             self._take_up(decode(self._written), now_ns)
         self._sampled = encode(self._status_now(now_ns))
-        self._busy = (
+        self.moving = (
             self._fingers.moving
             or bool(self._pending)
             or self._stage_end_ns != _NEVER
-            or not self._scissor.at_rest(now_ns)
+            or self._scissor.counts(now_ns) != self._scissor.target
         )
 
     def _enter(self, stage: Stage, now_ns: int, duration_s: float) -> None:
@@ -289,8 +285,8 @@ class GripperModel:
         if self._individual_control:
             return command.fingers
         if command.mode == _SCISSOR_MODE:  # finger A's position drives the scissor only
-            a, b, c = (Request(self._fingers.counts(i)) for i in range(FINGERS))
-            return a, b, c
+            a, b, c = self._fingers.counts()
+            return Request(a), Request(b), Request(c)
         return (command.fingers[0],) * 3
 
     @property
@@ -304,13 +300,15 @@ class GripperModel:
     def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
         go_to = stage is Stage.READY and command.go_to
-        a, b, c = (request.position for request in command.fingers)
-        if not self._individual_control:
-            b = c = 0  # in simple mode only finger A echoes (manual p. 68)
-        fingers = [self._fingers.status(i, echo) for i, echo in enumerate((a, b, c))]
+        a, b, c = command.fingers
+        echoes = a.position, 0, 0  # in simple mode only finger A echoes (manual p. 68)
+        if self._individual_control:
+            echoes = a.position, b.position, c.position
+        fingers = self._fingers.status(echoes)
+        spread = self._scissor.counts(now_ns)
+        rests = go_to and spread == self._scissor.target
         echo = command.scissor.position if command.individual_scissor else 0
-        rests = go_to and self._scissor.at_rest(now_ns)
-        scissor = AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+        scissor = AxisStatus(echo, spread, 0, AT_TARGET if rests else 0)
         fault = self._injected or _STAGE_FAULT.get(stage, 0)
         if not fault and command.go_to:
             fault = _DELAYED.get(stage, 0)
@@ -322,22 +320,20 @@ class GripperModel:
             mode=command.mode,
             go_to=go_to,
             initialization=initialization,
-            stopped=_stopped([finger.detection for finger in fingers]) if go_to else 0,
+            stopped=_stopped(fingers) if go_to else 0,
             fault=fault,
             axes=(*fingers, scissor),
         )
 
 
-def _stopped(detections: Sequence[int]) -> int:
+def _stopped(fingers: Sequence[AxisStatus]) -> int:
     """gSTA: 0 some finger moves, 1 some stopped short, 2 all stopped short, 3 all at target."""
-    if 0 in detections:
-        return 0
-    short = sum(detection != AT_TARGET for detection in detections)
+    short = 0
+    for finger in fingers:
+        if finger.detection == 0:
+            return 0
+        short += finger.detection != AT_TARGET
     return (3, 1, 1, 2)[short]
-
-
-def _unchanged(words: Words) -> Words:
-    return words
 
 
 class ModelTransport:

@@ -42,6 +42,7 @@ LAG_S: Final = 0.03  # of a motor's speed; assumed 20 to 50 ms
 SCISSOR_COUNTS_PS: Final = 100.0  # assumed
 _GAIN_NSPM: Final = 5000.0  # stiffness of the speed servo; assumed
 _STALL_SPEED_MPS: Final = 0.001  # below it a motor stalls; assumed
+_FULL_SPEED_MPS: Final = speed_mps(FULL)
 _RUNNING_MA: Final = (110.0, 160.0)  # moving freely at 0 and at full speed; manual p. 68-73
 _MA_PER_N: Final = 20.0  # rise with drive force; assumed
 _STEP_S: Final = SUBSTEP_NS * 1e-9
@@ -166,46 +167,37 @@ class Fingers:
 
     def __init__(self, settings: HandSettings, now_ns: int) -> None:
         self._settings = settings
-        self._real = np.zeros((REALS, FINGERS))
+        self.real = np.zeros((REALS, FINGERS))
         self._whole = np.zeros((INTEGERS, FINGERS), dtype=np.int64)
-        self._real[TRAVEL] = OPEN_LIMIT_COUNTS * settings.m_per_count
+        self.real[TRAVEL] = OPEN_LIMIT_COUNTS * settings.m_per_count
         self._parameters = _parameters(settings)
         self._substep = now_ns // SUBSTEP_NS
         self._forces = [0] * FINGERS  # force byte that each motor last ran with
         self._loads = FREE
-        self._origin = self._real[TRAVEL].copy()
-        self.moving = False
-        self._run(0)  # compiles now, so that no later call waits for it
-
-    @property
-    def travel_m(self) -> NDArray[np.float64]:
-        return np.array(self._real[TRAVEL])
-
-    @property
-    def velocity_mps(self) -> NDArray[np.float64]:
-        return np.array(self._real[VELOCITY])
+        self._origin = self.real[TRAVEL].copy()
+        self.moving = True
+        self.integrate(now_ns)  # compiles now, so that no later call waits for it
 
     def load(self, loads: FingerLoads) -> None:
         self._loads = loads
-        self._origin[:] = self._real[TRAVEL]
+        self._origin[:] = self.real[TRAVEL]
 
     def integrate(self, until_ns: int) -> None:
         """Run the motors over the substeps that begin before ``until_ns``."""
         step = until_ns // SUBSTEP_NS
-        if self.moving and step > self._substep:
-            self._run(step - self._substep)
+        if self.moving:
+            self.moving = advance_motors(
+                self.real, self._whole, self._parameters, step - self._substep,
+                self._origin, self._loads.force_n, self._loads.stiffness_npm,
+            )  # fmt: skip
         self._substep = step
-
-    def _run(self, substeps: int) -> None:
-        load = self._origin, self._loads.force_n, self._loads.stiffness_npm
-        self.moving = advance_motors(self._real, self._whole, self._parameters, substeps, *load)
 
     def stop(self) -> None:
         """Stop all motors at once; detections stay."""
         self.moving = False
         self._whole[DIRECTION] = 0
-        self._real[VELOCITY : LAGGED + 1] = 0.0
-        self._real[DRIVE] = 0.0
+        self.real[VELOCITY : LAGGED + 1] = 0.0
+        self.real[DRIVE] = 0.0
 
     def forget_detections(self) -> None:
         self._whole[DETECTION] = 0
@@ -222,7 +214,7 @@ class Fingers:
         detection = self._whole[DETECTION, i]
         if retrigger or axis.force > self._forces[i]:
             return True
-        return detection != CLOSING or axis.position < self.counts(i)
+        return detection != CLOSING or axis.position < self.counts()[i]
 
     def execute(self, motion: FingerMotion) -> None:
         """Start the motors on a request, unless contact since its take-up has latched them."""
@@ -231,11 +223,11 @@ class Fingers:
             return
         settings, whole = self._settings, self._whole
         for i, axis in enumerate(motion.axes):
-            self._real[SPEED, i] = speed_mps(axis.speed)
+            self.real[SPEED, i] = speed_mps(axis.speed)
             starts = motion.starts[i] and self.may_start(i, axis, motion.retrigger)
             if starts or whole[DIRECTION, i]:
                 self._forces[i] = axis.force
-                self._real[CLAMP, i] = settings.force_n(axis.force)
+                self.real[CLAMP, i] = settings.force_n(axis.force)
             if starts:
                 self._start(i, axis.position, motion.to_stops)
         self.moving = bool(whole[DIRECTION].any())
@@ -244,9 +236,9 @@ class Fingers:
         """Start motor ``i``; software limits clip the request without notice (manual p. 74)."""
         low, high = (0, FULL) if to_stops else (OPEN_LIMIT_COUNTS, CLOSED_LIMIT_COUNTS)
         target = min(max(counts, low), high)
-        real, whole = self._real, self._whole
+        real, whole = self.real, self._whole
         was = whole[DIRECTION, i]
-        if not was and target == self.counts(i):
+        if not was and target == self.counts()[i]:
             whole[DETECTION, i] = AT_TARGET
             return
         real[TARGET, i] = target * HandSettings.m_per_count
@@ -257,40 +249,43 @@ class Fingers:
             whole[AGE, i] = 0
             real[LAGGED, i] = 0.0
 
-    def counts(self, i: int) -> int:
-        """Position of finger ``i`` as its encoder reports it, rounded."""
-        counts = float(self._real[TRAVEL, i]) / HandSettings.m_per_count
-        return min(max(floor(counts + 0.5), 0), FULL)
+    def counts(self) -> list[int]:
+        """Position of each finger as its encoder reports it, rounded."""
+        counts = []
+        for travel_m in self.real[TRAVEL].tolist():
+            rounded = floor(travel_m / HandSettings.m_per_count + 0.5)
+            counts.append(min(max(rounded, 0), FULL))
+        return counts
 
-    def status(self, i: int, echo: int) -> AxisStatus:
-        detection = int(self._whole[DETECTION, i])
-        return AxisStatus(echo, self.counts(i), self._current(i), detection)
-
-    def _current(self, i: int) -> int:
-        if not self._whole[DIRECTION, i]:
-            return 0
-        slow, fast = _RUNNING_MA
-        speed, drive = abs(float(self._real[VELOCITY, i])), abs(float(self._real[DRIVE, i]))
-        current = slow + (fast - slow) * speed / speed_mps(FULL) + _MA_PER_N * drive
-        return min(round(current / MA_PER_COUNT), 255)
+    def status(self, echoes: tuple[int, int, int]) -> list[AxisStatus]:
+        """Status of each finger (gPR, gPO, gCU, gDT)."""
+        speeds, drives = self.real[VELOCITY].tolist(), self.real[DRIVE].tolist()
+        directions, detections = self._whole[DIRECTION].tolist(), self._whole[DETECTION].tolist()
+        counts, slow, fast = self.counts(), *_RUNNING_MA
+        status = []
+        for i, echo in enumerate(echoes):
+            current = 0
+            if directions[i]:
+                running = slow + (fast - slow) * abs(speeds[i]) / _FULL_SPEED_MPS
+                running += _MA_PER_N * abs(drives[i])
+                current = min(round(running / MA_PER_COUNT), 255)
+            status.append(AxisStatus(echo, counts[i], current, detections[i]))
+        return status
 
 
 class Scissor:
-    """Fourth motor, which spreads fingers B and C: constant speed, no contact."""
+    """Fourth motor, which spreads fingers B and C to the target: constant speed, no contact."""
 
     def __init__(self, counts: int) -> None:
-        self._from = self._to = counts
+        self._from = self.target = counts
         self._since_ns = 0
 
     def go(self, counts: int, now_ns: int) -> None:
-        if counts != self._to:
-            self._from, self._to, self._since_ns = self.counts(now_ns), counts, now_ns
+        if counts != self.target:
+            self._from, self.target, self._since_ns = self.counts(now_ns), counts, now_ns
 
     def counts(self, now_ns: int) -> int:
         travelled = int(SCISSOR_COUNTS_PS * (now_ns - self._since_ns) * 1e-9)
-        if travelled >= abs(self._to - self._from):
-            return self._to
-        return self._from + (travelled if self._to > self._from else -travelled)
-
-    def at_rest(self, now_ns: int) -> bool:
-        return self.counts(now_ns) == self._to
+        if travelled >= abs(self.target - self._from):
+            return self.target
+        return self._from + (travelled if self.target > self._from else -travelled)

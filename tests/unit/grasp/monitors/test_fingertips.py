@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grasp.fault import FINGERTIPS
 from grasp.monitors.checks import CHECKS
 from grasp.monitors.fingertips import (
     DEAD_SAMPLES,
@@ -23,14 +22,11 @@ class Hand:
     """A history of fingertips, and the checks that fail after each sample."""
 
     def __init__(self, **settings: Any) -> None:
-        self.limits = MonitorSettings(**settings)
-        self.history = FingertipHistory(self.limits)
+        self.history = FingertipHistory(MonitorSettings(**settings))
 
     def update(self, raw: Codes | None, phase: State = State.LIFT, missed: int = 0) -> str:
-        self.history.update(None if raw is None else frame_of(raw, missed))
-        checks = [(code, c) for code, c in CHECKS.items() if c.device == FINGERTIPS]
-        asked = ((code, c.fails) for code, c in checks if phase in c.states)
-        found = {code: f(self.history, self.limits) for code, f in asked if f}
+        failures = self.history.update(None if raw is None else frame_of(raw, missed))
+        found = {code: d for code, d in failures.items() if phase in CHECKS[code].states}
         return ", ".join(f"{n} {d.get('finger', '')}".strip() for n, d in found.items() if d)
 
 
@@ -104,10 +100,10 @@ def test_a_stuck_taxel_is_unresponsive_until_it_changes() -> None:
     hand, telling = Hand(), []
     for k in range(STUCK_SAMPLES + 2):
         hand.update(partly_stuck(k))
-        telling.append(int(hand.history.responsive.sum()))
+        telling.append(sum(map(sum, hand.history.responsive)))
     assert telling == [18] * STUCK_SAMPLES + [12] * 2
     hand.update(codes(1))
-    assert hand.history.responsive.all() and hand.history.all_responsive
+    assert hand.history.responsive == [[True] * 6] * 3 and hand.history.all_responsive
 
 
 def failed_with(stuck: int, phase: State, code: int = 420) -> str:
@@ -128,7 +124,7 @@ def test_no_lift_with_a_fingertip_with_more_than_half_stuck_taxels() -> None:
 def test_saturated_taxels_are_unresponsive_and_a_saturated_fingertip_gives_no_force() -> None:
     hand = Hand()
     hand.update(rails(0, 0, taxels=2))
-    assert hand.history.responsive.sum(axis=1).tolist() == [6, 4, 6]
+    assert [sum(row) for row in hand.history.responsive] == [6, 4, 6]
     assert hand.history.plausible
     hand.update(rails(1, 0))
     assert not hand.history.plausible
