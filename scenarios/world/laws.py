@@ -74,7 +74,7 @@ SLIDER = 1.0  # value of P_LEVEL; higher levels model rotation
 
 # For functions that only compiled code calls. A wrapper for Python, or for a short function a
 # compilation of its own, would take longer to compile than the function.
-inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)  # type: ignore[call-overload]
 inlined = njit(inline="always")
 
 
