@@ -82,7 +82,8 @@ class GraspController:
 
     @property
     def finished(self) -> bool:
-        return self.state in END_STATES or (self._supervisor is not None and self._supervisor.over)
+        ended = self.machine.state in END_STATES
+        return ended or (self._supervisor is not None and self._supervisor.over)
 
     @property
     def in_safe_state(self) -> bool:
