@@ -579,7 +579,7 @@ def step(
         _update_elements(p, s, e, h, small[6], n, work, small[0])
         _move_planar(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
-    if n.max() > 0.0:
+    if n[0] > 0.0 or n[1] > 0.0 or n[2] > 0.0:
         s[SLOPE] = slope
 
 
@@ -634,7 +634,8 @@ def advance(
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
     h = dt_s / steps
     mean = finger_rise_m / dt_s
-    travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.zeros(4)
+    travel, n, impact = np.empty(FINGERS), np.empty(FINGERS), np.empty(4)
+    impact[:] = 0.0
     work, small = np.empty((e.shape[0], 8)), np.empty((9, 3))
     for j in range(steps):
         middle = (j + 0.5) / steps
