@@ -114,8 +114,9 @@ def write_tick(write: Write, tick: Tick) -> None:
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, arm_message(tick.arm))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision))
-    if tick.observation.motion is not None:
-        write(MOTION, t_ns, tick.observation.motion)
+    motion = tick.observation.motion()
+    if motion is not None:
+        write(MOTION, t_ns, motion)
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:
@@ -154,7 +155,7 @@ def _nan_for_null(value: Any) -> Any:
 
 
 def control_message(obs: Observation, decision: Decision) -> ControlMessage:
-    inputs, slip = obs.inputs, decision.slip
+    slip = decision.slip
     return ControlMessage(
         phase=decision.state.value,
         probabilities=obs.probabilities.tolist(),
@@ -164,15 +165,15 @@ def control_message(obs: Observation, decision: Decision) -> ControlMessage:
         event=slip.event,
         finger=slip.finger,
         estimated_n=obs.estimated_n,
-        rest_taken=inputs.rest_taken,
-        pending=inputs.pending,
-        errors=inputs.errors,
-        gripper_lost=inputs.gripper_lost,
+        rest_taken=obs.rest_taken,
+        pending=obs.pending,
+        errors=obs.errors,
+        gripper_lost=obs.gripper_lost,
         commands=list(decision.commands),
-        set_down=inputs.set_down,
-        stop=inputs.stop,
-        late_ns=inputs.late_ns,
-        took_ns=inputs.took_ns,
+        set_down=obs.set_down,
+        stop=obs.stop,
+        late_ns=obs.late_ns,
+        took_ns=obs.took_ns,
         faults=obs.faults,
         reported=obs.reported,
     )
@@ -184,7 +185,7 @@ def recorded_input(
     control: ControlMessage,
     gripper: GripperState,
     arm: ArmState,
-) -> StepInput:
+) -> Observation:
     """The inputs of a recorded step."""
     others = {name: getattr(control, name) for name in INPUTS}
-    return StepInput(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)
+    return Observation(t_ns=t_ns, frame=frame, gripper=gripper, arm=arm, **others)

@@ -15,7 +15,8 @@ from detector.plugins import is_plugin_file
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import is_path, load, read_toml
-from scenarios.campaign.config import EXPERIMENTS, RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from grasp.fault import INTERRUPTED
-from scenarios.campaign.config import EXPERIMENTS
+from scenarios.campaign.experiments import EXPERIMENTS
 from scenarios.campaign.spec import Task
 from scenarios.trial.result import Failure, FinishedRun, TrialResult, versions
 

@@ -7,6 +7,7 @@ import msgspec
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import (
     EARLY_S,
     SUCCESSES,
@@ -19,7 +20,6 @@ from scenarios.lift.scoring import (
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import operator_prompts
-from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch, make_guard, run_trial
 from scenarios.trial.experiment import Experiment
 from scenarios.trial.operator_prompts import Operator, SlipReading
@@ -27,13 +27,6 @@ from scenarios.trial.result import later_ms, named, seconds
 from scenarios.world.truth import Truth
 
 ASKED_AFTER_S = 1.0  # pause at the top before the operator is asked for the slip distance
-
-
-class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one lift."""
-
-    def scene(self, seed: int) -> str:
-        return "lift"
 
 
 class Lift(Experiment[LiftConfig, FinishedTrial, LiftResult]):
