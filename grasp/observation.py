@@ -1,5 +1,7 @@
 """StepInput: all inputs of one control step. Observation: the inputs and derived values."""
 
+from collections.abc import Callable
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +60,8 @@ class Observation(StepInput, kw_only=True):
     ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
-    ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
+    ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
+    only recorded and shown, and takes longer than the detector itself.
     """
 
     probabilities: NDArray[np.float64] = NO_SLIP
@@ -70,7 +73,7 @@ class Observation(StepInput, kw_only=True):
     last_close: CloseFast | None = None
     safe_travel_counts: Counts3 | None = None
     thumb_limit_counts: int | None = None
-    motion: Motion | None = None
+    motion: Callable[[], Motion | None] = lambda: None
 
     def device_fault(self, old_ns: float) -> Fault | None:
         """The first fault of gripper or arm: a state older than ``old_ns``, or a reported fault."""

@@ -50,6 +50,8 @@ def _motion(chain: Sequence[Segment], t_ns: float) -> tuple[Vector3, Vector3, Ve
     for segment in reversed(chain):
         if segment.start_ns <= t_ns:
             break
+    if segment.velocity_mps == ZERO and segment.acceleration_mps2 == ZERO:
+        return segment.origin_m, ZERO, ZERO
     t = (t_ns - segment.start_ns) * 1e-9
     x, y, z = segment.origin_m
     u, v, w = segment.velocity_mps

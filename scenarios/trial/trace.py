@@ -44,8 +44,7 @@ class Trace:
         a_n, b_n, c_n = map(max, self.peak_estimated_n, obs.estimated_n)
         self.peak_estimated_n = a_n, b_n, c_n
         if obs.frame is not None:
-            at_rail = map(taxels_at_rail, obs.frame.raw.tolist())
-            a, b, c = map(max, self.taxels_at_rail, at_rail)
+            a, b, c = map(max, self.taxels_at_rail, taxels_at_rail(obs.frame))
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is State.COMPENSATE
         if phase in AIRBORNE_STATES and phase not in LOWERING_STATES:

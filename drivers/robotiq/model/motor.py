@@ -35,7 +35,7 @@ INTEGERS: Final = 4
 # Entries of the parameters.
 MASS, OVERRIDE_N, OVERRIDE_STEPS, DEBOUNCE_STEPS, CLAMPED = range(5)
 
-CLOSING, AT_TARGET = 2, 3  # gDT
+OPENING, CLOSING, AT_TARGET = 1, 2, 3  # gDT: contact while opening or closing; at the target
 OPEN_LIMIT_COUNTS: Final = 6  # software limits; manual p. 74, 6 to 7; Franchi TR711
 CLOSED_LIMIT_COUNTS: Final = 240
 LAG_S: Final = 0.03  # of a motor's speed; assumed 20 to 50 ms
@@ -61,55 +61,54 @@ def _parameters(s: HandSettings) -> Reals:
 
 
 @numba.njit(cache=True)
-def _stop(real: Reals, whole: Integers, i: int, detection: int) -> None:
-    real[VELOCITY, i] = 0.0
-    real[LAGGED, i] = 0.0
-    real[DRIVE, i] = 0.0
-    whole[DIRECTION, i] = 0
-    whole[DETECTION, i] = detection
-    whole[STALLED, i] = 0
-
-
-@numba.njit(cache=True)
-def _reference(real: Reals, i: int, distance: float, clamp: float) -> float:
-    """Reference speed: lagged command, braked before the target, fast enough to reach the clamp."""
-    speed = real[SPEED, i]
-    real[LAGGED, i] += (speed - real[LAGGED, i]) * min(1.0, _STEP_S / LAG_S)
-    braking = sqrt(2.0 * (speed / LAG_S) * distance)
-    creep = 1.05 * clamp / _GAIN_NSPM
-    return float(min(real[LAGGED, i], max(braking, creep)))
-
-
-@numba.njit(cache=True)
-def _step(real: Reals, whole: Integers, p: Reals, i: int, opposing: float) -> None:
-    """Substep of one moving finger; ``u`` and ``distance`` count along its direction."""
-    direction = whole[DIRECTION, i]
-    u = direction * real[VELOCITY, i]
-    distance = max(0.0, direction * (real[TARGET, i] - real[TRAVEL, i]))
-    clamp = real[CLAMP, i]
-    if whole[AGE, i] < p[OVERRIDE_STEPS]:
-        clamp = max(clamp, p[OVERRIDE_N])
-    reference = _reference(real, i, distance, clamp)
-    # The servo is stiffer than the step: implicit in its own term.
-    rate = _STEP_S / p[MASS]
-    after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
-    drive = _GAIN_NSPM * (reference - after)
-    if p[CLAMPED] > 0.0 and abs(drive) > clamp:
-        drive = clamp if drive > 0.0 else -clamp
-        after = u + rate * (drive - opposing)
-    if u >= 0.0 and after < 0.0:
-        after = 0.0  # self-locking: a load stops the screw but does not turn it back
-    real[VELOCITY, i] = direction * after
-    real[TRAVEL, i] += real[VELOCITY, i] * _STEP_S
+def _advance_motor(
+    real: Reals, whole: Integers, p: Reals, steps: int, i: int,
+    origin: float, force: float, stiffness: float,
+) -> None:  # fmt: skip
+    """Advance one moving finger by ``steps`` substeps, or until it stops; ``u`` and ``distance``
+    count along its direction. Local variables hold the state: arrays in the loop are slower."""
+    closing = whole[DIRECTION, i] > 0
+    direction = 1.0 if closing else -1.0
+    travel, velocity, lagged = real[TRAVEL, i], real[VELOCITY, i], real[LAGGED, i]
+    target, speed, drive = real[TARGET, i], real[SPEED, i], real[DRIVE, i]
+    stalled, age, detection = whole[STALLED, i], whole[AGE, i], -1
+    for _ in range(steps):
+        opposing = max(0.0, force + stiffness * (travel - origin)) if closing else 0.0
+        u = direction * velocity
+        distance = max(0.0, direction * (target - travel))
+        clamp = real[CLAMP, i]
+        if age < p[OVERRIDE_STEPS]:
+            clamp = max(clamp, p[OVERRIDE_N])
+        # Reference speed: lagged command, braked before the target, fast enough for the clamp.
+        lagged += (speed - lagged) * min(1.0, _STEP_S / LAG_S)
+        braking = sqrt(2.0 * (speed / LAG_S) * distance)
+        reference = min(lagged, max(braking, 1.05 * clamp / _GAIN_NSPM))
+        # The servo is stiffer than the step: implicit in its own term.
+        rate = _STEP_S / p[MASS]
+        after = (u + rate * (_GAIN_NSPM * reference - opposing)) / (1.0 + rate * _GAIN_NSPM)
+        drive = _GAIN_NSPM * (reference - after)
+        if p[CLAMPED] > 0.0 and abs(drive) > clamp:
+            drive = clamp if drive > 0.0 else -clamp
+            after = u + rate * (drive - opposing)
+        if u >= 0.0 and after < 0.0:
+            after = 0.0  # self-locking: a load stops the screw but does not turn it back
+        velocity = direction * after
+        travel += velocity * _STEP_S
+        age += 1
+        slow = after < _STALL_SPEED_MPS or p[CLAMPED] == 0.0
+        stalled = stalled + 1 if drive >= _PUSHING * clamp and slow else 0
+        if direction * (target - travel) <= 0.0:
+            travel, detection = target, AT_TARGET
+            break
+        if stalled >= p[DEBOUNCE_STEPS]:
+            detection = CLOSING if closing else OPENING
+            break
+    if detection >= 0:
+        velocity, lagged, drive, stalled = 0.0, 0.0, 0.0, 0
+        whole[DIRECTION, i], whole[DETECTION, i] = 0, detection
+    real[TRAVEL, i], real[VELOCITY, i], real[LAGGED, i] = travel, velocity, lagged
     real[DRIVE, i] = drive
-    whole[AGE, i] += 1
-    stalled = after < _STALL_SPEED_MPS or p[CLAMPED] == 0.0
-    whole[STALLED, i] = whole[STALLED, i] + 1 if drive >= _PUSHING * clamp and stalled else 0
-    if direction * (real[TARGET, i] - real[TRAVEL, i]) <= 0.0:
-        real[TRAVEL, i] = real[TARGET, i]
-        _stop(real, whole, i, AT_TARGET)
-    elif whole[STALLED, i] >= p[DEBOUNCE_STEPS]:
-        _stop(real, whole, i, CLOSING if direction > 0 else 1)
+    whole[STALLED, i], whole[AGE, i] = stalled, age
 
 
 @numba.njit(cache=True)
@@ -123,13 +122,8 @@ def advance_motors(
     """
     moving = False
     for i in range(FINGERS):
-        for _ in range(steps):
-            if whole[DIRECTION, i] == 0:
-                break
-            opposing = 0.0
-            if whole[DIRECTION, i] > 0:
-                opposing = max(0.0, force[i] + stiffness[i] * (real[TRAVEL, i] - origin[i]))
-            _step(real, whole, p, i, opposing)
+        if whole[DIRECTION, i] != 0:
+            _advance_motor(real, whole, p, steps, i, origin[i], force[i], stiffness[i])
         moving = moving or whole[DIRECTION, i] != 0
     return moving
 
@@ -250,27 +244,27 @@ class Fingers:
             real[LAGGED, i] = 0.0
 
     def counts(self) -> list[int]:
-        """Position of each finger as its encoder reports it, rounded."""
-        counts = []
-        for travel_m in self.real[TRAVEL].tolist():
-            rounded = floor(travel_m / HandSettings.m_per_count + 0.5)
-            counts.append(min(max(rounded, 0), FULL))
-        return counts
+        """Position of each finger as its encoder reports it."""
+        return [_counts(travel_m) for travel_m in self.real[TRAVEL].tolist()]
 
     def status(self, echoes: tuple[int, int, int]) -> list[AxisStatus]:
         """Status of each finger (gPR, gPO, gCU, gDT)."""
-        speeds, drives = self.real[VELOCITY].tolist(), self.real[DRIVE].tolist()
-        directions, detections = self._whole[DIRECTION].tolist(), self._whole[DETECTION].tolist()
-        counts, slow, fast = self.counts(), *_RUNNING_MA
+        real, whole = self.real.tolist(), self._whole.tolist()
+        slow, fast = _RUNNING_MA
         status = []
         for i, echo in enumerate(echoes):
             current = 0
-            if directions[i]:
-                running = slow + (fast - slow) * abs(speeds[i]) / _FULL_SPEED_MPS
-                running += _MA_PER_N * abs(drives[i])
+            if whole[DIRECTION][i]:
+                speed, drive = abs(real[VELOCITY][i]), abs(real[DRIVE][i])
+                running = slow + (fast - slow) * speed / _FULL_SPEED_MPS + _MA_PER_N * drive
                 current = min(round(running / MA_PER_COUNT), 255)
-            status.append(AxisStatus(echo, counts[i], current, detections[i]))
+            counts, detection = _counts(real[TRAVEL][i]), whole[DETECTION][i]
+            status.append(AxisStatus(echo, counts, current, detection))
         return status
+
+
+def _counts(travel_m: float) -> int:
+    return min(max(floor(travel_m / HandSettings.m_per_count + 0.5), 0), FULL)
 
 
 class Scissor:
