@@ -33,6 +33,7 @@ SHAPES = ("straight", "ellipsoid")
 TRIAL = 17  # keeps these random numbers apart from those of the world with the same seed
 # Ranges, uniform; assumed unless the settings state a source. Mass and tip mass are log-uniform.
 FRICTION, MASS = (0.6, 1.2), (0.5, 2.0)  # factors of the objects of the experiments
+LOAD = (0.7, 2.5)  # weight of a random object over the friction of its first grip
 WIDTH_ERROR_M = (-0.0001, 0.0006)  # a side; a narrower object is not touched by the first grip
 ASIDE_M, SCATTER_M = (0.0, 0.006), (0.0, 0.00016)  # standard deviations in one lift
 LATENCY_S, DEBOUNCE_S, TIP_KG = (0.01, 0.08), (0.01, 0.06), (0.05, 0.4)
@@ -108,7 +109,7 @@ def _scaled(body: GraspObject, rng: np.random.Generator) -> GraspObject:
 def _body(config: LiftConfig, rng: np.random.Generator) -> GraspObject:
     shape = shape_ranges(SHAPES[int(rng.integers(len(SHAPES)))])
     full_n = sum(config.guard.full_grip_n)
-    return random_object(shape, None, config.contact, config.hand.m_per_count, full_n, rng)
+    return random_object(shape, LOAD, config.contact, config.hand.m_per_count, full_n, rng)
 
 
 def trial(task: Task) -> Row:
