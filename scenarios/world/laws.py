@@ -71,11 +71,8 @@ NEWTON_LIMIT = 60
 W_Y, W_Z, W_TURN, W_LOSS, W_CAP, W_ARM_Y, W_ARM_Z, W_SPIN = range(8)
 SLIDER = 1.0  # value of P_LEVEL; higher levels model rotation
 
-# no C code calls the laws: without a wrapper for it they compile in six sevenths of the time
-compiled = njit(cache=True, no_cfunc_wrapper=True)
 
-
-@compiled
+@njit(cache=True)
 def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
     """Half width (m) of the object at a flat pad after sliding by ``slip``, and its slope dw/du.
 
@@ -96,7 +93,7 @@ def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
     return width, slope if u > 0.0 else -slope
 
 
-@compiled
+@njit(cache=True)
 def centre_on_pad(p: Floats, slip: float) -> float:
     """Position of the object's widest point on the pads, m above their centre; 0 if straight."""
     if p[P_SHAPE] == 0.0:
@@ -106,7 +103,7 @@ def centre_on_pad(p: Floats, slip: float) -> float:
     return centre
 
 
-@compiled
+@njit(cache=True)
 def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Compression of each finger's spring (3,), m, into ``out``, at lateral position zero: wall
     minus pad surface minus relaxation."""
@@ -115,7 +112,7 @@ def _free_compressions(p: Floats, width: float, travel: Floats, state: Floats, o
         out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
 
 
-@compiled
+@njit(cache=True)
 def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 
@@ -143,7 +140,7 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
         out[i] = max(0.0, k[i] * (out[i] - lateral))
 
 
-@compiled
+@njit(cache=True)
 def inertial_normal_forces(
     p: Floats, s: Floats, h: float, width: float, travel: Floats, push: float, out: Floats
 ) -> None:
@@ -192,7 +189,7 @@ def inertial_normal_forces(
         s[COMPRESSION + i] = s[COMPRESSION + i] * tau / (h + tau) + beyond
 
 
-@compiled
+@njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     """Sum of the gaps of the thumb and of the nearest opposing finger to the object, m; 0 while a
     finger touches it."""
@@ -205,7 +202,7 @@ def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     return gap
 
 
-@compiled
+@njit(cache=True)
 def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> None:
     """dN_i/dtravel_i (3,), N/m, into ``out``, the other fingers at rest and the object free along
     x; ``inertia`` is m / h^2, N/m."""
@@ -218,7 +215,7 @@ def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> 
         out[i] = k * (1.0 - k / total) if forces[i] > 0.0 else 0.0
 
 
-@compiled
+@njit(cache=True)
 def _residual_vertical(
     v: float, inertia: float, push: float, a: Floats, b: float, cap: Floats
 ) -> float:
@@ -229,7 +226,7 @@ def _residual_vertical(
     return r
 
 
-@compiled
+@njit(cache=True)
 def solve_vertical(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
     """Root of the residual: with all pads sticking if that is consistent, else bracketed between
     its six break points, where it is linear."""
@@ -246,7 +243,7 @@ def solve_vertical(inertia: float, push: float, a: Floats, b: float, cap: Floats
     return v
 
 
-@compiled
+@njit(cache=True)
 def _solve_bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
     low, high = -np.inf, np.inf
     for i in range(FINGERS):
@@ -277,7 +274,7 @@ def _solve_bracketed(inertia: float, push: float, a: Floats, b: float, cap: Floa
     return total / slope
 
 
-@compiled
+@njit(cache=True)
 def _residual(
     v: Floats, inertia: Floats, push: Floats, work: Floats, r: Floats, hessian: Floats
 ) -> None:
@@ -317,7 +314,7 @@ def _residual(
         hessian[2, 2] += across * (y * y + z * z + spin * spin)
 
 
-@compiled
+@njit(cache=True)
 def _newton_direction(r: Floats, h: Floats, d: Floats) -> None:
     """d = -h^-1 r for the symmetric positive definite h (3, 3), upper half given."""
     l00 = math.sqrt(h[0, 0])
@@ -333,7 +330,7 @@ def _newton_direction(r: Floats, h: Floats, d: Floats) -> None:
     d[0] = (x0 - l10 * d[1] - l20 * d[2]) / l00
 
 
-@compiled
+@njit(cache=True)
 def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: Floats) -> int:
     """Root of the residual into v (3,), which holds the initial guess; work (E, 8) has the columns
     W_*, small (6, 3) is scratch. Returns the number of iterations."""
@@ -368,7 +365,7 @@ def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: 
     return NEWTON_LIMIT
 
 
-@compiled
+@njit(cache=True)
 def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
     """Impulse delivered so far by a half-sine pulse, N s; 0 for one without duration."""
     if duration_s <= 0.0:
@@ -377,7 +374,7 @@ def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
     return 0.5 * impulse_n_s * (1.0 - math.cos(math.pi * phase))
 
 
-@compiled
+@njit(cache=True)
 def tap_force(s: Floats, t_s: float, h: float) -> float:
     """Mean force, N, of the mallet from t_s over h seconds, so that steps preserve its impulse: a
     half sine of TAP_N_S, then a longer one of FOLLOW_N_S while the hand follows through."""
@@ -389,7 +386,7 @@ def tap_force(s: Floats, t_s: float, h: float) -> float:
     return carried / h
 
 
-@compiled
+@njit(cache=True)
 def pull_force(s: Floats, t_s: float) -> float:
     """Force, N, of the steady pull at time t_s."""
     since, ramp_s = t_s - s[PULL_START_S], s[PULL_RAMP_S]
@@ -399,7 +396,7 @@ def pull_force(s: Floats, t_s: float) -> float:
     return float(s[PULL_N] * min(1.0, since / ramp_s, max(0.0, left / ramp_s)))
 
 
-@compiled
+@njit(cache=True)
 def _step_vertical(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float, n: Floats,
     a: Floats, cap: Floats,
@@ -432,7 +429,7 @@ def _step_vertical(
     return v
 
 
-@compiled
+@njit(cache=True)
 def _step_planar(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float,
     force_y: float, torque: float, n: Floats, work: Floats, small: Floats,
@@ -466,7 +463,7 @@ def _step_planar(
         v[0], v[1], v[2] = 0.0, -s[HEIGHT] / h, 0.0  # the table
 
 
-@compiled
+@njit(cache=True)
 def _update_elements(
     p: Floats, s: Floats, e: Floats, h: float, v: Floats, n: Floats, work: Floats, sticking: Floats
 ) -> None:
@@ -498,7 +495,7 @@ def _update_elements(
         e[j, E_STRETCH_TURN] = (f2 * back + damper * e[j, E_STRETCH_TURN]) / stiff
 
 
-@compiled
+@njit(cache=True)
 def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
     for i in range(FINGERS):
         s[NORMAL + i] = n[i]
@@ -510,7 +507,7 @@ def _relax(p: Floats, s: Floats, h: float, n: Floats) -> None:
             s[RELAXED + i] *= p[P_TAU] / (h + p[P_TAU])
 
 
-@compiled
+@njit(cache=True)
 def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: Floats) -> None:
     """Update the object's position and slip speed at the end of a vertical step."""
     relative = v_hand - v
@@ -526,7 +523,7 @@ def _move_vertical(s: Floats, e: Floats, h: float, v_hand: float, v: float, n: F
     s[SLIP_SPEED] = relative if all_slide and touching else 0.0
 
 
-@compiled
+@njit(cache=True)
 def _move_planar(
     p: Floats, s: Floats, h: float, v_hand: float, v: Floats, n: Floats, sticking: Floats
 ) -> None:
@@ -550,7 +547,7 @@ def _move_planar(
     s[SPIN] = v[2] if touching > 0 and holding < 2 else 0.0
 
 
-@compiled
+@njit(cache=True)
 def step(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, impact: Floats,
     n: Floats, work: Floats, small: Floats,
@@ -576,11 +573,11 @@ def step(
         _update_elements(p, s, e, h, small[6], n, work, small[0])
         _move_planar(p, s, h, v_hand, small[6], n, small[0])
     _relax(p, s, h, n)
-    if max(n[0], n[1], n[2]) > 0.0:  # n.max() takes a second to compile
+    if max(n[0], n[1], n[2]) > 0.0:  # n.max() compiles slowly
         s[SLOPE] = slope
 
 
-@compiled
+@njit(cache=True)
 def _record_events(p: Floats, s: Floats, t_s: float) -> None:
     """Record the onset of gross slip, the force rise after it, and motion after an impact."""
     gross = abs(s[SLIP_SPEED]) > p[P_GROSS_SLIP] or abs(s[SPIN]) > p[P_GROSS_TURN]
@@ -596,7 +593,7 @@ def _record_events(p: Floats, s: Floats, t_s: float) -> None:
         s[MOVED_UNTIL_S] = t_s
 
 
-@compiled
+@njit(cache=True)
 def _external_forces(s: Floats, t_s: float, h: float, out: Floats) -> None:
     """Forces of mallet and pull in a step of h seconds from t_s, as ``step`` expects them."""
     force = tap_force(s, t_s, h)
@@ -610,7 +607,7 @@ def _external_forces(s: Floats, t_s: float, h: float, out: Floats) -> None:
     out[1] -= pull_force(s, t_s + 0.5 * h)
 
 
-@compiled
+@njit(cache=True)
 def advance(
     p: Floats, s: Floats, e: Floats, t_s: float, dt_s: float, step_s: float,
     finger_rise_m: float, v0: float, v1: float, travel0: Floats, travel1: Floats,
@@ -646,7 +643,7 @@ def advance(
     normal_stiffness(p, n, s[HAS_INERTIA] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 
 
-@compiled
+@njit(cache=True)
 def surface_motion(
     p: Floats, s: Floats, angle: float, up: Floats, across: Floats, places: Floats, turns: Floats,
     motion_mm: Floats, turn: Floats, centre_mm: Floats,
