@@ -122,7 +122,7 @@ class CompiledNetwork:
     def __init__(self, content: bytes, inputs: Mapping[str, tuple[int, ...]], fingers: int) -> None:
         """Raises an exception for a file with other operators."""
         made = _translated(content, tuple(inputs.items()), fingers)
-        self._program, self._memory = made.program(), made.memory()
+        self._program, self._memory = made.program, made.memory.copy()
         self.inputs = {name: self._view(made.tensors[name]) for name in inputs}
         self.probability = self._view(made.tensors["probability"])
 
@@ -165,16 +165,10 @@ class _Translation:
         copies = {name: self.elementwise(COPY, places) for name, places in kept.items()}
         for name, copied in copies.items():
             self._emit(COPY, self.tensors[name], copied)
-
-    def program(self) -> NDArray[np.uintp]:
-        return np.array(self._lines, np.int64).astype(np.uintp)
-
-    def memory(self) -> Float32s:
-        """The memory: constants, else 0."""
-        memory = np.zeros(self._size, np.float32)
+        self.program = np.array(self._lines, np.int64).astype(np.uintp)
+        self.memory = np.zeros(self._size, np.float32)
         for first, values in self._constants.items():
-            memory[first : first + values.size] = values.ravel()
-        return memory
+            self.memory[first : first + values.size] = values.ravel()
 
     def _new(self, shape: Sequence[int], by_channel: bool = False) -> Places:
         """Places of a new tensor (..., samples, channels). ``by_channel``: the samples of a channel
@@ -191,6 +185,7 @@ class _Translation:
         return places
 
     def _value(self, places: Places) -> Float32s:
+        """Values of a constant. Raises KeyError for any other tensor."""
         return self._constants[int(places.flat[0])]
 
     def elementwise(self, op: int, *operands: Places) -> Places:
@@ -203,13 +198,14 @@ class _Translation:
         return out
 
     def _emit(self, op: int, out: Places, *operands: Places) -> None:
+        """Add the instructions of a function: along a row, all operands move by one place."""
         order = _order(out)
         repeated = [_step(each, order[-1]) == 0 for each in operands]
         if op == COPY and repeated[0]:
             op = FILL
         elif any(repeated):
-            operands = tuple(self.elementwise(COPY, np.ascontiguousarray(each)) if again else each
-                             for each, again in zip(operands, repeated, strict=True))  # fmt: skip
+            both = zip(operands, repeated, strict=True)
+            operands = tuple(self.elementwise(COPY, x) if again else x for x, again in both)
         flat = np.stack([each.transpose(order).ravel() for each in (out, *operands)])
         expected = [[1], [0 if op == FILL else 1]] + [[1]] * (len(flat) - 2)
         jumps = (np.diff(flat, axis=1) != expected).any(axis=0)
@@ -237,8 +233,9 @@ class _Translation:
         return out
 
     def _add_product(self, out: Places, x: Places, weights: Float32s) -> None:
+        """``out`` (n, m) += x (n, k) times weights (k, m)."""
         if len(out) > 1 and (np.diff(out, axis=0) == 1).all() and (np.diff(x, axis=0) == 1).all():
-            # by channel: a row of the transposed weights times the matrix of all samples
+            # both by channel: rows of the transposed weights times the matrix of all samples
             w = int(self.constant(weights.T).flat[0])
             ((_, rows, (out_step,)),) = _series(out[:1], np.ones(out.shape[1]))
             ((_, _, (step,)),) = _series(x[:1], np.ones(x.shape[1]))

@@ -175,7 +175,7 @@ class ControlLoop:
             while not finished and now_ns < end_ns + controller.arm_delay_ns:
                 signals.check()
                 tick = self.tick()
-                now_ns, finished = tick.t_ns, tick.decision.finished
+                now_ns, finished = tick.observation.t_ns, tick.decision.finished
         if not finished:
             self.stop(Fault("run_timeout", TRIAL, TIMED_OUT, LONGER))
 

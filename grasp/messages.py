@@ -114,8 +114,9 @@ def write_tick(write: Write, tick: Tick) -> None:
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, arm_message(tick.arm))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision))
-    if tick.observation.motion is not None:
-        write(MOTION, t_ns, tick.observation.motion)
+    motion = tick.observation.motion()
+    if motion is not None:
+        write(MOTION, t_ns, motion)
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:

@@ -1,5 +1,7 @@
 """StepInput: all inputs of one control step. Observation: the inputs and derived values."""
 
+from collections.abc import Callable
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +60,8 @@ class Observation(StepInput, kw_only=True):
     ``overloaded``: estimated force exceeds the limit by more than the estimate's margin.
     ``last_close``: the closing that was admitted last. ``safe_travel_counts``,
     ``thumb_limit_counts``: see ``ForceGuard``.
-    ``motion``: the kind of slip, where the detector estimates it; only recorded and shown.
+    ``motion``: reads the kind of slip, where the detector estimates it, until the next step. It is
+    only recorded and shown, and takes longer than the detector itself.
     """
 
     probabilities: NDArray[np.float64] = NO_SLIP
@@ -70,7 +73,7 @@ class Observation(StepInput, kw_only=True):
     last_close: CloseFast | None = None
     safe_travel_counts: Counts3 | None = None
     thumb_limit_counts: int | None = None
-    motion: Motion | None = None
+    motion: Callable[[], Motion | None] = lambda: None
 
     def device_fault(self, old_ns: float) -> Fault | None:
         """The first fault of gripper or arm: a state older than ``old_ns``, or a reported fault."""
@@ -123,9 +126,8 @@ class Observation(StepInput, kw_only=True):
         if close is None:  # without a closing, only a step to the limit latches the thumb
             return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
-        return all(
-            f.detection is Detection.CONTACT_CLOSING
-            or (f.position_counts >= limit and not close.first_stage)
-            for f, closes, limit in fingers
-            if closes
-        )
+        for finger, closes, limit_counts in fingers:
+            at_limit = finger.position_counts >= limit_counts and not close.first_stage
+            if closes and not at_limit and finger.detection is not Detection.CONTACT_CLOSING:
+                return False
+        return True

@@ -7,6 +7,7 @@ inputs: no clock, no sleep, no I/O.
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from itertools import compress
 
 import msgspec
@@ -66,11 +67,15 @@ class GraspStep:
         self._observe(obs)
         decision = self.controller.step(obs)
         if decision.reset_detector:
+            motion = obs.motion()  # of the state before
+            obs.motion = lambda: motion
             self._reset_detector()
         if decision.first_grasp:
             self._guard.set_first_grasp(obs.gripper.min_closure_counts, self._estimated_n)
-        admitted = tuple([self.admit(command, obs.gripper) for command in decision.commands])
-        self._monitors.sent(admitted, obs.arm)
+        admitted: tuple[Command, ...] = ()
+        if decision.commands:
+            admitted = tuple(self.admit(command, obs.gripper) for command in decision.commands)
+            self._monitors.sent(admitted, obs.arm)
         return StepResult(obs, decision, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
@@ -93,9 +98,10 @@ class GraspStep:
     def _observe(self, obs: Observation) -> None:
         """Set the derived values."""
         state = self.controller.state
-        found = self._monitors.check(state, obs)
-        faults = (*obs.errors, *filter(self._monitors.stops, found))
-        reported = tuple(fault for fault in found if fault not in faults)
+        faults = obs.errors
+        if found := self._monitors.check(state, obs):
+            faults = (*faults, *filter(self._monitors.stops, found))
+            obs.reported = tuple(fault for fault in found if fault not in faults)
         # `grasp.tare` counts as tared: there is no frame until this run's rest counts are taken
         self._tared |= state not in UNTARED_STATES
         # a detector that failed or hung must not delay the safe state
@@ -111,21 +117,20 @@ class GraspStep:
             faults = (*faults, failure)
         obs.probabilities = probabilities
         obs.faults = faults
-        obs.reported = reported
         obs.estimated_n = self._estimated_n
         obs.responsive_n = self._responsive_n
         obs.overloaded = self._guard.overloaded(self._estimated_n)
         obs.last_close = self.last_close
         obs.safe_travel_counts = self._guard.safe_travel(obs.gripper, self._estimated_n)
         obs.thumb_limit_counts = self._guard.thumb_limit_counts
-        obs.motion = self._kind_of_slip(probabilities)
+        obs.motion = partial(self._kind_of_slip, probabilities)
 
     def _estimate_force(self, counts: list[list[int]]) -> None:
         a, b, c = map(sum, counts)
         self._estimated_n = self._responsive_n = self._guard.estimated_n((a, b, c))
         fingertips = self._monitors.fingertips
         if not fingertips.all_responsive:
-            a, b, c = (sum(compress(*f)) for f in zip(counts, fingertips.responsive, strict=True))
+            a, b, c = map(sum, map(compress, counts, fingertips.responsive))
             self._responsive_n = self._guard.estimated_n((a, b, c))
 
     def _detect(self, frame: TactileFrame) -> tuple[NDArray[np.float64], Fault | None]:

@@ -310,9 +310,9 @@ def motion_registers(
 
     ``mode`` must be the hand's present mode: another one would open the fingers first.
     """
-    a, b, c = (
+    a, b, c = [
         AxisCommand(target, speed, byte) for target, byte in zip(targets, forces, strict=True)
-    )
+    ]
     return CommandRegisters(
         activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c
     )
@@ -355,17 +355,17 @@ def closing_targets(
 
 
 def no_motion_reason(
-    finger: FingerState, axis: AxisCommand, requested: int | None, grip_byte: int
+    finger: FingerState, axis: AxisCommand, last: AxisCommand | None, grip_byte: int
 ) -> str:
     """Reason why a request will not move a finger, by a fresh status; empty when it may move.
 
-    ``requested`` is the position last requested, ``grip_byte`` the force byte it closed with.
+    ``last`` is the request before, ``grip_byte`` the force byte that the finger closed with.
     """
     if finger.detection is Detection.MOVING:
         return ""
     if finger.detection is Detection.CONTACT_CLOSING and axis.force <= grip_byte:
         if axis.position > finger.position_counts:
             return LATCHED_NOTE
-    elif finger.detection is Detection.AT_TARGET and axis.position == requested:
+    elif finger.detection is Detection.AT_TARGET and last and axis.position == last.position:
         return AT_TARGET_NOTE
     return AT_TARGET_NOTE if axis.position == finger.position_counts else ""

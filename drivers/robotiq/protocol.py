@@ -85,7 +85,8 @@ class AxisCommand(msgspec.Struct, frozen=True):
     force: int = 0
 
     def __post_init__(self) -> None:
-        if not all(0 <= byte <= FULL_BYTE for byte in (self.position, self.speed, self.force)):
+        values = self.position, self.speed, self.force
+        if min(values) < 0 or max(values) > FULL_BYTE:
             raise ValueError(f"{self}: position, speed and force need 0 to {FULL_BYTE}")
 
 
@@ -113,8 +114,8 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     def to_bytes(self) -> bytes:
         action = self.activate | self.mode << 1 | self.go_to << 3  # rATR, bit 4, is never set
         options = self.individual_fingers << 2 | self.individual_scissor << 3
-        axes = (value for axis in self.axes for value in (axis.position, axis.speed, axis.force))
-        return bytes((action, options, 0, *axes, 0))
+        a, b, c, scissor = map(msgspec.structs.astuple, self.axes)
+        return bytes((action, options, 0, *a, *b, *c, *scissor, 0))
 
     def to_registers(self) -> Registers:
         return to_registers(self.to_bytes())

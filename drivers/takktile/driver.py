@@ -200,7 +200,8 @@ class TakkTileDriver:
         if codes is None:
             return Missed.IMPLAUSIBLE
         raw, temperature = codes[0].take(self._order), codes[1].take(self._order)
-        raw.flags.writeable = temperature.flags.writeable = False
+        raw.setflags(write=False)
+        temperature.setflags(write=False)
         self._frames += 1
         self.latest_raw = raw
         # A conversion that began before begin_rest may have measured a moving hand.
@@ -208,7 +209,7 @@ class TakkTileDriver:
             self._take_rest(raw, self._rest_samples)
         if self._rest is not None:
             counts = raw - self._rest
-            counts.flags.writeable = False
+            counts.setflags(write=False)
             self.frame = TactileFrame(
                 now_ns, reading.sampled_ns, self._seq, counts, raw, self._rest, temperature
             )
@@ -238,5 +239,5 @@ class TakkTileDriver:
         taken = np.stack(samples)
         rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
         _check_rest(rest, taken.std(axis=0), self._settings)
-        rest.flags.writeable = False
+        rest.setflags(write=False)
         self._rest = rest

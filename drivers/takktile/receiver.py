@@ -137,7 +137,8 @@ class Receiver:
         """Take a complete frame, which ends a series of bad reads."""
         self._bad_reads = 0
         with self._lock:
-            self._counts["overruns"] += len(self._ring) == RING_FRAMES
+            if len(self._ring) == RING_FRAMES:
+                self._counts["overruns"] += 1
             self._ring.append(reading)
 
     def report(self, error: GraspError) -> None:

@@ -108,10 +108,11 @@ class FingertipHistory:
         if self._jumped:
             failures["fingertips_jump"] = {"counts": self._jump_counts}
         loaded = self._loaded()
-        if not self._absent and any(loaded) and (repeats := self._repeats_of_all()):
+        if not self._absent and any(loaded) and (repeats := self._frozen_repeats()):
             failures["fingertips_frozen"] = {"samples": repeats + 1}
-        least = map(min, self._repeats)
-        if names := _names(x and n >= DEAD_SAMPLES for x, n in zip(loaded, least, strict=True)):
+        fewest = map(min, self._repeats)
+        fingers = zip(loaded, fewest, strict=True)
+        if names := _names(touches and n >= DEAD_SAMPLES for touches, n in fingers):
             failures["fingertip_dead"] = {"finger": names}
         if not self._absent and (names := _names(self._few_usable())):
             failures["fingertip_few_taxels"] = {"finger": names}
@@ -119,18 +120,18 @@ class FingertipHistory:
 
     def _loaded(self) -> list[bool]:
         """Which fingertips are in contact."""
-        fingers = zip(self._codes, self._counts.tolist(), strict=True)
         return [
             any(c in INNER_CODES and abs(n) >= LOADED_COUNTS for c, n in zip(*finger, strict=True))
-            for finger in fingers
+            for finger in zip(self._codes, self._counts.tolist(), strict=True)
         ]
 
-    def _repeats_of_all(self) -> int:
-        """Repeats in a row of all responsive taxels, and most are; 0 if too few to judge."""
+    def _frozen_repeats(self) -> int:
+        """How often the codes of all responsive taxels, and most are, have repeated; 0 if fewer
+        times than in a frozen hand."""
         repeats = list(chain(*self._repeats))
         responsive = list(compress(repeats, chain(*self.responsive)))
-        few = 2 * len(responsive) <= len(repeats) or min(responsive) < FROZEN_SAMPLES
-        return 0 if few else min(responsive)
+        fewest = min(responsive) if 2 * len(responsive) > len(repeats) else 0
+        return fewest if fewest >= FROZEN_SAMPLES else 0
 
     def _few_usable(self) -> list[bool]:
         """Which fingertips have too few usable taxels to lift an object. A saturated taxel counts
@@ -143,13 +144,16 @@ class FingertipHistory:
         return few
 
 
-def taxels_at_rail(codes: list[int]) -> int:
-    """Number of taxels with a code at an end of the range."""
-    count = 0
-    for code in codes:
-        if code not in INNER_CODES:
-            count += 1
-    return count
+def taxels_at_rail(frame: TactileFrame) -> list[int]:
+    """Number of each finger's taxels with a code at an end of the range."""
+    counts = []
+    for codes in frame.raw.tolist():
+        count = 0
+        for code in codes:
+            if code not in INNER_CODES:
+                count += 1
+        counts.append(count)
+    return counts
 
 
 def _names(fingers: Iterable[bool]) -> str:

@@ -52,6 +52,7 @@ class TrialSeries(msgspec.Struct, frozen=True):
             Task(
                 number=number, scenario=self.scenario, repetition=number, seed=self.seed + number,
                 swept={}, config=self.config, recordings="all",
+                set_down=not self.config.controller.keep,
             )
             for number in range(self.trials)
         ]  # fmt: skip

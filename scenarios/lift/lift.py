@@ -9,6 +9,7 @@ from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import (
+    EARLY_S,
     SUCCESSES,
     LiftFacts,
     LiftResult,
@@ -113,16 +114,21 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         mark=trial.mark,
     )
     judged = not trial.fault and not trial.interrupted
-    if judged and trial.final is not None and false_start(facts):
-        return msgspec.structs.replace(facts, open_loop_onset_s=open_loop_onset_s(config, seed))
+    if judged and trial.final is not None and facts.registered_s and false_start(facts):
+        onset_s = open_loop_onset_s(config, seed, facts.registered_s + EARLY_S)
+        return msgspec.structs.replace(facts, open_loop_onset_s=onset_s)
     return facts
 
 
-def open_loop_onset_s(config: LiftConfig, seed: int) -> float | None:
-    """Onset of gross slip in the same trial simulated without reactions, s; None: no slip."""
+def open_loop_onset_s(config: LiftConfig, seed: int, until_s: float | None = None) -> float | None:
+    """Onset of gross slip in the same trial simulated without reactions, s; None: no slip, in the
+    whole lift or at least up to ``until_s``."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     open_loop = msgspec.structs.replace(config, rig="simulated", controller=controller)
     with open_rig(open_loop.built_for(seed), seed, paced=False) as rig:
         guard = make_guard(open_loop)
-        trial = run_trial(open_loop, rig, guard, lambda tick, truth, controller: None)
+        left_s = None if until_s is None else until_s - rig.clock.now_ns * 1e-9
+        trial = run_trial(
+            open_loop, rig, guard, lambda tick, truth, controller: None, deadline_s=left_s
+        )
     return trial.final.slip_onset_s if trial.final is not None else None

@@ -1,6 +1,6 @@
 """Simulated fingertips: readings of barometers under rubber while a surface presses and slides.
 
-The pad is a bed of springs with friction bristles (``spring_bed``) over a height field fixed to
+The pad is a bed of springs with friction bristles (``fingertip_laws``) over a height field fixed to
 the object. Load and displacement of the surface are inputs; the bed decides which part of the
 patch sticks, and so how much shear reaches the barometers. Each spring's normal and shear load
 reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
@@ -19,8 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.world import pad_vibration
-from scenarios.world import spring_bed as bed
+from scenarios.world import fingertip_laws as laws
 from scenarios.world.settings import FingertipSettings, Surface
 
 FIELD_POINTS = 256  # per side of the periodic height field; a power of two
@@ -38,6 +37,7 @@ STEP_MM, STEP_S = 0.05, 0.001
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
 CODE_MAX = 1023
 FOLD = 1 << 9  # the authors' driver reads ten bits as signed and takes the absolute value
+BLOCK = 256  # rows of random numbers drawn at a time, which is ten times faster than single rows
 TEMPERATURE_CODE = 498  # 25 degrees
 TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
@@ -89,7 +89,7 @@ def _centres(n: int, half_mm: float) -> Floats:
     return np.linspace(-half_mm, half_mm, 2 * n + 1)[1::2]
 
 
-def height_field(surface: Surface, rng: np.random.Generator) -> tuple[bed.Singles, float]:
+def height_field(surface: Surface, rng: np.random.Generator) -> tuple[laws.Singles, float]:
     """Heights in mm on a periodic grid, Gaussian with the surface's rms and correlation length
     (decay to 1/e); and the grid's step, mm."""
     white = rng.standard_normal((FIELD_POINTS, FIELD_POINTS), np.float32)
@@ -124,46 +124,39 @@ class Fingertips:
         held: HeldObject | None = None,
     ) -> None:  # fmt: skip
         s, n = settings, len(surfaces)
-        self._settings, self._rng, self._pads = s, rng, n
-        self._held, self._shaken = held, n if held is None else 1
-        self._at = spring_positions(s)
-        self._taxels = taxel_positions(s)
-        self._parameters = _parameters(s)
-        self._vibration_parameters = _vibration_parameters(s, 0.0 if held is None else held.radps)
+        self._settings, self._rng, self._t_s = s, rng, 0.0
+        self._parameters = _parameters(s, 0.0 if held is None else held.radps)
+        at = spring_positions(s)
+        self._at, self._taxels = np.ascontiguousarray(at.T), taxel_positions(s)
         fields = [height_field(surface, rng) for surface in surfaces]
         self._fields = np.stack([field for field, _ in fields])
-        self._surfaces = np.array([
-            (*x.curvature_per_mm, x.friction_static, x.friction_kinetic, step, field.max())
-            for x, (field, step) in zip(surfaces, fields, strict=True)
-        ])  # fmt: skip
         tilts = rng.normal((s.tilt_x_rad, s.tilt_y_rad), s.tilt_rad, (n, 2))
-        crown = (self._at**2).sum(axis=1) / (2 * s.crown_radius_mm)
-        gaps = crown + tilts @ self._at.T
+        crown = (at**2).sum(axis=1) / (2 * s.crown_radius_mm)
+        gaps = crown + tilts @ at.T
         least = np.minimum.accumulate(gaps[:, ::-1], axis=1)[:, ::-1]
         self._gaps = np.stack([gaps, least], axis=1)
         angle = rng.uniform(0.0, 2 * math.pi, n)
-        self._shaking = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        sides = np.zeros(n) if held is None else held.sides
+        self._pads = np.array([
+            (*x.curvature_per_mm, x.friction_static, x.friction_kinetic, step, field.max(),
+             math.cos(angle[i]), math.sin(angle[i]), sides[i])
+            for i, (x, (field, step)) in enumerate(zip(surfaces, fields, strict=True))
+        ])  # fmt: skip
         self.rest = rng.integers(REST_LOW, REST_HIGH, (n, len(self._taxels)), endpoint=True)
-        self._states = np.zeros((n, bed.STATE))
-        self._springs = np.zeros((n, bed.SPRING, len(self._at)))
-        self._normals = _NormalNumbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
-        jitters = (self._shaken, pad_vibration.JITTERS, 2)
-        jitter = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
-        self._jitter_normals = _NormalNumbers(jitter, jitters)
-        self._t_s = 0.0
-        self._disturbance = np.zeros((pad_vibration.DISTURBANCE, self._shaken))
-        self._jitter = np.zeros(jitters)
-        self._following = np.zeros((pad_vibration.DIRECTIONS, pad_vibration.FOLLOWING))
-        self._totals, self._turn = np.zeros(n), np.zeros(n)
-        self._rocked, self._motion, self._centre = (np.zeros((n, 2)) for _ in range(3))
+        shaken = n if held is None else 1
+        self._jitter_rng = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
+        self._normals = np.zeros((BLOCK, 4 * shaken + 2 + self.rest.size))
+        self._jitter_normals = np.zeros((BLOCK, shaken, 2 * laws.JITTERS))
+        self._row = BLOCK  # next of these; at the end both blocks are drawn again
+        self._vibration = np.zeros((shaken, laws.VIBRATION))
+        self._states = np.zeros((n, laws.STATE))
+        self._springs = np.zeros((n, laws.SPRING, len(at)))
+        self._contacts = np.zeros((n, 2, len(at)), np.int64)
         self._no_mount = np.zeros(n)  # mount stiffness 0: the load is an input
-        self.slid = np.zeros((n, 3))  # accumulated sliding at the load's centre: mm, mm, rad
-        self._noise = np.zeros((n, len(self._taxels)))
-        self._pressed = np.zeros_like(self.rest)  # counts
-        self._pressed_until_s = 0.0
-        # views of columns of the state
-        self._stiffness = self._states[:, bed.STIFFNESS]
-        self._pull = self._states[:, bed.PULL_X : bed.PULL_Y + 1]
+        self._pressed_rest, self._pressed_until_s = self.rest, 0.0
+        self._pressure = self.rest.astype(np.int16)
+        self._temperature_code = TEMPERATURE_CODE
+        self._temperature = np.full_like(self._pressure, TEMPERATURE_CODE)
 
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
@@ -184,32 +177,31 @@ class Fingertips:
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
             return
-        row, n = self._normals.take(), self._pads
-        self._noise = row[4 * self._shaken + 2 :].reshape(n, -1)
-        mounts = self._no_mount if mount_npmm is None else mount_npmm
-        totals, motion, rocked = np.empty(n), np.empty((n, 2)), self._rocked
-        vibration = (
-            self._vibration_parameters, dt_s, arm_moves, row, self._disturbance,
-            self._jitter_normals.take(), self._jitter, normal_n,
+        if self._row == BLOCK:
+            self._draw_normals()
+        self._t_s = t_s
+        warming_k = self._settings.warming_k * -math.expm1(-t_s / self._settings.warming_s)
+        laws.advance(
+            self._parameters, dt_s, arm_moves, self._normals[self._row],
+            self._jitter_normals[self._row], normal_n, motion_mm, turn_rad, centre_mm,
+            self._no_mount if mount_npmm is None else mount_npmm, self._pads, self._fields,
+            self._at, self._gaps, self._taxels,
+            self._pressed_rest if t_s < self._pressed_until_s else self.rest,
+            PRESSURE_COUNTS_PER_K * warming_k, self._vibration, self._states, self._springs,
+            self._contacts, self._pressure,
         )  # fmt: skip
-        if self._held is None:
-            pad_vibration.shake(
-                *vibration, mount_npmm is not None, mounts, self._stiffness, motion_mm,
-                self._shaking, totals, motion, rocked,
-            )  # fmt: skip
-        else:
-            pad_vibration.shake_held(
-                *vibration, self._stiffness, self._pull, self._held.sides, self._following,
-                motion_mm, self._shaking, totals, motion, rocked,
-            )  # fmt: skip
-        bed.advance(
-            self._parameters, dt_s, self._totals, totals, mounts, motion - self._motion,
-            turn_rad - self._turn, rocked, self._centre, centre_mm, self._surfaces, self._fields,
-            self._at, self._gaps, self._states, self._springs,
-        )  # fmt: skip
-        self.slid = self.slid + dt_s * self._states[:, bed.SLIP_X : bed.SPIN + 1]
-        self._t_s, self._totals, self._motion = t_s, totals, motion
-        self._turn[:], self._centre[:] = turn_rad, centre_mm
+        self._row += 1
+        temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming_k)
+        if temperature != self._temperature_code:
+            self._temperature_code = temperature
+            self._temperature = np.full_like(self._pressure, temperature)
+
+    def _draw_normals(self) -> None:
+        """Draw the standard normal numbers of the next BLOCK steps."""
+        self._rng.standard_normal(out=self._normals)
+        if self._jitter_rng is not None:
+            self._jitter_rng.standard_normal(out=self._jitter_normals)
+        self._row = 0
 
     def press(self, pad: int, taxel: int, load_n: float, until_s: float) -> None:
         """Press the rubber over one taxel with a point load until until_s or the next press. Loads
@@ -218,80 +210,54 @@ class Fingertips:
             raise ValueError(f"taxel {taxel} is unknown; allowed: 0 to {len(self._taxels) - 1}")
         under = kernel(self._settings.depth_mm)
         far = ((self._taxels - self._taxels[taxel]) ** 2).sum(axis=1) / under.normal_width_mm**2
-        self._pressed[:] = 0
-        self._pressed[pad] = np.rint(load_n * under.normal_peak * np.exp(-0.5 * far))
+        self._pressed_rest = self.rest.copy()
+        counts = np.rint(load_n * under.normal_peak * np.exp(-0.5 * far))
+        self._pressed_rest[pad] -= counts.astype(np.int64)
         self._pressed_until_s = until_s
 
     def codes(self) -> tuple[Codes, Codes]:
         """Pressure and temperature codes (F, taxels) as of the last ``advance``."""
-        s = self._settings
-        rest = self.rest - self._pressed if self._t_s < self._pressed_until_s else self.rest
-        pressure = np.empty(self.rest.shape, np.int16)
-        warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
-        bed.read(
-            self._parameters, self._states, self._springs, self._at, self._taxels, rest,
-            PRESSURE_COUNTS_PER_K * warming, s.noise_counts, self._noise,
-            CODE_MAX, FOLD if s.fold_above_512 else CODE_MAX, pressure,
-        )  # fmt: skip
-        temperature = np.empty(self.rest.shape, np.int16)
-        temperature.fill(round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming))
-        return pressure, temperature
+        return self._pressure.copy(), self._temperature
+
+    @property
+    def slid(self) -> Floats:
+        """(F, 3) accumulated sliding at the load's centre: mm, mm, rad."""
+        out: Floats = self._states[:, laws.SLID_X : laws.SLID_TURN + 1].copy()
+        return out
 
     @property
     def load_n(self) -> Floats:
         """(F,) load on the springs, N."""
-        return self._state_column(bed.CARRIED)
+        return self._state_column(laws.CARRIED)
 
     @property
     def approach_mm(self) -> Floats:
         """(F,) travel of the pad's base towards the surface's mean plane that carries the load, mm.
         0 or stale without contact."""
-        return self._state_column(bed.APPROACH)
+        return self._state_column(laws.APPROACH)
 
     @property
     def sliding_share(self) -> Floats:
         """(F,) share of the load on sliding springs at the end of the last step."""
-        return self._state_column(bed.SHARE)
+        return self._state_column(laws.SHARE)
 
     def _state_column(self, column: int) -> Floats:
         out: Floats = self._states[:, column].copy()
         return out
 
 
-class _NormalNumbers:
-    """Standard normal numbers in arrays of one shape, generated in blocks, which is ten times
-    faster. Without a generator they are zeros."""
-
-    def __init__(self, rng: np.random.Generator | None, shape: tuple[int, ...]) -> None:
-        self._rng, self._shape = rng, shape
-        self._block, self._next = np.zeros((1, *shape)), 0 if rng is None else 1
-
-    def take(self) -> Floats:
-        if self._rng is not None:
-            if self._next >= len(self._block):
-                self._block, self._next = self._rng.standard_normal((256, *self._shape)), 0
-            self._next += 1
-        out: Floats = self._block[self._next - 1]
-        return out
-
-
-def _parameters(s: FingertipSettings) -> Floats:
+def _parameters(s: FingertipSettings, held_object_radps: float) -> Floats:
     cells = _cells(PAD_HALF_LENGTH_MM, s) * _cells(PAD_HALF_WIDTH_MM, s)
     stiffness = s.foundation_n_per_mm3 * 4 * PAD_HALF_LENGTH_MM * PAD_HALF_WIDTH_MM / cells
-    out = np.empty(bed.PARAMETERS)
+    out = np.empty(laws.PARAMETERS)
     out[:] = (
         stiffness, stiffness * SHEAR_SHARE, STEP_MM, STEP_S,
         *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
         2 * math.pi * s.lateral_hz, s.lateral_damping, PAD_HALF_LENGTH_MM, PAD_HALF_WIDTH_MM,
-        s.relaxation_share, s.relaxation_slow_share, s.relaxation_slow_share,
-        s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
+        spring_positions(s)[:, 0].max(), s.wander_mm, s.wander_fast_s, s.wander_slow_s,
+        s.vibration_mm, 2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.shift_mm,
+        s.rock_rad, s.jitter_s, held_object_radps, HELD_DAMPING, s.noise_counts, CODE_MAX,
+        FOLD if s.fold_above_512 else CODE_MAX, s.relaxation_share, s.relaxation_slow_share,
+        s.relaxation_slow_share, s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
     )  # fmt: skip
     return out
-
-
-def _vibration_parameters(s: FingertipSettings, held_object_radps: float) -> Floats:
-    return np.array([
-        s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
-        2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.lever_x, s.lever_y,
-        s.shift_mm, s.rock_rad, s.jitter_s, held_object_radps, HELD_DAMPING,
-    ])  # fmt: skip

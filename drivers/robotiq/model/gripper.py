@@ -178,7 +178,7 @@ class GripperModel:
                 if not self._jammed:
                     self._fingers.execute(motion)
             else:
-                self._tick(event_ns)
+                self._tick(event_ns, now_ns)
         if now_ns > self._now_ns:
             self._now_ns = now_ns
 
@@ -188,18 +188,19 @@ class GripperModel:
             ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
             self._next_tick_ns = self._phase_ns + ticks * self._period_ns
 
-    def _tick(self, now_ns: int) -> None:
+    def _tick(self, now_ns: int, until_ns: int) -> None:
         self._next_tick_ns += self._period_ns
         if self._written != self._taken_up and self._stage != BOOTING:
             self._taken_up = self._written
             self._take_up(decode(self._written), now_ns)
-        self._sampled = encode(self._status_now(now_ns))
         self.moving = (
             self._fingers.moving
             or bool(self._pending)
             or self._stage_end_ns != _NEVER
             or self._scissor.counts(now_ns) != self._scissor.target
         )
+        if self._next_tick_ns > until_ns or not self.moving:  # else nobody reads this status
+            self._sampled = encode(self._status_now(now_ns))
 
     def _enter(self, stage: int, now_ns: int, duration_s: float) -> None:
         self._stage = stage

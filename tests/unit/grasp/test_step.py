@@ -457,9 +457,9 @@ def motion_after(output: NDArray[np.float64], motion: Callable[[], Motion | None
 
 
 def test_kind_of_slip_is_read_only_when_slip_is_likely() -> None:
-    assert motion_after(SURE, lambda: MOTION).motion == MOTION
-    assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
-    assert Bench().decide(frame(-1)).motion is None  # of a detector without auxiliary outputs
+    assert motion_after(SURE, lambda: MOTION).motion() == MOTION
+    assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion() is None
+    assert Bench().decide(frame(-1)).motion() is None  # of a detector without auxiliary outputs
 
 
 def fresh() -> GraspStep:
@@ -468,12 +468,16 @@ def fresh() -> GraspStep:
     )
 
 
+def plain(value: Any) -> Any:
+    return value() if callable(value) else value.tolist()
+
+
 def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
     inputs = [step_input(None)]
     inputs += [step_input(frame(-k % 40, stale=k % 17 == 0), k * TICK) for k in range(2, 120)]
     inputs.append(step_input(frame(-60), 120 * TICK, stop=STOP))
     one, other = (
-        [msgspec.json.encode(step.decide(i), enc_hook=np.ndarray.tolist) for i in inputs]
+        [msgspec.json.encode(step.decide(i), enc_hook=plain) for i in inputs]
         for step in (fresh(), fresh())
     )
     assert one == other

@@ -61,6 +61,15 @@ def test_a_loaded_fingertip_whose_codes_all_repeat_is_dead() -> None:
     assert (n, codes) == (DEAD_SAMPLES + 1, "fingertip_dead A")
 
 
+def test_saturated_taxels_hide_neither_a_frozen_hand_nor_a_dead_fingertip() -> None:
+    """Two taxels of finger B alternate between the ends, or stay at one of them."""
+    frozen = [rails(9, (0, 1023)[k % 2], taxels=2) for k in range(50)]
+    assert until_wrong(frozen) == (FROZEN_SAMPLES + 1, "fingertips_frozen")
+    pressed = rails(9, 1023, taxels=2)[1]
+    dead = [np.stack([codes(k)[0], pressed, codes(k)[2]]) for k in range(9, 99)]
+    assert until_wrong(dead) == (DEAD_SAMPLES + 1, "fingertip_dead B")
+
+
 def test_an_unloaded_fingertip_with_constant_codes_is_neither_frozen_nor_dead() -> None:
     rest = np.full((3, 6), 450, np.int16)
     hand = Hand()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenarios.world import spring_bed as bed
+from scenarios.world import fingertip_laws as laws
 from scenarios.world.fingertip import Fingertips, Floats
 from scenarios.world.settings import FingertipSettings, Surface
 
@@ -44,7 +44,7 @@ def slide(tips: Fingertips, mm_per_sample: float, samples: int, force_n: float =
 
 
 def loads(tips: Fingertips) -> Floats:
-    return tips._springs[0, bed.LOAD]
+    return tips._springs[0, laws.LOAD]
 
 
 def test_pressing_lowers_the_codes_from_rest() -> None:
@@ -78,7 +78,7 @@ def test_patch_slides_from_its_rim_inwards() -> None:
     for k in range(60):
         move(tips, 0.02 + 0.01 * k, 4.0, x_mm=0.02 * k)
         shares.append(float(tips.sliding_share[0]))
-        slides, load = tips._springs[0, bed.SLIDES] > 0, loads(tips)
+        slides, load = tips._springs[0, laws.SLIDES] > 0, loads(tips)
         if 0.1 < shares[-1] < 0.9:
             assert load[slides].max() < load[(load > 0) & ~slides].max()
     assert shares[0] == 0.0
