@@ -273,18 +273,17 @@ class ArmModel:
         that for a caller that stops reading (``ur.heartbeat_timeout_s``)."""
         self._read_timeout_ns = None if after_s is None else round(after_s * 1e9)
 
-    def advance(self, until_ns: int) -> tuple[Vector3, Vector3]:
-        """Simulate to a time; returns position, m, and velocity, m/s. The motion up to then is
-        fixed: later commands take effect after it, even those of a controller that catches up on
-        cycles."""
+    def advance(self, until_ns: int) -> tuple[Vector3, Vector3, Vector3]:
+        """Simulate to a time; returns position, m, velocity, m/s, and acceleration, m/s2. The
+        motion up to then is fixed: later commands take effect after it, even those of a controller
+        that catches up on cycles."""
         if self._read_timeout_ns is not None and not self._stopping:
             alone_ns = self._read_ns + self._read_timeout_ns
             if until_ns > alone_ns:
                 self.stop_l(self._acceleration_mps2, alone_ns)
         if until_ns > self._committed_ns:
             self._committed_ns = until_ns
-        position_m, velocity_mps, _ = _motion(self._chain, until_ns)
-        return position_m, velocity_mps
+        return _motion(self._chain, until_ns)
 
     def at(self, t_ns: int) -> ArmSample:
         """True state at a time."""

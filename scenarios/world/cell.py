@@ -159,7 +159,7 @@ class SimulatedCell:
                 self._travel_m = gripper.travel_m + self._offset_m
             else:
                 gripper.advance(end_ns)
-            (_, _, height_m), (_, _, rise_mps) = self.arm.advance(end_ns)
+            (_, _, height_m), (_, _, rise_mps), _ = self.arm.advance(end_ns)
             self.contact.advance(
                 (t_ns - self._start_ns) * 1e-9, (end_ns - t_ns) * 1e-9,
                 height_m - self._arm_height_m, self._arm_rise_mps, rise_mps,
