@@ -279,8 +279,8 @@ def solve_approach(reach: Floats, total_mm: float, mount: float, start: float, n
                 total += d
                 slope += 1.0
         if slope == 0.0 or (k == NEWTON_STEPS // 2 and mount == 0.0):
-            lowest = FAR if reach.shape[0] < n else np.inf
-            for j in range(reach.shape[0] if reach.shape[0] == n else 0):
+            lowest = FAR if reach.shape[0] < n else 0.0
+            for j in range(reach.shape[0]):
                 lowest = min(lowest, reach[j])
             approach = total_mm / n - lowest  # all springs touch: never too shallow
             continue
